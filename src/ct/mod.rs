@@ -1,0 +1,96 @@
+//! A folder of DICOM files to a [`Volume`]: intensities on a grid whose planes are stacked along z.
+//!
+//! Frames: the stack's z runs along the planes' normal, its x along the rows, its y along the columns; for a
+//! transaxial CT the stack is the patient's LPS frame itself. Lengths in mm, intensities in HU.
+
+use crate::geom::{Point3, RigidTransform};
+
+/// Intensities on a regular grid of planes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Columns, rows, planes.
+    pub dims: [usize; 3],
+    /// HU, x fastest, then y, then z: `hu[(k * ny + j) * nx + i]`.
+    pub hu: Vec<f32>,
+    /// Stack coordinates of the centre of voxel (0, 0) of every plane, mm.
+    pub origin_xy_mm: [f64; 2],
+    /// Distance between neighbouring columns (along x) and rows (along y), mm.
+    pub pixel_spacing_xy_mm: [f64; 2],
+    /// z of the middle of each plane in the stack frame, mm, ascending.
+    pub plane_z_mm: Vec<f64>,
+    /// Thickness of the slab that a plane averages over, mm.
+    pub slab_thickness_mm: f64,
+    /// Where the stack lies in the patient; the identity for a transaxial CT.
+    pub patient_from_stack: RigidTransform,
+}
+
+/// Something that was odd about the input but could be used.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Warning {
+    /// A stable name such as `ct.duplicate_plane`.
+    pub code: String,
+    /// What was found and what was done about it, for the operator. Names no patient and no path.
+    pub text: String,
+}
+
+impl Volume {
+    /// HU of voxel (i, j, k).
+    ///
+    /// # Panics
+    /// Where an index is out of range.
+    #[must_use]
+    pub fn at(&self, i: usize, j: usize, k: usize) -> f32 {
+        self.plane(k)[j * self.dims[0] + i]
+    }
+
+    /// The pixels of plane k, row by row.
+    ///
+    /// # Panics
+    /// Where k is out of range.
+    #[must_use]
+    pub fn plane(&self, k: usize) -> &[f32] {
+        let n = self.dims[0] * self.dims[1];
+        &self.hu[k * n..(k + 1) * n]
+    }
+
+    /// Stack coordinates of the centre of voxel (i, j, k), mm.
+    #[must_use]
+    pub fn stack_from_voxel(&self, i: f64, j: f64, k: usize) -> Point3 {
+        Point3::new(
+            self.origin_xy_mm[0] + i * self.pixel_spacing_xy_mm[0],
+            self.origin_xy_mm[1] + j * self.pixel_spacing_xy_mm[1],
+            self.plane_z_mm[k],
+        )
+    }
+
+    /// The voxel nearest to a point of the stack frame; `None` outside the volume (more than half a voxel or
+    /// half a plane interval beyond the outermost centres).
+    #[must_use]
+    pub fn voxel_from_stack(&self, p: Point3) -> Option<[usize; 3]> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "range checked first")]
+        let nearest = |offset: f64, spacing: f64, n: usize| {
+            let at = (offset / spacing).round();
+            (at >= 0.0 && at < n as f64).then_some(at as usize)
+        };
+        let i = nearest(p.x - self.origin_xy_mm[0], self.pixel_spacing_xy_mm[0], self.dims[0])?;
+        let j = nearest(p.y - self.origin_xy_mm[1], self.pixel_spacing_xy_mm[1], self.dims[1])?;
+        let nearest_plane = (0..self.dims[2])
+            .min_by(|&a, &b| (self.plane_z_mm[a] - p.z).abs().total_cmp(&(self.plane_z_mm[b] - p.z).abs()))?;
+        let interval = self.plane_interval_mm(nearest_plane);
+        let k = ((self.plane_z_mm[nearest_plane] - p.z).abs() <= 0.5 * interval + 1e-9)
+            .then_some(nearest_plane)?;
+        Some([i, j, k])
+    }
+
+    /// Distance from plane k to its farther neighbour, mm; the slab thickness where there is one plane only.
+    #[must_use]
+    pub fn plane_interval_mm(&self, k: usize) -> f64 {
+        let below = k.checked_sub(1).map(|b| self.plane_z_mm[k] - self.plane_z_mm[b]);
+        let above = self.plane_z_mm.get(k + 1).map(|z| z - self.plane_z_mm[k]);
+        match (below, above) {
+            (Some(a), Some(b)) => a.max(b),
+            (Some(d), None) | (None, Some(d)) => d,
+            (None, None) => self.slab_thickness_mm,
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! From a CT series of a blood vessel to a printed replica of its lumen, with proof of how faithful it is.
+//!
+//! # The data's way
+//!
+//! ```text
+//!  DICOM ─ ct ─▶ Volume ─ segment ─▶ Mask ─ sections ─▶ SectionStack
+//!                                                          │ topology, spline
+//!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL)
+//!     ▲                                                                    │
+//!     └──────────── Volume, SectionStack, Solid, layers, job ──────────────┘
+//! ```
+//!
+//! # The rooms
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`units`] | the newtypes where a swap would hurt; the only conversions |
+//! | [`progress`] | progress reports and cancellation for long work |
+//! | [`geom`] | points, contours, regions and their boolean operations, frames, distances |
+//! | [`ct`] | a folder of DICOM files to a [`ct::Volume`] |
+//! | [`phantom`] | analytic vessels and their synthetic CT series |
+//! | [`segment`] | a volume to the mask of its lumen |
+//! | [`sections`] | mask and grey values to closed sub-pixel contours per CT plane |
+//! | [`spline`] | knot vectors, B-spline curves and surfaces, interpolation |
+//! | [`topology`] | which contour continues which: tubes, splits, merges, caps |
+//! | [`solid`] | the boundary representation and its exact sections |
+//! | [`mesh`] | tessellation, closedness, STL |
+//! | [`slice`] | layers on the CT-aligned grid |
+//! | [`toolpath`] | layers to beads and travels |
+//! | [`profile`] | firmware and machine profiles, as data |
+//! | [`gcode`] | commands, writer, reader, checksum |
+//! | [`motion`] | acceleration model: how long a job takes |
+//! | [`printer`] | the protocol core (pure), links, the driver |
+//! | [`report`] | slice-against-CT distances, pictures, pages |
+//! | [`app`] | the use cases: cases, stages, the whole run |
+//! | [`cli`] | the command line, a face of `app` |
+//!
+//! # Invariants
+//!
+//! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
+//! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`,
+//!   `phantom::series`, `mesh::stl`, `printer::{serial, driver, sim}`, `report::write`, `app` and `cli`.
+//! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
+//!   `stack_from_patient`, `bed_from_stack`.
+//! - Outer contours run counter-clockwise seen from +z, holes clockwise.
+//! - Same input and parameters, same bytes out, on any number of threads.
+//! - Nothing that identifies a patient leaves [`ct`].
+
+pub mod app;
+pub mod cli;
+pub mod ct;
+pub mod gcode;
+pub mod geom;
+pub mod mesh;
+pub mod motion;
+pub mod phantom;
+pub mod printer;
+pub mod profile;
+pub mod progress;
+pub mod report;
+pub mod sections;
+pub mod segment;
+pub mod slice;
+pub mod solid;
+pub mod spline;
+pub mod toolpath;
+pub mod topology;
+pub mod units;

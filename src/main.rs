@@ -1,0 +1,5 @@
+//! The `lumenfab` command.
+
+fn main() -> std::process::ExitCode {
+    lumenfab::cli::main()
+}
