@@ -103,8 +103,8 @@ impl TryFrom<Vec<f64>> for RigidTransform {
         let fault = (rotation * rotation.transpose() - Matrix3::identity()).abs().max()
             + (rotation.determinant() - 1.0).abs()
             + last_row.abs().max();
-        // Written so that NaN is refused too; 1e-6 is what decimal cosines of DICOM files reach.
-        if !(fault < 1e-6) {
+        // 1e-6 is what the decimal cosines of DICOM files reach.
+        if fault.is_nan() || fault >= 1e-6 {
             return Err(FrameError::NotRigid(fault));
         }
         let origin = Point3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);

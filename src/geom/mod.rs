@@ -6,6 +6,7 @@
 pub mod contour;
 pub mod distance;
 pub mod frame;
+mod offset;
 pub mod region;
 
 pub use contour::{Bounds2, Contour};

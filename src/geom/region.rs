@@ -2,17 +2,15 @@
 //!
 //! Operations run on an integer grid of 10 nm through `i_overlay`: one fixed grid for all, because a grid that
 //! is derived from the bounding box would give other digits as soon as something unrelated lies in the plane.
-//! The 64-bit engine is used, so the size of the plane is no limit in practice (4.6e10 mm).
+//! The 32-bit engine holds 10 m either side of the origin; what lies farther out is moved to that border, so
+//! input is checked for size before it comes here.
 
-use super::{Bounds2, Contour, Point2};
+use super::offset::Offset;
+use super::{Bounds2, Contour, Point2, SegmentIndex};
 use i_overlay::core::fill_rule::FillRule;
 use i_overlay::core::overlay_rule::OverlayRule;
 use i_overlay::core::single::SingleIntOverlay;
-use i_overlay::i_float::int::angle::Angle;
 use i_overlay::i_float::int::point::IntPoint;
-use i_overlay::mesh::int::arc::ArcOptions;
-use i_overlay::mesh::int::outline::offset::IntOutlineOffset;
-use i_overlay::mesh::int::style::{IntLineJoin, IntOutlineStyle};
 
 /// Grid steps per millimetre: 10 nm a step.
 const STEPS_PER_MM: f64 = 1e5;
@@ -93,14 +91,16 @@ impl Region {
     /// `tolerance_mm` bounds the chord error of the rounded corners.
     #[must_use]
     pub fn offset(&self, distance_mm: f64, tolerance_mm: f64) -> Self {
-        let mut style = IntOutlineStyle::<i32>::new(steps(distance_mm));
-        style.join = IntLineJoin::Round(ArcOptions {
-            max_step: arc_step(distance_mm, tolerance_mm),
-            rotation_precision: 12,
-        });
-        let contours: Vec<IntContour> = self.contours.iter().map(to_grid).collect();
-        let shapes = contours.outline(&style).unwrap_or_default();
-        from_grid(shapes)
+        if distance_mm.abs() * STEPS_PER_MM < 0.5 {
+            return self.clone();
+        }
+        let Some(index) = SegmentIndex::try_new(&self.contours) else { return Self::default() };
+        let offset = Offset { distance_mm, tolerance_mm };
+        let trimmed: Vec<Contour> = self.contours.iter().filter_map(|c| offset.trimmed(c, &index)).collect();
+        let mut cleaned = combine(&trimmed, &[], OverlayRule::Subject, FillRule::Positive);
+        // A loop between two trimmed runs may keep a positive winding; none of its vertices has the distance.
+        cleaned.contours.retain(|c| c.points.iter().any(|&p| offset.admits(&index, p)));
+        cleaned
     }
 
     /// The outer contours, each with the holes that lie in it.
@@ -120,31 +120,23 @@ impl Region {
     }
 }
 
-/// The angle whose chord on a circle of the given radius stays within the tolerance.
-fn arc_step(distance_mm: f64, tolerance_mm: f64) -> Angle {
-    let ratio = (1.0 - tolerance_mm / distance_mm.abs().max(tolerance_mm)).clamp(-1.0, 1.0);
-    let turns = 2.0 * ratio.acos() / std::f64::consts::TAU;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "an eighth of a turn at most: it fits"
-    )]
-    let bits = (turns.clamp(1.0 / 1024.0, 0.125) * 2f64.powi(32)) as u32;
-    Angle::from_bits(bits)
-}
+/// The border of the 32-bit engine's coordinates.
+const MOST_STEPS: f64 = 1_073_741_823.0;
 
-#[expect(clippy::cast_possible_truncation, reason = "rounded to the grid on purpose; a float cast saturates")]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "rounded to the grid and clamped to its border on purpose"
+)]
 fn steps(mm: f64) -> i32 {
-    (mm * STEPS_PER_MM).round() as i32
+    (mm * STEPS_PER_MM).round().clamp(-MOST_STEPS, MOST_STEPS) as i32
 }
 
 fn to_grid(contour: &Contour) -> IntContour {
     contour.points.iter().map(|p| IntPoint::new(steps(p.x), steps(p.y))).collect()
 }
 
-#[expect(clippy::cast_precision_loss, reason = "coordinates are far below 2^53 grid steps")]
 fn from_grid(shapes: Vec<Vec<IntContour>>) -> Region {
-    let point = |p: IntPoint<i32>| Point2::new(p.x as f64 / STEPS_PER_MM, p.y as f64 / STEPS_PER_MM);
+    let point = |p: IntPoint<i32>| Point2::new(f64::from(p.x), f64::from(p.y)) / STEPS_PER_MM;
     let contour = |c: IntContour| Contour::new(c.into_iter().map(point).collect());
     Region::new(shapes.into_iter().flatten().map(contour).collect())
 }
@@ -178,6 +170,34 @@ mod tests {
             assert!((radius - 2.0 - d).abs() < 2e-4, "offset {d}: radius {radius}");
         }
         assert!(disk(0.0, 2.0).offset(-2.1, 1e-3).is_empty());
+    }
+
+    #[test]
+    fn shrinking_parts_what_hangs_together_by_a_neck() {
+        let dumbbell = disk(0.0, 2.0).union(&disk(3.0, 2.0));
+        let parts = dumbbell.offset(-1.5, 1e-4);
+        assert_eq!(parts.contours.len(), 2);
+        // The waist is 2 sqrt(4 - 1.5^2) wide: offset by less than half of it, one part remains.
+        assert_eq!(dumbbell.offset(-1.3, 1e-4).contours.len(), 1);
+        let index = SegmentIndex::try_new(&dumbbell.contours).unwrap();
+        let deep = (0..500 * 300).filter(|i| {
+            let p = Point2::new(f64::from(i % 500) * 0.01 - 1.0, f64::from(i / 500) * 0.01 - 1.5);
+            index.signed_distance_mm(p) <= -1.5
+        });
+        assert!((parts.area_mm2() - deep.count() as f64 * 1e-4).abs() < 0.01);
+    }
+
+    #[test]
+    fn growing_joins_and_fills() {
+        let ring = disk(0.0, 3.0).difference(&disk(0.0, 0.5));
+        assert_eq!(ring.offset(0.6, 1e-4).contours.len(), 1);
+        let joined = disk(0.0, 1.0).union(&disk(3.0, 1.0)).offset(0.7, 1e-4);
+        let expected = disk(0.0, 1.7).union(&disk(3.0, 1.7));
+        assert!((joined.area_mm2() - expected.area_mm2()).abs() < 2e-3);
+        let square = Region::new(vec![Contour::new(
+            [(0., 0.), (4., 0.), (4., 4.), (0., 4.)].map(|(x, y)| Point2::new(x, y)).to_vec(),
+        )]);
+        assert!((square.offset(1.0, 1e-5).area_mm2() - 32.0 - std::f64::consts::PI).abs() < 1e-3);
     }
 
     #[test]
