@@ -1,0 +1,247 @@
+//! The two kinds of B-spline surfaces of a vessel. In both z depends on v alone where it matters: a section at
+//! any height of a tube or a lateral patch is an iso-curve.
+
+use super::{Basis, Span, SplineError, periodic_control_points};
+use crate::geom::{Point2, Point3};
+use serde::{Deserialize, Serialize};
+
+/// A tube: periodic cubic in u (uniform, u in [0, 1)), cubic in v, and v is z in mm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TubeSurface {
+    n_u: usize,
+    z: Basis,
+    /// Control rows in v; each row holds the curve's points at u = i / n_u as x, y.
+    rows: Vec<f64>,
+}
+
+impl TubeSurface {
+    /// Skins a tube through sections given at ascending heights, each of the same number of points evenly spaced
+    /// in u and already aligned with its neighbours.
+    ///
+    /// # Errors
+    /// Fewer than two sections, or heights that do not ascend.
+    ///
+    /// # Panics
+    /// Where the sections differ in their number of points.
+    pub fn through(z_mm: &[f64], sections: &[Vec<Point2>]) -> Result<Self, SplineError> {
+        let z = Basis::not_a_knot(z_mm)?;
+        let n_u = sections[0].len();
+        assert!(sections.iter().all(|s| s.len() == n_u), "sections of a tube have equally many points");
+        let data: Vec<f64> = sections.iter().flatten().flat_map(|p| [p.x, p.y]).collect();
+        let rows = z.interpolate(&data, 2 * n_u);
+        Ok(Self { n_u, z, rows })
+    }
+
+    /// Lowest and highest z, mm.
+    #[must_use]
+    pub fn z_range_mm(&self) -> [f64; 2] {
+        self.z.range()
+    }
+
+    /// Heights of the sections it runs through, mm.
+    #[must_use]
+    pub fn section_z_mm(&self) -> &[f64] {
+        self.z.sites()
+    }
+
+    /// The iso-curve at height z.
+    #[must_use]
+    pub fn section(&self, z_mm: f64) -> SectionCurve {
+        self.row(self.z.at(z_mm))
+    }
+
+    /// The derivative of the iso-curve with respect to z: how the surface leans.
+    #[must_use]
+    pub fn section_slope(&self, z_mm: f64) -> SectionCurve {
+        self.row(self.z.derivative_at(z_mm))
+    }
+
+    fn row(&self, span: Span) -> SectionCurve {
+        let mut values = Vec::new();
+        Basis::combine(span, &self.rows, 2 * self.n_u, &mut values);
+        SectionCurve::through(values)
+    }
+}
+
+/// A horizontal section of a tube: a uniform periodic cubic B-spline in u.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SectionCurve {
+    values: Vec<f64>,
+    control: Vec<f64>,
+}
+
+impl SectionCurve {
+    fn through(values: Vec<f64>) -> Self {
+        let control = periodic_control_points(&values, 2);
+        Self { values, control }
+    }
+
+    /// The curve through points evenly spaced in u.
+    #[must_use]
+    pub fn through_points(points: &[Point2]) -> Self {
+        Self::through(points.iter().flat_map(|p| [p.x, p.y]).collect())
+    }
+
+    /// Number of points it was made through.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.values.len() / 2
+    }
+
+    /// Never true: a section has at least three points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// The points at u = i / n.
+    #[must_use]
+    pub fn points(&self) -> Vec<Point2> {
+        self.values.chunks_exact(2).map(|p| Point2::new(p[0], p[1])).collect()
+    }
+
+    /// The point at u (periodic in 1).
+    #[must_use]
+    pub fn at(&self, u: f64) -> Point2 {
+        let n = self.len();
+        let scaled = u.rem_euclid(1.0) * n as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..n")]
+        let i = (scaled.floor() as usize).min(n - 1);
+        let t = scaled - i as f64;
+        let s = 1.0 - t;
+        let weights = [
+            s * s * s / 6.0,
+            (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+            (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+            t * t * t / 6.0,
+        ];
+        let mut point = Point2::origin();
+        for (k, w) in weights.iter().enumerate() {
+            let j = (i + n - 1 + k) % n;
+            point.x += w * self.control[2 * j];
+            point.y += w * self.control[2 * j + 1];
+        }
+        point
+    }
+}
+
+/// A patch with four sides: cubic in both directions through a grid of points in space.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PatchSurface {
+    u: Basis,
+    v: Basis,
+    /// Control rows in v, each of as many points (x, y, z) as u has sites.
+    control: Vec<f64>,
+}
+
+impl PatchSurface {
+    /// The patch through `grid[row][column]` at the parameters `v[row]`, `u[column]`.
+    ///
+    /// # Errors
+    /// Fewer than two parameters, or parameters that do not ascend.
+    ///
+    /// # Panics
+    /// Where the grid does not fit the parameters.
+    pub fn through(u: &[f64], v: &[f64], grid: &[Vec<Point3>]) -> Result<Self, SplineError> {
+        let (u, v) = (Basis::not_a_knot(u)?, Basis::not_a_knot(v)?);
+        assert!(grid.len() == v.sites().len(), "one row of points for each v");
+        let mut rows = Vec::new();
+        for row in grid {
+            assert!(row.len() == u.sites().len(), "one point for each u");
+            let values: Vec<f64> = row.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+            rows.extend(u.interpolate(&values, 3));
+        }
+        let control = v.interpolate(&rows, 3 * u.sites().len());
+        Ok(Self { u, v, control })
+    }
+
+    /// First and last u.
+    #[must_use]
+    pub fn u_range(&self) -> [f64; 2] {
+        self.u.range()
+    }
+
+    /// First and last v.
+    #[must_use]
+    pub fn v_range(&self) -> [f64; 2] {
+        self.v.range()
+    }
+
+    /// The iso-curve at v, ready for evaluation in u.
+    #[must_use]
+    pub fn row(&self, v: f64) -> PatchRow<'_> {
+        let mut control = Vec::new();
+        Basis::combine(self.v.at(v), &self.control, 3 * self.u.sites().len(), &mut control);
+        PatchRow { basis: &self.u, control }
+    }
+
+    /// The point at (u, v).
+    #[must_use]
+    pub fn at(&self, u: f64, v: f64) -> Point3 {
+        let (su, sv) = (self.u.at(u), self.v.at(v));
+        let width = 3 * self.u.sites().len();
+        let mut point = Point3::origin();
+        for (k, wv) in sv.weights.iter().enumerate().take(self.v.degree() + 1) {
+            for (m, wu) in su.weights.iter().enumerate().take(self.u.degree() + 1) {
+                let at = (sv.first + k) * width + 3 * (su.first + m);
+                let w = wu * wv;
+                point.x += w * self.control[at];
+                point.y += w * self.control[at + 1];
+                point.z += w * self.control[at + 2];
+            }
+        }
+        point
+    }
+}
+
+/// An iso-curve of a patch.
+#[derive(Debug, Clone)]
+pub struct PatchRow<'a> {
+    basis: &'a Basis,
+    control: Vec<f64>,
+}
+
+impl PatchRow<'_> {
+    /// The point at u.
+    #[must_use]
+    pub fn at(&self, u: f64) -> Point3 {
+        let mut point = Vec::new();
+        Basis::combine(self.basis.at(u), &self.control, 3, &mut point);
+        Point3::new(point[0], point[1], point[2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Contour;
+
+    #[test]
+    fn a_cone_is_lofted_exactly_along_z() {
+        let z: Vec<f64> = (0..9).map(f64::from).collect();
+        let radius = |z: f64| 2.0 + 0.25 * z;
+        let sections: Vec<_> =
+            z.iter().map(|&z| Contour::circle(Point2::new(z, 0.0), radius(z), 64).points).collect();
+        let tube = TubeSurface::through(&z, &sections).unwrap();
+        let curve = tube.section(3.3);
+        for i in 0..500 {
+            let p = curve.at(f64::from(i) / 500.0);
+            assert!(((p - Point2::new(3.3, 0.0)).norm() - radius(3.3)).abs() < 1e-6);
+        }
+        let slope = tube.section_slope(3.3).at(0.0);
+        assert!((slope - Point2::new(1.25, 0.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_patch_reproduces_a_bicubic() {
+        let f = |u: f64, v: f64| Point3::new(u, v, 1.0 + u * v - u * u * v + 0.3 * v * v * v);
+        let u = [0.0, 0.1, 0.4, 0.8, 1.0];
+        let v = [-1.0, 0.0, 0.7, 1.1, 2.0, 2.5];
+        let grid: Vec<Vec<Point3>> = v.iter().map(|&v| u.iter().map(|&u| f(u, v)).collect()).collect();
+        let patch = PatchSurface::through(&u, &v, &grid).unwrap();
+        for (s, t) in [(0.05, -0.5), (0.5, 0.3), (0.93, 2.4), (1.0, 2.5), (0.0, -1.0)] {
+            assert!((patch.at(s, t) - f(s, t)).norm() < 1e-10);
+            assert!((patch.row(t).at(s) - f(s, t)).norm() < 1e-10);
+        }
+    }
+}
