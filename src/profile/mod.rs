@@ -2,10 +2,236 @@
 //!
 //! A profile says how a printer speaks ([`Firmware`]), what it can do ([`Machine`]), what it prints with
 //! ([`Filament`]), how ([`PrintSettings`]) and what it runs before, after and between ([`Scripts`]). Profiles may inherit: the key
-//! `inherits = "marlin"` names the profile whose keys are taken where this one has none.
+//! `inherits = "marlin"` names the built-in profile whose keys are taken where this one has none.
+//!
+//! Every file is checked in full before it is used: each key against the table in `schema` (type, unit, range), then the keys
+//! against each other. A profile that was loaded can be relied on.
+//!
+//! ```
+//! let profile = lumenfab::profile::builtin("reference")?;
+//! assert_eq!(profile.machine.bed_mm, [200.0, 200.0, 250.0]);
+//! # Ok::<(), lumenfab::profile::Error>(())
+//! ```
+
+mod layers;
+pub mod load;
+mod schema;
+mod scripts;
+#[cfg(test)]
+mod tests;
+
+pub use load::from_file;
 
 use crate::units::Celsius;
+use layers::Layers;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use toml::Value;
+
+/// The profiles that come with the program: name and text.
+const BUILTIN: &[(&str, &str)] = &[
+    ("marlin", include_str!("../../firmware-profiles/marlin.toml")),
+    ("reference", include_str!("../../firmware-profiles/reference.toml")),
+];
+
+/// The firmware dialects that the protocol core speaks.
+const DIALECTS: &[&str] = &["marlin"];
+
+/// A chain of `inherits` longer than this is a mistake.
+const MAX_INHERITANCE: usize = 8;
+
+/// What is wrong with a profile.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// No built-in profile has this name.
+    #[error("there is no profile {name:?}; built in are {}, a file is given by its path", known.join(", "))]
+    UnknownName {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: Vec<&'static str>,
+    },
+    /// The file cannot be read.
+    #[error("{}: the profile cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not TOML.
+    #[error("{file}:{line}: not a profile: {message}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// What the TOML parser says.
+        message: String,
+    },
+    /// A key that no profile has.
+    #[error("{file}:{line}: {key}: no profile has this key{hint}")]
+    UnknownKey {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// The key.
+        key: String,
+        /// What may have been meant.
+        hint: String,
+    },
+    /// A key that every profile needs.
+    #[error("{file}: {key} is missing; expected {expected} (or `inherits = \"marlin\"`)")]
+    MissingKey {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
+        /// What it takes.
+        expected: String,
+    },
+    /// A value of the wrong type, out of its range, or at odds with another one.
+    #[error("{file}:{line}: {key} = {found}: expected {expected}")]
+    Value {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// The key.
+        key: String,
+        /// The value.
+        found: String,
+        /// Range and unit.
+        expected: String,
+    },
+}
+
+/// The names of the profiles that come with the program.
+#[must_use]
+pub fn builtin_names() -> Vec<&'static str> {
+    BUILTIN.iter().map(|(name, _)| *name).collect()
+}
+
+/// A profile that comes with the program.
+///
+/// # Errors
+/// [`Error::UnknownName`].
+pub fn builtin(name: &str) -> Result<Profile, Error> {
+    parse(builtin_text(name)?, &builtin_file(name))
+}
+
+fn builtin_text(name: &str) -> Result<&'static str, Error> {
+    let found = BUILTIN.iter().find(|(known, _)| *known == name);
+    found
+        .map(|(_, text)| *text)
+        .ok_or_else(|| Error::UnknownName { name: name.to_owned(), known: builtin_names() })
+}
+
+fn builtin_file(name: &str) -> String {
+    format!("firmware-profiles/{name}.toml")
+}
+
+/// Reads a profile from TOML text; `file` is what errors call it.
+///
+/// # Errors
+/// The text is not TOML, or says something that no printer can be.
+pub fn parse(text: &str, file: &str) -> Result<Profile, Error> {
+    let layers = with_bases(text, file)?;
+    schema::check(&layers, file)?;
+    let profile: Profile = layers.table().try_into().map_err(|e: toml::de::Error| Error::Syntax {
+        file: file.to_owned(),
+        line: 1,
+        message: e.to_string().trim().replace('\n', "; "),
+    })?;
+    check_together(&profile, &layers)?;
+    Ok(profile)
+}
+
+/// The keys of a file over those of all it inherits from.
+fn with_bases(text: &str, file: &str) -> Result<Layers, Error> {
+    let mut layers = Layers::parse(text, file)?;
+    for _ in 0..MAX_INHERITANCE {
+        let Some((base, origin)) = layers.keys.remove("inherits") else { return Ok(layers) };
+        let known = || format!("the name of a built-in profile: {}", builtin_names().join(", "));
+        let Some(name) = base.as_str().filter(|name| builtin_text(name).is_ok()) else {
+            return Err(schema::wrong("inherits", &base.to_string(), known(), &origin));
+        };
+        layers.inherit(Layers::parse(builtin_text(name)?, &builtin_file(name))?);
+    }
+    Err(Error::Syntax {
+        file: file.to_owned(),
+        line: 1,
+        message: format!("profiles inherit from each other more than {MAX_INHERITANCE} deep"),
+    })
+}
+
+/// Checks that need more than one key.
+fn check_together(profile: &Profile, layers: &Layers) -> Result<(), Error> {
+    let fail = |key: &str, expected: String| {
+        let (value, origin) = layers.keys.get(key).expect("the schema's check found every key");
+        Err(schema::wrong(key, &value.to_string(), expected, origin))
+    };
+    let Profile { machine, print, scripts, .. } = profile;
+    let [narrowest_mm, widest_mm] = machine.extrusion_width_mm;
+    if machine.layer_height_mm[1] > machine.nozzle_mm {
+        return fail(
+            "machine.layer_height_mm",
+            format!(
+                "layers no thicker than the nozzle is wide, machine.nozzle_mm = {} mm",
+                machine.nozzle_mm
+            ),
+        );
+    }
+    if !(narrowest_mm..=widest_mm).contains(&print.extrusion_width_mm) {
+        return fail(
+            "print.extrusion_width_mm",
+            format!("a number from {narrowest_mm} to {widest_mm} mm (machine.extrusion_width_mm)"),
+        );
+    }
+    let fastest_mm_s = machine.max_speed_mm_s[0].min(machine.max_speed_mm_s[1]);
+    for (key, speed_mm_s) in [
+        ("print.external_perimeter_mm_s", print.external_perimeter_mm_s),
+        ("print.perimeter_mm_s", print.perimeter_mm_s),
+        ("print.infill_mm_s", print.infill_mm_s),
+        ("print.first_layer_mm_s", print.first_layer_mm_s),
+        ("print.travel_mm_s", print.travel_mm_s),
+    ] {
+        if speed_mm_s > fastest_mm_s {
+            return fail(key, format!("at most {fastest_mm_s} mm/s (machine.max_speed_mm_s)"));
+        }
+    }
+    if scripts.safe.is_empty() {
+        return fail("scripts.safe", "at least the lines that switch the heaters off".to_owned());
+    }
+    let n_bytes = profile.firmware.line_bytes;
+    let filled =
+        [("start", profile.start_gcode()), ("end", profile.end_gcode()), ("safe", profile.safe_gcode())];
+    for (script, lines) in filled {
+        if lines.iter().any(|line| line.len() + NUMBERING_BYTES > n_bytes) {
+            return fail(
+                &format!("scripts.{script}"),
+                format!(
+                    "lines that leave room for number and checksum in {n_bytes} bytes (firmware.line_bytes)"
+                ),
+            );
+        }
+    }
+    Ok(())
+}
+
+/// What `N1234567 ` and `*255` add to a line.
+pub(crate) const NUMBERING_BYTES: usize = 13;
+
+/// The profile as text, for `profiles show`: all keys, inherited ones too.
+///
+/// # Panics
+/// Never: every profile is a TOML table.
+#[must_use]
+pub fn to_toml(profile: &Profile) -> String {
+    let value = Value::try_from(profile).expect("a profile is a TOML table");
+    toml::to_string(&value).expect("a TOML table can be written")
+}
 
 /// Everything that is known about a printer and how to print on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,12 +281,16 @@ pub struct Firmware {
     pub command_slots: usize,
     /// Moves that its planner looks ahead.
     pub planner_moves: usize,
-    /// Longest line it takes, bytes without the line feed.
+    /// Longest line it takes, bytes without the line feed, number and checksum included.
     pub line_bytes: usize,
     /// How long a reply may take before the host asks what is wrong, s.
     pub response_timeout_s: f64,
     /// How long commands that wait (homing, heating) may take in all, s.
     pub slow_command_timeout_s: f64,
+    /// How long the board may take to speak after a reset, s.
+    pub boot_timeout_s: f64,
+    /// Whether opening the port shall reset the board (by DTR).
+    pub reset_on_open: bool,
     /// Interval of temperature reports asked for, s; 0: never ask.
     pub temperature_report_s: f64,
 }
@@ -171,7 +401,9 @@ pub struct PrintSettings {
     pub first_layer_compensation_mm: f64,
 }
 
-/// G-code run around a job, line by line. `{hotend_c}`, `{bed_c}` stand for the filament's first-layer temperatures.
+/// G-code run around a job, line by line. `{hotend_c}`, `{bed_c}` stand for the filament's first-layer
+/// temperatures, `{bed_x_mm}`, `{bed_y_mm}`, `{bed_z_mm}` for the size of the bed.
+/// [`Profile::start_gcode`] and its sisters fill them in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scripts {

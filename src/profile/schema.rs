@@ -1,0 +1,248 @@
+//! What every key of a profile may hold: type, unit, range.
+//!
+//! One table is the whole truth; the check, the error messages and the list of known keys derive from it.
+//! Ranges are wide: they catch a wrong unit or a slip of a digit, not an unusual machine.
+
+use super::Error;
+use super::layers::{Layers, Origin};
+use super::scripts;
+use toml::Value;
+
+/// The kind of value that a key takes.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    /// Any text that is not empty.
+    Text,
+    /// One of these words.
+    Choice(&'static [&'static str]),
+    /// `true` or `false`.
+    Flag,
+    /// A whole number.
+    Whole { min: u32, max: u32 },
+    /// A number.
+    Number { min: f64, max: f64 },
+    /// So many numbers, each in the range.
+    Numbers { n: usize, min: f64, max: f64 },
+    /// Two numbers in the range, the first not above the second.
+    Span { min: f64, max: f64 },
+    /// Lines of G-code.
+    Script,
+}
+
+/// One key.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Field {
+    pub(super) key: &'static str,
+    pub(super) unit: &'static str,
+    pub(super) kind: Kind,
+}
+
+const fn field(key: &'static str, unit: &'static str, kind: Kind) -> Field {
+    Field { key, unit, kind }
+}
+
+const fn number(min: f64, max: f64) -> Kind {
+    Kind::Number { min, max }
+}
+
+const fn whole(min: u32, max: u32) -> Kind {
+    Kind::Whole { min, max }
+}
+
+/// Every key of a profile.
+pub(super) const FIELDS: &[Field] = &[
+    field("name", "", Kind::Text),
+    field("description", "", Kind::Text),
+    field("firmware.dialect", "", Kind::Choice(super::DIALECTS)),
+    field("firmware.baud", "baud", whole(1200, 4_000_000)),
+    field("firmware.line_numbers", "", Kind::Flag),
+    field("firmware.resend_style", "", Kind::Choice(&["resend", "rs"])),
+    field("firmware.rx_buffer_bytes", "bytes", whole(32, 1_048_576)),
+    field("firmware.command_slots", "lines", whole(1, 1024)),
+    field("firmware.planner_moves", "moves", whole(1, 4096)),
+    field("firmware.line_bytes", "bytes", whole(40, 4096)),
+    field("firmware.response_timeout_s", "s", number(0.1, 60.0)),
+    field("firmware.slow_command_timeout_s", "s", number(10.0, 86_400.0)),
+    field("firmware.boot_timeout_s", "s", number(0.1, 60.0)),
+    field("firmware.reset_on_open", "", Kind::Flag),
+    field("firmware.temperature_report_s", "s", number(0.0, 60.0)),
+    field("machine.bed_mm", "mm", Kind::Numbers { n: 3, min: 10.0, max: 5000.0 }),
+    field("machine.nozzle_mm", "mm", number(0.05, 3.0)),
+    field("machine.filament_mm", "mm", number(0.5, 5.0)),
+    field("machine.layer_height_mm", "mm", Kind::Span { min: 0.01, max: 3.0 }),
+    field("machine.extrusion_width_mm", "mm", Kind::Span { min: 0.03, max: 6.0 }),
+    field("machine.max_speed_mm_s", "mm/s", Kind::Numbers { n: 4, min: 0.1, max: 5000.0 }),
+    field("machine.max_acceleration_mm_s2", "mm/s2", Kind::Numbers { n: 4, min: 1.0, max: 500_000.0 }),
+    field("machine.print_acceleration_mm_s2", "mm/s2", number(1.0, 500_000.0)),
+    field("machine.travel_acceleration_mm_s2", "mm/s2", number(1.0, 500_000.0)),
+    field("machine.junction_deviation_mm", "mm", number(0.001, 1.0)),
+    field("filament.material", "", Kind::Text),
+    field("filament.density_g_cm3", "g/cm3", number(0.1, 25.0)),
+    field("filament.hotend_c", "degrees Celsius", number(0.0, 500.0)),
+    field("filament.first_layer_hotend_c", "degrees Celsius", number(0.0, 500.0)),
+    field("filament.bed_c", "degrees Celsius", number(0.0, 200.0)),
+    field("filament.first_layer_bed_c", "degrees Celsius", number(0.0, 200.0)),
+    field("filament.fan_percent", "percent", number(0.0, 100.0)),
+    field("filament.flow_percent", "percent", number(50.0, 150.0)),
+    field("filament.shrinkage_percent", "percent", number(-2.0, 5.0)),
+    field("print.bead_shape", "", Kind::Choice(&["rectangle", "stadium"])),
+    field("print.extrusion_width_mm", "mm", number(0.03, 6.0)),
+    field("print.perimeters", "loops", whole(0, 100)),
+    field("print.infill_percent", "percent", number(0.0, 100.0)),
+    field("print.external_perimeter_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.perimeter_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.infill_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.first_layer_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.travel_mm_s", "mm/s", number(0.5, 2000.0)),
+    field("print.retract_mm", "mm", number(0.0, 20.0)),
+    field("print.retract_mm_s", "mm/s", number(0.5, 200.0)),
+    field("print.retract_min_travel_mm", "mm", number(0.0, 100.0)),
+    field("print.z_hop_mm", "mm", number(0.0, 10.0)),
+    field("print.min_layer_time_s", "s", number(0.0, 600.0)),
+    field("print.min_speed_mm_s", "mm/s", number(0.5, 200.0)),
+    field("print.skirt_loops", "loops", whole(0, 100)),
+    field("print.skirt_distance_mm", "mm", number(0.0, 100.0)),
+    field("print.brim_mm", "mm", number(0.0, 100.0)),
+    field("print.hole_compensation_mm", "mm", number(-1.0, 1.0)),
+    field("print.first_layer_compensation_mm", "mm", number(-1.0, 1.0)),
+    field("scripts.start", "", Kind::Script),
+    field("scripts.end", "", Kind::Script),
+    field("scripts.safe", "", Kind::Script),
+];
+
+/// Checks every key by itself: all there, none unknown, each of its type and in its range.
+pub(super) fn check(layers: &Layers, file: &str) -> Result<(), Error> {
+    for (key, (_, origin)) in &layers.keys {
+        if !FIELDS.iter().any(|f| f.key == key) {
+            return Err(unknown_key(key, origin));
+        }
+    }
+    for field in FIELDS {
+        let Some((value, origin)) = layers.keys.get(field.key) else {
+            return Err(Error::MissingKey {
+                file: file.to_owned(),
+                key: field.key,
+                expected: field.expected(),
+            });
+        };
+        if !field.kind.accepts(value) {
+            return Err(wrong(field.key, &shown(value), field.expected(), origin));
+        }
+        if let Kind::Script = field.kind {
+            check_script(field.key, value, origin)?;
+        }
+    }
+    Ok(())
+}
+
+/// An error at a key.
+pub(super) fn wrong(key: &str, found: &str, expected: String, origin: &Origin) -> Error {
+    Error::Value {
+        file: origin.file.clone(),
+        line: origin.line,
+        key: key.to_owned(),
+        found: found.to_owned(),
+        expected,
+    }
+}
+
+fn check_script(key: &str, value: &Value, origin: &Origin) -> Result<(), Error> {
+    let lines = value.as_array().into_iter().flatten().filter_map(Value::as_str);
+    for line in lines {
+        if let Some(name) = scripts::unknown_placeholder(line) {
+            let expected = format!("one of {{{}}}", scripts::PLACEHOLDERS.join("}, {"));
+            return Err(wrong(key, &format!("{{{name}}} in {line:?}"), expected, origin));
+        }
+    }
+    Ok(())
+}
+
+fn unknown_key(key: &str, origin: &Origin) -> Error {
+    let last = key.rsplit('.').next().unwrap_or(key);
+    let near = FIELDS.iter().map(|f| f.key).find(|k| k.rsplit('.').next() == Some(last)).or_else(|| {
+        let stem = last.split('_').next().unwrap_or(last);
+        let table = key.rsplit_once('.').map_or("", |(t, _)| t);
+        FIELDS
+            .iter()
+            .map(|f| f.key)
+            .find(|k| k.strip_prefix(table).and_then(|k| k.get(1..)).is_some_and(|k| k.starts_with(stem)))
+    });
+    Error::UnknownKey {
+        file: origin.file.clone(),
+        line: origin.line,
+        key: key.to_owned(),
+        hint: near.map_or_else(String::new, |k| format!(" (did you mean {k}?)")),
+    }
+}
+
+/// A value as the operator wrote it, shortened.
+fn shown(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= 60 {
+        return text;
+    }
+    text.chars().take(57).chain("...".chars()).collect()
+}
+
+impl Field {
+    /// What the key takes, in words.
+    pub(super) fn expected(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        match self.kind {
+            Kind::Text => "a text that is not empty".to_owned(),
+            Kind::Choice(words) => format!("one of {}", words.join(", ")),
+            Kind::Flag => "true or false".to_owned(),
+            Kind::Whole { min, max } => format!("a whole number from {min} to {max}{unit}"),
+            Kind::Number { min, max } => format!("a number from {min} to {max}{unit}"),
+            Kind::Numbers { n, min, max } => format!("{n} numbers from {min} to {max}{unit}"),
+            Kind::Span { min, max } => {
+                format!("two numbers from {min} to {max}{unit}, the smaller one first")
+            }
+            Kind::Script => "a list of G-code lines without line breaks or comments".to_owned(),
+        }
+    }
+}
+
+impl Kind {
+    fn accepts(self, value: &Value) -> bool {
+        match self {
+            Self::Text => value.as_str().is_some_and(|s| !s.trim().is_empty()),
+            Self::Choice(words) => value.as_str().is_some_and(|s| words.contains(&s)),
+            Self::Flag => value.is_bool(),
+            Self::Whole { min, max } => {
+                value.as_integer().is_some_and(|i| (i64::from(min)..=i64::from(max)).contains(&i))
+            }
+            Self::Number { min, max } => in_range(value, min, max),
+            Self::Numbers { n, min, max } => numbers_in_range(value, n, min, max),
+            Self::Span { min, max } => {
+                numbers_in_range(value, 2, min, max)
+                    && value.as_array().is_some_and(|a| as_number(&a[0]) <= as_number(&a[1]))
+            }
+            Self::Script => value.as_array().is_some_and(|a| a.iter().all(is_script_line)),
+        }
+    }
+}
+
+fn as_number(value: &Value) -> Option<f64> {
+    match *value {
+        Value::Float(number) => Some(number),
+        // TOML integers beyond 2^53 lie outside every range here, so the rounding does no harm.
+        #[expect(clippy::cast_precision_loss, reason = "see above")]
+        Value::Integer(whole) => Some(whole as f64),
+        _ => None,
+    }
+}
+
+fn in_range(value: &Value, min: f64, max: f64) -> bool {
+    as_number(value).is_some_and(|number| (min..=max).contains(&number))
+}
+
+fn numbers_in_range(value: &Value, n: usize, min: f64, max: f64) -> bool {
+    value.as_array().is_some_and(|a| a.len() == n && a.iter().all(|v| in_range(v, min, max)))
+}
+
+fn is_script_line(value: &Value) -> bool {
+    value.as_str().is_some_and(|line| {
+        !line.trim().is_empty() && line.bytes().all(|b| (b' '..0x7f).contains(&b) && b != b';' && b != b'*')
+    })
+}
