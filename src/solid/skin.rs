@@ -1,0 +1,293 @@
+//! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
+
+use super::event::{BuiltSlab, Slab};
+use crate::geom::{Contour, Point2, Point3};
+use crate::spline::{ClosedCurve, SectionCurve, SplineError, TubeSurface};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy.
+const SECTION_POINTS: usize = 256;
+/// Grid on which the saddle patch is cut by a plane.
+const SADDLE_GRID: usize = 48;
+
+/// What a tube ends in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum End {
+    /// A flat cap.
+    Cap,
+    /// The parent's side of a slab.
+    Waist {
+        /// Which slab.
+        slab: usize,
+    },
+    /// A daughter's side of a slab.
+    Daughter {
+        /// Which slab.
+        slab: usize,
+        /// Which of its daughters, 0 or 1.
+        side: usize,
+    },
+}
+
+/// A branch between two events or ends.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Tube {
+    /// Its surface.
+    pub surface: TubeSurface,
+    /// What it ends in below.
+    pub bottom: End,
+    /// What it ends in above.
+    pub top: End,
+}
+
+/// A closed surface.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Skin {
+    /// Branches.
+    pub tubes: Vec<Tube>,
+    /// Events.
+    pub slabs: Vec<Slab>,
+}
+
+/// The sections of a branch before it is skinned.
+#[derive(Debug, Clone)]
+pub(super) struct Strand {
+    /// Heights and contours, in any order.
+    pub(super) sections: Vec<(f64, Contour)>,
+    pub(super) bottom: End,
+    pub(super) top: End,
+}
+
+/// Skins every strand.
+pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<BuiltSlab>) -> Result<Skin, SplineError> {
+    let tubes = strands.into_par_iter().map(tube).collect::<Result<_, _>>()?;
+    Ok(Skin { tubes, slabs: slabs.into_iter().map(|b| b.slab).collect() })
+}
+
+fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
+    strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
+    strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
+    let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
+    let curves: Vec<ClosedCurve> =
+        strand.sections.iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
+    if curves.len() != z.len() {
+        return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
+    }
+    let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
+    for (i, curve) in curves.iter().enumerate() {
+        let start_mm = match sections.last() {
+            None => least_x_start(curve),
+            Some(previous) => least_twist_start(curve, previous),
+        };
+        let _ = i;
+        sections.push(curve.resampled(SECTION_POINTS, start_mm));
+    }
+    Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
+}
+
+/// The published rule for the first section of a branch: start where x is least.
+fn least_x_start(curve: &ClosedCurve) -> f64 {
+    let points = curve.resampled(SECTION_POINTS, 0.0);
+    let least = (0..SECTION_POINTS).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
+    curve.length_mm() * least as f64 / SECTION_POINTS as f64
+}
+
+/// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
+fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
+    let n = previous.len();
+    let points = curve.resampled(n, 0.0);
+    let cost = |shift: usize| -> f64 {
+        let (head, tail) = points.split_at(shift % n);
+        previous.iter().zip(tail.iter().chain(head)).map(|(p, q)| (p - q).norm_squared()).sum()
+    };
+    let costs: Vec<f64> = (0..n).map(cost).collect();
+    let best = (0..n).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+    let (before, at, after) = (costs[(best + n - 1) % n], costs[best], costs[(best + 1) % n]);
+    let bend = before - 2.0 * at + after;
+    let fraction = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    curve.length_mm() * (best as f64 + fraction) / n as f64
+}
+
+impl Skin {
+    /// Lowest and highest z, mm.
+    #[must_use]
+    pub fn z_range_mm(&self) -> [f64; 2] {
+        self.tubes
+            .iter()
+            .map(|t| t.surface.z_range_mm())
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
+    }
+
+    /// The closed curves at height z, counter-clockwise polylines with chords within the tolerance.
+    #[must_use]
+    pub fn section(&self, z_mm: f64, tolerance_mm: f64) -> Vec<Contour> {
+        let mut contours: Vec<Contour> = self
+            .tubes
+            .iter()
+            .filter(|t| {
+                let [low, high] = t.surface.z_range_mm();
+                z_mm >= low && z_mm <= high
+            })
+            .map(|t| polyline(&t.surface.section(z_mm), tolerance_mm))
+            .collect();
+        for slab in &self.slabs {
+            let w = slab.w_of(z_mm);
+            // At its borders the tubes have the section already.
+            if w > slab.w_mm[0] && w < slab.w_mm[1] {
+                contours.extend(slab.section(w, tolerance_mm));
+            }
+        }
+        contours
+    }
+}
+
+/// How many chords keep a closed curve within the tolerance: those of a circle of its length, half as many again
+/// because vessels are not round.
+fn n_chords(length_mm: f64, tolerance_mm: f64) -> usize {
+    let radius = length_mm / std::f64::consts::TAU;
+    let n = 1.5 * std::f64::consts::PI * (radius / (2.0 * tolerance_mm)).sqrt();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    let n = n.ceil().clamp(48.0, 2048.0) as usize;
+    n
+}
+
+fn polyline(curve: &SectionCurve, tolerance_mm: f64) -> Contour {
+    let rough = Contour::new(curve.points());
+    let n = n_chords(rough.perimeter_mm(), tolerance_mm);
+    if n == rough.len() {
+        return rough;
+    }
+    Contour::new((0..n).map(|i| curve.at(i as f64 / n as f64)).collect())
+}
+
+impl Slab {
+    /// The height along w of a height z.
+    #[must_use]
+    pub fn w_of(&self, z_mm: f64) -> f64 {
+        if self.upward { z_mm } else { -z_mm }
+    }
+
+    /// The height z of a height along w.
+    #[must_use]
+    pub fn z_of(&self, w_mm: f64) -> f64 {
+        if self.upward { w_mm } else { -w_mm }
+    }
+
+    /// The closed curves at height w inside the slab.
+    #[must_use]
+    pub fn section(&self, w: f64, tolerance_mm: f64) -> Vec<Contour> {
+        let laterals = self.laterals.each_ref().map(|patch| {
+            let row = patch.row(w);
+            let at = |u: f64| {
+                let p: Point3 = row.at(u);
+                Point2::new(p.x, p.y)
+            };
+            let rough: f64 =
+                (0..32).map(|i| (at(f64::from(i + 1) / 32.0) - at(f64::from(i) / 32.0)).norm()).sum();
+            let n = n_chords(rough, tolerance_mm);
+            (0..=n).map(|i| at(i as f64 / n as f64)).collect::<Vec<_>>()
+        });
+        close_loops(laterals.to_vec(), self.saddle_curves(w))
+    }
+
+    /// The curves in which the plane at height w cuts the saddle patch.
+    fn saddle_curves(&self, w: f64) -> Vec<Vec<Point2>> {
+        let n = SADDLE_GRID;
+        let parameter = |i: usize| i as f64 / n as f64;
+        let height: Vec<Vec<f64>> = (0..=n)
+            .map(|j| {
+                let row = self.saddle.row(parameter(j));
+                (0..=n).map(|i| self.w_of(row.at(parameter(i)).z) - w).collect()
+            })
+            .collect();
+        let at = |i: usize, j: usize| height[j][i];
+        let cross = |a: (usize, usize), b: (usize, usize)| {
+            let (fa, fb) = (at(a.0, a.1), at(b.0, b.1));
+            ((fa < 0.0) != (fb < 0.0)).then(|| {
+                let t = fa / (fa - fb);
+                let mix = |p: usize, q: usize| parameter(p) + (parameter(q) - parameter(p)) * t;
+                self.saddle.at(mix(a.0, b.0), mix(a.1, b.1))
+            })
+        };
+        let mut pieces = Vec::new();
+        for i in 0..n {
+            for j in 0..n {
+                // Two triangles a cell: no ambiguous case.
+                for triangle in [[(i, j), (i + 1, j), (i + 1, j + 1)], [(i, j), (i + 1, j + 1), (i, j + 1)]] {
+                    let ends: Vec<Point2> = (0..3)
+                        .filter_map(|k| {
+                            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+                            // Both triangles of an edge must find the same point, to the last bit.
+                            if a < b { cross(a, b) } else { cross(b, a) }
+                        })
+                        .map(|p| Point2::new(p.x, p.y))
+                        .collect();
+                    if let [a, b] = ends[..] {
+                        pieces.push(vec![a, b]);
+                    }
+                }
+            }
+        }
+        chained(pieces)
+    }
+}
+
+/// Joins polylines that share end points into longer ones.
+fn chained(mut pieces: Vec<Vec<Point2>>) -> Vec<Vec<Point2>> {
+    let mut curves = Vec::new();
+    while let Some(mut curve) = pieces.pop() {
+        loop {
+            let (head, tail) = (curve[0], curve[curve.len() - 1]);
+            let joins = |piece: &Vec<Point2>| {
+                let (a, b) = (piece[0], piece[piece.len() - 1]);
+                a == tail || b == tail || a == head || b == head
+            };
+            let Some(i) = pieces.iter().position(joins) else { break };
+            let mut piece = pieces.swap_remove(i);
+            if piece[0] == head || piece[piece.len() - 1] == head {
+                curve.reverse();
+            }
+            if piece[piece.len() - 1] == curve[curve.len() - 1] {
+                piece.reverse();
+            }
+            curve.extend_from_slice(&piece[1..]);
+        }
+        curves.push(curve);
+    }
+    curves
+}
+
+/// Joins open curves to closed counter-clockwise contours, nearest ends first.
+fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec<Contour> {
+    let mut closed = Vec::new();
+    while let Some(mut contour) = open.pop() {
+        loop {
+            let (head, tail) = (contour[0], contour[contour.len() - 1]);
+            let candidates = open.iter().chain(&bridges);
+            let gap =
+                |curve: &Vec<Point2>| (curve[0] - tail).norm().min((curve[curve.len() - 1] - tail).norm());
+            let nearest = candidates.enumerate().min_by(|a, b| gap(a.1).total_cmp(&gap(b.1)));
+            let Some((i, curve)) = nearest else { break };
+            if gap(curve) >= (head - tail).norm() && contour.len() > 2 {
+                break;
+            }
+            let mut next =
+                if i < open.len() { open.swap_remove(i) } else { bridges.swap_remove(i - open.len()) };
+            if (next[0] - tail).norm() > (next[next.len() - 1] - tail).norm() {
+                next.reverse();
+            }
+            contour.extend(next);
+        }
+        contour.dedup_by(|a, b| (*a - *b).norm() < 1e-7);
+        if contour.len() > 1 && (contour[0] - contour[contour.len() - 1]).norm() < 1e-7 {
+            contour.pop();
+        }
+        let contour = Contour::new(contour);
+        if contour.len() >= 3 {
+            closed.push(if contour.is_ccw() { contour } else { contour.reversed() });
+        }
+    }
+    closed
+}
