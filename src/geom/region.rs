@@ -103,6 +103,25 @@ impl Region {
         cleaned
     }
 
+    /// The union of regions, each grown by its own positive distance, in one boolean pass. Every region comes with
+    /// the index of its contours.
+    ///
+    /// `tolerance_mm` bounds the chord error of the rounded corners.
+    #[must_use]
+    pub fn union_of_grown<'a>(
+        parts: impl IntoIterator<Item = (&'a Self, &'a SegmentIndex, f64)>,
+        tolerance_mm: f64,
+    ) -> Self {
+        let grown: Vec<Contour> = parts
+            .into_iter()
+            .flat_map(|(region, index, distance_mm)| {
+                let offset = Offset { distance_mm, tolerance_mm };
+                region.contours.iter().filter_map(move |c| offset.trimmed(c, index))
+            })
+            .collect();
+        combine(&grown, &[], OverlayRule::Subject, FillRule::Positive)
+    }
+
     /// The outer contours, each with the holes that lie in it.
     #[must_use]
     pub fn islands(&self) -> Vec<Self> {

@@ -10,13 +10,17 @@ pub(super) type Rim = Vec<u32>;
 /// `downward`.
 pub(super) fn fill(mesh: &mut TriMesh, outer: &Rim, holes: &[Rim], downward: bool) -> Result<(), Error> {
     let line = |rim: &Rim| -> LineString<f64> {
-        rim.iter().map(|&v| { let p = mesh.vertices[v as usize]; Coord { x: p.x, y: p.y } }).collect()
+        rim.iter()
+            .map(|&v| {
+                let p = mesh.vertices[v as usize];
+                Coord { x: p.x, y: p.y }
+            })
+            .collect()
     };
     let polygon = Polygon::new(line(outer), holes.iter().map(line).collect());
     let raw = polygon.earcut_triangles_raw();
-    // The triangulation counts vertices ring by ring, each with its closing point repeated.
-    let closed = |rim: &Rim| rim.iter().copied().chain(rim.first().copied()).collect::<Vec<u32>>();
-    let order: Vec<u32> = std::iter::once(outer).chain(holes).flat_map(closed).collect();
+    // The triangulation counts vertices ring by ring, closing points left out.
+    let order: Vec<u32> = std::iter::once(outer).chain(holes).flatten().copied().collect();
     let z_mm = mesh.vertices[outer[0] as usize].z;
     let n_expected = outer.len() + holes.iter().map(|h| h.len() + 2).sum::<usize>() - 2;
     let mut triangles = Vec::with_capacity(n_expected);

@@ -6,8 +6,7 @@
 //! whose rows are iso-curves, and a saddle patch over the quadrilateral A-P-B-Q, sharing four seams. All of them
 //! interpolate one field, so that normals agree across seams without further construction.
 
-use super::iso;
-use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
+use crate::geom::{Bounds2, Contour, Point2, Point3, SegmentIndex, Vector2};
 use crate::spline::{PatchSurface, SplineError};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +14,37 @@ use serde::{Deserialize, Serialize};
 const ROWS: usize = 13;
 /// Intervals along u of a lateral patch.
 const ARC_INTERVALS: usize = 64;
+
+/// The contours of one plane that take part in an event, and its height rising towards the daughters.
+#[derive(Debug, Clone)]
+pub(super) struct Plane {
+    pub(super) w: f64,
+    pub(super) contours: Vec<Contour>,
+}
+
+/// The planes around an event.
+#[derive(Debug, Clone)]
+pub(super) struct EventPlanes {
+    /// The parent's planes, the nearest to the event first; one contour each.
+    pub(super) parents: Vec<Plane>,
+    /// The daughters' planes, the nearest first; one contour a daughter, always in the same order.
+    pub(super) daughters: Vec<Plane>,
+}
+
+impl EventPlanes {
+    /// Mean radius of the daughters by area, on their nearest plane.
+    pub(super) fn mean_radius_mm(&self) -> f64 {
+        let contours = &self.daughters[0].contours;
+        let radius = |c: &Contour| (c.signed_area_mm2() / std::f64::consts::PI).sqrt();
+        contours.iter().map(radius).sum::<f64>() / contours.len() as f64
+    }
+
+    /// The box around all contours.
+    pub(super) fn bounds(&self) -> Option<Bounds2> {
+        let all = self.parents.iter().chain(&self.daughters).flat_map(|p| &p.contours);
+        all.filter_map(Contour::bounds).reduce(Bounds2::union)
+    }
+}
 
 /// The implicit surface around an event: negative inside.
 pub(super) trait EventSource: Sync {
@@ -382,34 +412,4 @@ fn saddle(
     };
     let grid: Vec<Vec<Point3>> = (0..=m).map(|j| (0..=m).map(|i| place(i, j)).collect()).collect();
     Ok(PatchSurface::through(fractions, fractions, &grid)?)
-}
-
-/// The field of fitted lobes as an event's source.
-#[derive(Debug)]
-pub(super) struct LobeSource {
-    pub(super) field: super::lobes::LobeField,
-    pub(super) bounds: crate::geom::Bounds2,
-    pub(super) step_mm: f64,
-}
-
-impl EventSource for LobeSource {
-    fn value(&self, p: Point2, w: f64) -> f64 {
-        self.field.value(p, w)
-    }
-
-    fn contours(&self, w: f64) -> Vec<Contour> {
-        let at = self.field.at(w);
-        let mut contours = iso::contours(&|p| at.value(p), self.bounds, self.step_mm);
-        contours.retain(|c| c.signed_area_mm2() > self.step_mm * self.step_mm);
-        contours
-    }
-
-    fn refine(&self, p: Point2, w: f64) -> Point2 {
-        let at = self.field.at(w);
-        iso::project(&|p| at.value(p), p, self.step_mm)
-    }
-
-    fn anchor(&self, i: usize, w: f64) -> Point2 {
-        self.field.anchor(i, w)
-    }
 }

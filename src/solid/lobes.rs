@@ -8,8 +8,10 @@
 //! weak prior on the extrapolated motion. What the fit leaves is added back by inverse-distance weights on the
 //! contours of the planes beside the event and interpolated in w, so that the given sections are reproduced.
 
+use super::event::{EventPlanes, EventSource, Plane};
 use super::fit::least_squares;
-use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
+use super::iso;
+use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::{Basis, ClosedCurve};
 
 /// Points on a contour at which the fit is measured.
@@ -22,13 +24,6 @@ const TEMPLATE_POINTS: usize = 512;
 const BLENDING_GAP: f64 = 0.3;
 /// Blending radius that the prior expects, relative to the daughters' radius.
 const EXPECTED_BLEND: f64 = 0.3;
-
-/// The contours of one plane that take part in an event, and its height rising towards the daughters.
-#[derive(Debug, Clone)]
-pub(super) struct Plane {
-    pub(super) w: f64,
-    pub(super) contours: Vec<Contour>,
-}
 
 /// Shift and scale of a lobe: dx, dy, s.
 const PARAMS: usize = 3;
@@ -84,19 +79,10 @@ pub(super) struct LobeField {
     corrections: Vec<Correction>,
 }
 
-/// The planes around an event, from the parent's farthest to the daughters' farthest.
-#[derive(Debug, Clone)]
-pub(super) struct EventPlanes {
-    /// The parent's planes, the nearest to the event first; one contour each.
-    pub(super) parents: Vec<Plane>,
-    /// The daughters' planes, the nearest first; one contour a daughter, always in the same order.
-    pub(super) daughters: Vec<Plane>,
-}
-
 impl LobeField {
     /// Fits the field. `None` where a contour is degenerate.
     pub(super) fn fit(planes: &EventPlanes) -> Option<Self> {
-        let radius = mean_radius(&planes.daughters[0]);
+        let radius = planes.mean_radius_mm();
         let blended = planes.daughters.len() > 1 && gap_mm(&planes.daughters[0]) < BLENDING_GAP * radius;
         let template_plane = &planes.daughters[usize::from(blended)];
         let lobes: Vec<Lobe> = template_plane.contours.iter().map(lobe).collect::<Option<_>>()?;
@@ -239,11 +225,6 @@ fn placed(lobes: &[Lobe], plane: &Plane) -> Vec<f64> {
     lobes.iter().zip(&plane.contours).flat_map(place).collect()
 }
 
-fn mean_radius(plane: &Plane) -> f64 {
-    let radius = |c: &Contour| (c.signed_area_mm2() / std::f64::consts::PI).sqrt();
-    plane.contours.iter().map(radius).sum::<f64>() / plane.contours.len() as f64
-}
-
 /// Smallest distance between two contours of a plane.
 fn gap_mm(plane: &Plane) -> f64 {
     let mut gap = f64::INFINITY;
@@ -351,5 +332,49 @@ impl Fitter<'_> {
             let values = lobe_values(self.lobes, p, &safe);
             out.push(values.into_iter().reduce(|a, b| smin(a, b, blend)).unwrap_or(0.0));
         }
+    }
+}
+
+/// The field of fitted lobes as an event's source.
+#[derive(Debug)]
+pub(super) struct LobeSource {
+    field: LobeField,
+    bounds: Bounds2,
+    step_mm: f64,
+}
+
+impl LobeSource {
+    /// Fits the field to the planes of an event. `None` where a contour is degenerate.
+    pub(super) fn fit(planes: &EventPlanes) -> Option<Self> {
+        let radius = |c: &Contour| (c.signed_area_mm2() / std::f64::consts::PI).sqrt();
+        let least_radius = planes.daughters[0].contours.iter().map(radius).fold(f64::INFINITY, f64::min);
+        Some(Self {
+            field: LobeField::fit(planes)?,
+            bounds: planes.bounds()?.grown(0.5 * planes.mean_radius_mm()),
+            // Fine enough for the smallest daughter and for the gap at the apex.
+            step_mm: least_radius / 18.0,
+        })
+    }
+}
+
+impl EventSource for LobeSource {
+    fn value(&self, p: Point2, w: f64) -> f64 {
+        self.field.value(p, w)
+    }
+
+    fn contours(&self, w: f64) -> Vec<Contour> {
+        let at = self.field.at(w);
+        let mut contours = iso::contours(&|p| at.value(p), self.bounds, self.step_mm);
+        contours.retain(|c| c.signed_area_mm2() > self.step_mm * self.step_mm);
+        contours
+    }
+
+    fn refine(&self, p: Point2, w: f64) -> Point2 {
+        let at = self.field.at(w);
+        iso::project(&|p| at.value(p), p, self.step_mm)
+    }
+
+    fn anchor(&self, i: usize, w: f64) -> Point2 {
+        self.field.anchor(i, w)
     }
 }

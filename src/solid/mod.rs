@@ -5,15 +5,19 @@
 //! the published three-patch construction (lateral, lateral, saddle) on an implicit field that is fitted to the
 //! sections on both sides of the event, so that the crotch lies where they say.
 //!
+//! The outer skin of a wall goes through the same steps with sections of the parallel surface ([`wall`]).
+//!
 //! What it does not do yet: domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
 //! an explicit edge (it is smoothed over a fraction of a millimetre).
 
+mod assemble;
 mod event;
 mod fit;
 mod iso;
 mod lobes;
 mod lumen;
 mod skin;
+mod wall;
 
 pub use event::{EventFault, Slab};
 pub use skin::{End, Skin, Tube};
@@ -110,6 +114,22 @@ pub enum Error {
     /// Sections cannot be interpolated.
     #[error(transparent)]
     Spline(SplineError),
+    /// A wall thickness that no printer and no vessel has.
+    #[error("wall thickness is {0} mm: it must lie between 0.1 and 20 mm")]
+    WallThickness(f64),
+    /// The outer skin cannot be built.
+    #[error(
+        "outer skin of the wall, z {z_mm:?} mm: {fault}: look at the contours there, or choose another wall thickness"
+    )]
+    Outer {
+        /// Heights between which the fault lies, where it is known.
+        z_mm: [f64; 2],
+        /// Why.
+        fault: EventFault,
+    },
+    /// The outer skin's sections make no graph.
+    #[error("outer skin of the wall: {0}")]
+    OuterTopology(topology::Error),
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -140,6 +160,26 @@ pub struct Built {
 pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<Built, Error> {
     let graph = topology::graph(stack)?;
     let lumen = lumen::build(&graph, task)?;
-    let _ = params;
-    Ok(Built { solid: Solid { lumen, outer: None }, warnings: graph.warnings })
+    let outer = match params.body {
+        Body::Cast => None,
+        Body::Wall { wall_mm } if (0.1..=20.0).contains(&wall_mm) => {
+            Some(wall::build(&lumen, wall_mm, task)?)
+        }
+        Body::Wall { wall_mm } => return Err(Error::WallThickness(wall_mm)),
+    };
+    Ok(Built { solid: Solid { lumen, outer }, warnings: graph.warnings })
+}
+
+impl Sectioned for Solid {
+    fn z_range_mm(&self) -> [f64; 2] {
+        self.outer.as_ref().unwrap_or(&self.lumen).z_range_mm()
+    }
+
+    fn section(&self, z_mm: f64, tolerance_mm: f64) -> CrossSection {
+        let lumen = Region::new(self.lumen.section(z_mm, tolerance_mm));
+        match &self.outer {
+            None => CrossSection { outer: lumen, lumen: Region::default() },
+            Some(outer) => CrossSection { outer: Region::new(outer.section(z_mm, tolerance_mm)), lumen },
+        }
+    }
 }
