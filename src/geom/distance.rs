@@ -1,9 +1,11 @@
-//! Distance of points from contours, through a uniform grid of buckets.
+//! Distance of points from contours, through a tree of boxes.
 //!
-//! Building is O(n); a query visits rings of cells outward until no nearer segment can exist, O(1) on
-//! average for points near the contour. Inside or outside is decided by the crossing rule along a row of cells.
+//! Edges that follow each other on a contour lie near each other, so the tree is built over them in order, four a
+//! leaf, without sorting: O(n). A query visits the nearer child first and leaves out boxes that lie farther than
+//! the best edge so far: O(log n) but for points that are nearly equally far from everything. Inside or outside is
+//! decided by the crossing rule over the boxes that a ray towards +x meets.
 
-use super::{Bounds2, Contour, Point2};
+use super::{Contour, Point2};
 
 /// The foot point of a query on the indexed contours.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,119 +28,121 @@ struct Segment {
     edge_idx: u32,
 }
 
+/// Edges in a leaf: few enough to test all, enough to keep the tree small.
+const LEAF: usize = 4;
+
+/// A box of the tree; empty where the minimum lies above the maximum.
+#[derive(Debug, Clone, Copy)]
+struct Box2 {
+    min: Point2,
+    max: Point2,
+}
+
+impl Box2 {
+    const EMPTY: Self = Self {
+        min: Point2::new(f64::INFINITY, f64::INFINITY),
+        max: Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    fn joined(self, other: Self) -> Self {
+        Self {
+            min: self.min.coords.inf(&other.min.coords).into(),
+            max: self.max.coords.sup(&other.max.coords).into(),
+        }
+    }
+
+    /// Squared distance of a point from the box; infinite for the empty one.
+    fn distance2(&self, p: Point2) -> f64 {
+        let dx = (self.min.x - p.x).max(p.x - self.max.x).max(0.0);
+        let dy = (self.min.y - p.y).max(p.y - self.max.y).max(0.0);
+        dx * dx + dy * dy
+    }
+}
+
 /// The edges of a set of contours, arranged for distance queries.
 #[derive(Debug, Clone)]
 pub struct SegmentIndex {
     segments: Vec<Segment>,
-    cells: Vec<Vec<u32>>,
-    bounds: Bounds2,
-    cell_mm: f64,
-    n_cols: usize,
-    n_rows: usize,
+    /// A complete binary tree: node i has the children 2 i and 2 i + 1, the root is 1, the leaves come last.
+    boxes: Vec<Box2>,
+    n_leaves: usize,
 }
 
 impl SegmentIndex {
     /// Indexes all edges of the contours; `None` where there is no edge.
     #[must_use]
     pub fn try_new(contours: &[Contour]) -> Option<Self> {
-        let bounds = contours.iter().filter_map(Contour::bounds).reduce(Bounds2::union)?;
+        let number = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
         let segments: Vec<Segment> = contours
             .iter()
             .enumerate()
             .flat_map(|(c, contour)| {
-                contour.edges().enumerate().map(move |(e, (a, b))| Segment {
+                let segment = move |(e, (a, b)): (usize, (Point2, Point2))| Segment {
                     a,
                     b,
-                    contour_idx: u32::try_from(c).unwrap_or(u32::MAX),
-                    edge_idx: u32::try_from(e).unwrap_or(u32::MAX),
-                })
+                    contour_idx: number(c),
+                    edge_idx: number(e),
+                };
+                contour.edges().enumerate().map(segment)
             })
             .collect();
-        let mean_edge_mm = contours.iter().map(Contour::perimeter_mm).sum::<f64>() / segments.len() as f64;
-        let size = bounds.size();
-        // Two edges a cell near the contour; never more cells than 4 an edge, so that memory stays O(n).
-        let most = (4.0 * segments.len() as f64).max(16.0);
-        let cell_mm = (2.0 * mean_edge_mm).max((size.x.max(1e-6) * size.y.max(1e-6) / most).sqrt()).max(1e-9);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "bounded by 4 cells an edge"
-        )]
-        let count = |extent: f64| ((extent / cell_mm).ceil() as usize).clamp(1, 1 << 16);
-        let (n_cols, n_rows) = (count(size.x), count(size.y));
-        let mut index =
-            Self { segments, cells: vec![Vec::new(); n_cols * n_rows], bounds, cell_mm, n_cols, n_rows };
-        index.fill();
-        Some(index)
-    }
-
-    fn fill(&mut self) {
-        for (i, s) in self.segments.iter().enumerate() {
-            let (c0, r0) = self.cell_of(s.a.coords.inf(&s.b.coords).into());
-            let (c1, r1) = self.cell_of(s.a.coords.sup(&s.b.coords).into());
-            for row in r0..=r1 {
-                for col in c0..=c1 {
-                    self.cells[row * self.n_cols + col].push(u32::try_from(i).unwrap_or(u32::MAX));
-                }
-            }
+        if segments.is_empty() {
+            return None;
         }
+        let n_leaves = segments.len().div_ceil(LEAF).next_power_of_two();
+        let mut boxes = vec![Box2::EMPTY; 2 * n_leaves];
+        for (leaf, edges) in segments.chunks(LEAF).enumerate() {
+            let ends = edges.iter().flat_map(|s| [s.a, s.b]);
+            boxes[n_leaves + leaf] = ends.fold(Box2::EMPTY, |b, p| b.joined(Box2 { min: p, max: p }));
+        }
+        for node in (1..n_leaves).rev() {
+            boxes[node] = boxes[2 * node].joined(boxes[2 * node + 1]);
+        }
+        Some(Self { segments, boxes, n_leaves })
     }
 
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the grid")]
-    fn cell_of(&self, p: Point2) -> (usize, usize) {
-        let at = |offset: f64, n: usize| ((offset / self.cell_mm).max(0.0) as usize).min(n - 1);
-        (at(p.x - self.bounds.min.x, self.n_cols), at(p.y - self.bounds.min.y, self.n_rows))
+    fn leaf(&self, node: usize) -> &[Segment] {
+        let first = (node - self.n_leaves) * LEAF;
+        &self.segments[first.min(self.segments.len())..(first + LEAF).min(self.segments.len())]
     }
 
     /// The nearest point of the contours.
     #[must_use]
     pub fn nearest(&self, p: Point2) -> Foot {
-        let (col, row) = self.cell_of(p);
-        let mut best = Foot { point: p, distance_mm: f64::INFINITY, contour_idx: 0, edge_idx: 0 };
-        for ring in 0..self.n_cols.max(self.n_rows) {
-            self.visit_ring(p, (col, row), ring, &mut best);
-            // What is not yet visited lies at least `ring` whole cells away from the point of the bounds that
-            // is nearest to `p`, and so at least as far from `p` (projection onto a convex set).
-            if best.distance_mm <= ring as f64 * self.cell_mm {
-                break;
+        let mut best2 = f64::INFINITY;
+        let mut found = (self.segments[0], self.segments[0].a);
+        // Depth of the tree of 2^32 edges: the stack holds one sibling a level.
+        let mut stack = [(0usize, 0.0f64); 40];
+        stack[0] = (1, self.boxes[1].distance2(p));
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (node, distance2) = stack[depth];
+            if distance2 >= best2 {
+                continue;
             }
-        }
-        best
-    }
-
-    fn visit_ring(&self, p: Point2, (col, row): (usize, usize), ring: usize, best: &mut Foot) {
-        let r0 = row.saturating_sub(ring);
-        let r1 = (row + ring).min(self.n_rows - 1);
-        let c0 = col.saturating_sub(ring);
-        let c1 = (col + ring).min(self.n_cols - 1);
-        for r in r0..=r1 {
-            let whole_row = r + ring == row || r == row + ring;
-            if whole_row {
-                (c0..=c1).for_each(|c| self.visit_cell(p, c, r, best));
-            } else {
-                if col >= ring {
-                    self.visit_cell(p, col - ring, r, best);
+            if node >= self.n_leaves {
+                for s in self.leaf(node) {
+                    let foot = nearest_on_segment(p, s.a, s.b);
+                    let d2 = (foot - p).norm_squared();
+                    if d2 < best2 {
+                        best2 = d2;
+                        found = (*s, foot);
+                    }
                 }
-                if ring > 0 && col + ring < self.n_cols {
-                    self.visit_cell(p, col + ring, r, best);
-                }
+                continue;
             }
+            let children = [2 * node, 2 * node + 1].map(|n| (n, self.boxes[n].distance2(p)));
+            let first_is_nearer = children[0].1 <= children[1].1;
+            stack[depth] = children[usize::from(first_is_nearer)];
+            stack[depth + 1] = children[usize::from(!first_is_nearer)];
+            depth += 2;
         }
-    }
-
-    fn visit_cell(&self, p: Point2, col: usize, row: usize, best: &mut Foot) {
-        for &i in &self.cells[row * self.n_cols + col] {
-            let s = &self.segments[i as usize];
-            let foot = nearest_on_segment(p, s.a, s.b);
-            let distance_mm = (foot - p).norm();
-            if distance_mm < best.distance_mm {
-                *best = Foot {
-                    point: foot,
-                    distance_mm,
-                    contour_idx: s.contour_idx as usize,
-                    edge_idx: s.edge_idx as usize,
-                };
-            }
+        Foot {
+            point: found.1,
+            distance_mm: best2.sqrt(),
+            contour_idx: found.0.contour_idx as usize,
+            edge_idx: found.0.edge_idx as usize,
         }
     }
 
@@ -152,25 +156,22 @@ impl SegmentIndex {
     /// Whether the point is enclosed by an odd number of contours.
     #[must_use]
     pub fn contains(&self, p: Point2) -> bool {
-        if !self.bounds.contains(p) {
-            return false;
+        self.crossings(1, p) % 2 == 1
+    }
+
+    /// How many edges below a node a ray from the point towards +x crosses.
+    fn crossings(&self, node: usize, p: Point2) -> usize {
+        let b = &self.boxes[node];
+        if p.y < b.min.y || p.y > b.max.y || p.x > b.max.x {
+            return 0;
         }
-        let (col, row) = self.cell_of(p);
-        let mut inside = false;
-        for c in col..self.n_cols {
-            for &i in &self.cells[row * self.n_cols + c] {
-                let Segment { a, b, .. } = self.segments[i as usize];
-                if (a.y > p.y) == (b.y > p.y) {
-                    continue;
-                }
-                let x = (b.x - a.x) * (p.y - a.y) / (b.y - a.y) + a.x;
-                // A segment stands in several cells of the row: it counts in the one its crossing lies in.
-                if x > p.x && self.cell_of(Point2::new(x, p.y)).0 == c {
-                    inside = !inside;
-                }
-            }
+        if node < self.n_leaves {
+            return self.crossings(2 * node, p) + self.crossings(2 * node + 1, p);
         }
-        inside
+        let crosses = |s: &&Segment| {
+            (s.a.y > p.y) != (s.b.y > p.y) && p.x < (s.b.x - s.a.x) * (p.y - s.a.y) / (s.b.y - s.a.y) + s.a.x
+        };
+        self.leaf(node).iter().filter(crosses).count()
     }
 }
 
