@@ -5,6 +5,9 @@
 
 use crate::geom::{Point3, RigidTransform};
 
+/// The file with exact contours that lies beside a phantom's series; the reader passes over it.
+pub const PHANTOM_TRUTH_FILE: &str = "truth.json";
+
 /// Intensities on a regular grid of planes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
