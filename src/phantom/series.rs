@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn decimal_strings_keep_to_sixteen_characters() {
-        for value in [0.2, -30.6, 1.0 / 3.0, -1.0 / 3.0, 1e-7 / 3.0, -12345.678_901_234_567, 138.0] {
+        for value in [0.2, -30.6, 1.0 / 3.0, -1.0 / 3.0, 1e-7 / 3.0, -12_345.678_901_234_567, 138.0] {
             let text = decimal_string(value);
             assert!(text.len() <= 16);
             assert!(
