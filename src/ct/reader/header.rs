@@ -2,6 +2,7 @@
 
 use super::super::Error;
 use super::super::series::{Header, PixelFormat, Shape, Syntax};
+use super::lengths;
 use crate::geom::{Point3, Vector3};
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
@@ -25,8 +26,12 @@ const LONGEST_SIDE: u16 = 8192;
 const IMAGE_CLASSES: [&str; 3] =
     [uids::CT_IMAGE_STORAGE, uids::MR_IMAGE_STORAGE, uids::POSITRON_EMISSION_TOMOGRAPHY_IMAGE_STORAGE];
 
+/// Explicit VR big endian: retired, but archives still hold such files.
+pub(super) const EXPLICIT_BIG_ENDIAN_UID: &str = "1.2.840.10008.1.2.2";
+
 /// Reads a header, up to the pixels.
 pub(super) fn read(path: &Path) -> Result<Content, Error> {
+    lengths::check(path)?;
     let object = OpenFileOptions::new().read_until(tags::PIXEL_DATA).open_file(path);
     // The library's own words are left out here and below: they may quote what identifies a patient.
     let object = object.ok().ok_or_else(|| damaged(path, "its header cannot be parsed"))?;
@@ -41,8 +46,7 @@ pub(super) fn damaged(path: &Path, what: &'static str) -> Error {
 const SYNTAXES: [(&str, &str, bool); 15] = [
     (uids::IMPLICIT_VR_LITTLE_ENDIAN, "implicit VR little endian", true),
     (uids::EXPLICIT_VR_LITTLE_ENDIAN, "explicit VR little endian", true),
-    // Retired, but archives still hold such files.
-    ("1.2.840.10008.1.2.2", "explicit VR big endian", true),
+    (EXPLICIT_BIG_ENDIAN_UID, "explicit VR big endian", true),
     (uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN, "deflated explicit VR little endian", true),
     (uids::RLE_LOSSLESS, "RLE", false),
     (uids::JPEG_BASELINE8_BIT, "JPEG baseline (lossy)", false),

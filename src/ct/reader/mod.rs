@@ -11,6 +11,7 @@
 
 mod files;
 mod header;
+mod lengths;
 mod pixels;
 
 use super::series::{Series, group, listing};

@@ -15,7 +15,8 @@ const PADDING_HU: f32 = -1024.0;
 
 /// Reads the image of a header into `plane` (row by row), columns and rows reversed as asked.
 pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]) -> Result<(), Error> {
-    let object = dicom_object::open_file(&header.path).ok().ok_or_else(|| cut_off(header, plane.len()))?;
+    let object = dicom_object::open_file(&header.path);
+    let object = object.ok().ok_or_else(|| damaged(&header.path, "it cannot be parsed behind its header"))?;
     let words =
         if header.syntax.is_plain { plain_words(header, &object)? } else { decoded_words(header, &object)? };
     if words.len() < plane.len() {
@@ -27,16 +28,6 @@ pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]
     }
     turn_over(plane, header.shape.columns, reversed);
     Ok(())
-}
-
-/// Why a file whose header could be read cannot be read to its end.
-fn cut_off(header: &Header, n_pixels: usize) -> Error {
-    let length =
-        std::fs::metadata(&header.path).map_or(0, |m| usize::try_from(m.len()).unwrap_or(usize::MAX));
-    if header.syntax.is_plain && length < bytes_of(header, n_pixels) {
-        return truncated(header, length, n_pixels);
-    }
-    damaged(&header.path, "it ends early or cannot be parsed behind its header")
 }
 
 fn truncated(header: &Header, found_bytes: usize, n_pixels: usize) -> Error {
