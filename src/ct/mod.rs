@@ -1,9 +1,30 @@
 //! A folder of DICOM files to a [`Volume`]: intensities on a grid whose planes are stacked along z.
 //!
+//! [`reader::load`] reads one series, [`reader::inspect`] says what is there and whether it can be used. Headers are
+//! read first; the images are grouped into series, put in order along the planes' normal and checked; then the pixels are decoded in parallel and rescaled.
+//!
 //! Frames: the stack's z runs along the planes' normal, its x along the rows, its y along the columns; for a
-//! transaxial CT the stack is the patient's LPS frame itself. Lengths in mm, intensities in HU.
+//! transaxial CT the stack is the patient's LPS frame itself (images stored from right to left or from back to front
+//! are turned over for that). Lengths in mm, intensities in HU.
+//!
+//! It deliberately resamples nothing: a series whose planes are sheared (gantry tilt), whose pixels differ in
+//! size, or that lacks a plane is refused with the place named. Multi-frame objects and colour are not read.
+//!
+//! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
+
+mod error;
+mod inspection;
+pub mod reader;
+mod series;
+mod stack;
+
+pub use error::Error;
+pub use inspection::{Inspection, Orientation, SeriesReport, Verdict};
 
 use crate::geom::{Point3, RigidTransform};
+
+/// The file with exact contours that lies beside a phantom's series; the reader passes over it.
+pub const PHANTOM_TRUTH_FILE: &str = "truth.json";
 
 /// Intensities on a regular grid of planes.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +52,37 @@ pub struct Warning {
     pub code: String,
     /// What was found and what was done about it, for the operator. Names no patient and no path.
     pub text: String,
+}
+
+impl Warning {
+    /// A warning with a stable name and a text for the operator.
+    #[must_use]
+    pub fn new(code: &str, text: impl Into<String>) -> Self {
+        Self { code: code.to_owned(), text: text.into() }
+    }
+}
+
+/// Which series of a folder is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SeriesChoice {
+    /// The only one; several are an error that lists them.
+    #[default]
+    Only,
+    /// The one of that number in the list of [`reader::inspect`], from 1.
+    ByNumber(usize),
+}
+
+/// A series that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded {
+    /// Its intensities.
+    pub volume: Volume,
+    /// What was odd about it.
+    pub warnings: Vec<Warning>,
+    /// The DICOM modality, such as `CT`.
+    pub modality: String,
+    /// Files that the volume was made of.
+    pub n_files: usize,
 }
 
 impl Volume {

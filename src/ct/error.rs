@@ -1,0 +1,173 @@
+//! Why a series cannot be read. One line each: which file, what was found, what to do.
+
+use crate::progress::Cancelled;
+use std::path::PathBuf;
+
+/// Why no volume was made.
+///
+/// Texts name the file that the operator must look at, and never what identifies a patient inside it; the messages of
+/// the DICOM library are left out because they may quote attribute values.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The path is a file or something else.
+    #[error("{} is no folder: name the folder that holds the DICOM files of the series", .0.display())]
+    NotAFolder(PathBuf),
+    /// The system does not let it be read.
+    #[error("cannot read {}: {source}: check that it exists and may be read", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// There is no file at all.
+    #[error("{} holds no file: name the folder that holds the DICOM files of the series", .0.display())]
+    Empty(PathBuf),
+    /// There are files but none is DICOM.
+    #[error("{} holds no DICOM file among its {n_files}: name the folder of a series as the scanner or archive exports it", path.display())]
+    NoDicom {
+        /// The folder.
+        path: PathBuf,
+        /// Files in it.
+        n_files: usize,
+    },
+    /// There are DICOM files but no image with a place in the patient.
+    #[error("{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder", .0.display())]
+    NoImages(PathBuf),
+    /// A DICOM file that cannot be parsed or decoded.
+    #[error("{}: damaged DICOM file ({what}): copy or export it again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A file ends before its pixels do.
+    #[error("{}: truncated: {found_bytes} bytes, its pixels need {expected_bytes}: copy or export it again", path.display())]
+    Truncated {
+        /// The file.
+        path: PathBuf,
+        /// Bytes present.
+        found_bytes: usize,
+        /// Bytes that rows, columns and bits ask for.
+        expected_bytes: usize,
+    },
+    /// An attribute without which the image cannot be placed or read.
+    #[error("{}: attribute {attribute} is missing: export the series again with complete headers", path.display())]
+    MissingAttribute {
+        /// The file.
+        path: PathBuf,
+        /// The attribute's DICOM keyword.
+        attribute: &'static str,
+    },
+    /// An attribute that makes no sense.
+    #[error("{}: attribute {attribute} is {found}, expected {expected}: export the series again", path.display())]
+    BadAttribute {
+        /// The file.
+        path: PathBuf,
+        /// The attribute's DICOM keyword.
+        attribute: &'static str,
+        /// The numbers found.
+        found: String,
+        /// What is allowed.
+        expected: &'static str,
+    },
+    /// A kind of image that is not read.
+    #[error("{}: {what} cannot be read: export the series as single-frame monochrome images of 8 or 16 bits", path.display())]
+    UnsupportedImage {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: String,
+    },
+    /// A compression that is not built in.
+    #[error("{}: compressed as {syntax}, which is not supported: export the series uncompressed (explicit VR little endian)", path.display())]
+    UnsupportedSyntax {
+        /// The file.
+        path: PathBuf,
+        /// Name of the transfer syntax.
+        syntax: String,
+    },
+    /// More than one series and none chosen.
+    #[error("{n} series in the folder ({listing}): choose one by its number, or give each its own folder")]
+    SeveralSeries {
+        /// How many.
+        n: usize,
+        /// The series, numbered.
+        listing: String,
+    },
+    /// The chosen number does not exist.
+    #[error("there is no series number {number} ({listing}): choose one of these numbers")]
+    NoSuchSeries {
+        /// The number asked for.
+        number: usize,
+        /// The series, numbered.
+        listing: String,
+    },
+    /// An image of other size, orientation or pixel spacing than the rest of its series.
+    #[error("{}: {found}, but the other {n_others} images of its series have {expected}: remove the file, or export the series again", path.display())]
+    OddImage {
+        /// The file.
+        path: PathBuf,
+        /// Its size, spacing, orientation.
+        found: String,
+        /// Theirs.
+        expected: String,
+        /// How many the others are.
+        n_others: usize,
+    },
+    /// A volume needs two planes.
+    #[error("the series has {0} plane, expected at least 2: name the folder of the whole series")]
+    TooFewPlanes(usize),
+    /// Two different images at one place.
+    #[error("{} and {} lie both at z = {z_mm:.3} mm but differ (several phases or reconstructions in one series?): keep one of them", first.display(), second.display())]
+    ConflictingPlanes {
+        /// One file.
+        first: PathBuf,
+        /// The other.
+        second: PathBuf,
+        /// Their place along the normal.
+        z_mm: f64,
+    },
+    /// Planes are missing.
+    #[error("{n_missing} plane(s) missing between z = {below_mm:.3} and {above_mm:.3} mm (planes lie {step_mm:.3} mm apart{}): \
+             export the series again, or allow gaps", if *n_gaps > 1 { format!("; {n_gaps} such gaps") } else { String::new() })]
+    MissingPlanes {
+        /// Last plane before the first gap.
+        below_mm: f64,
+        /// First plane after it.
+        above_mm: f64,
+        /// How many seem to be missing there.
+        n_missing: usize,
+        /// The usual distance.
+        step_mm: f64,
+        /// Gaps in all.
+        n_gaps: usize,
+    },
+    /// The planes are sheared against their normal.
+    #[error(
+        "the planes are shifted against each other as by a gantry tilt of {angle_deg:.2} degrees: \
+             have the scanner reconstruct the series without tilt"
+    )]
+    GantryTilt {
+        /// Angle between the planes' normal and the line on which they are stacked.
+        angle_deg: f64,
+    },
+    /// One plane lies beside the others.
+    #[error("{}: the image lies {offset_mm:.3} mm beside the line of the others: remove the file, or export the series again", path.display())]
+    ShiftedPlane {
+        /// The file.
+        path: PathBuf,
+        /// How far.
+        offset_mm: f64,
+    },
+    /// The volume does not fit into memory.
+    #[error("the volume of {} x {} x {} voxels is too large for this machine's memory: export fewer planes", dims[0], dims[1], dims[2])]
+    TooLarge {
+        /// Columns, rows, planes.
+        dims: [usize; 3],
+    },
+    /// The work was interrupted.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
