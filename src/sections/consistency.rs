@@ -185,11 +185,11 @@ fn linked(planes: &[Plane]) -> Vec<Vec<Outer>> {
     for k in 1..outers.len() {
         let (lower, upper) = outers.split_at_mut(k);
         let (lower, upper) = (&mut lower[k - 1], &mut upper[0]);
-        for b in 0..upper.len() {
-            for a in 0..lower.len() {
-                if overlap(&lower[a], &upper[b]) {
-                    lower[a].above.push(b);
-                    upper[b].below.push(a);
+        for (b, over) in upper.iter_mut().enumerate() {
+            for (a, under) in lower.iter_mut().enumerate() {
+                if overlap(under, over) {
+                    under.above.push(b);
+                    over.below.push(a);
                 }
             }
         }

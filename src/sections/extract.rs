@@ -13,29 +13,25 @@
 //! the window's edge by at most three pixels.
 
 use super::consistency::{self, Loop, Origin, Plane};
-use super::curve::{evenly_spaced, n_points_for};
-use super::refine::{self, Curve, EdgeSample, Image, Target};
+use super::fit::{Fitted, Stack};
 use super::warnings::SectionWarnings;
 use super::{PlaneSections, SectionStack, base};
 use crate::ct::{Volume, Warning};
-use crate::geom::{Contour, Region};
 use crate::progress::{Cancelled, Task};
-use crate::segment::{Levels, Segmentation};
+use crate::segment::Segmentation;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// More points make no contour better, they only cost.
-const MOST_POINTS: usize = 2048;
-/// Fewer edges than this tell nothing about a plane's levels.
-const LEAST_EDGES: usize = 12;
-
+pub(super) const MOST_POINTS: usize = 1024;
 /// Which grey value the boundary is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Boundary {
-    /// Half-way between lumen and wall, measured along each contour.
+    /// As the window was chosen: where the operator gave one, its edge, else the half level.
     #[default]
+    Auto,
+    /// Half-way between lumen and wall, measured along each contour.
     HalfLevel,
     /// The end of the window that faces the wall.
     WindowEdge,
@@ -54,7 +50,7 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { chord_tolerance_mm: 1e-3, least_points: 128, boundary: Boundary::HalfLevel }
+        Self { chord_tolerance_mm: 1e-3, least_points: 128, boundary: Boundary::Auto }
     }
 }
 
@@ -125,7 +121,7 @@ pub fn extract(
     check(volume, segmentation, params)?;
     let mut warnings = SectionWarnings::default();
     let planes = topology(volume, segmentation, task, &mut warnings)?;
-    let fitted = fit(volume, segmentation, params, &planes, task)?;
+    let fitted = Stack { volume, segmentation, params, planes: &planes, task }.fit()?;
     let mut sections = Vec::with_capacity(planes.len());
     for (plane, Fitted { contours, n_crossing }) in planes.iter().zip(fitted) {
         if n_crossing > 0 {
@@ -186,133 +182,4 @@ fn topology(
         warnings.gap(gap.z_mm);
     }
     Ok(planes)
-}
-
-struct Fitted {
-    contours: Vec<Contour>,
-    n_crossing: usize,
-}
-
-/// Runs `work` over all planes in parallel; the order of the results is that of the planes.
-fn over_planes<P: Sync, T: Send>(
-    planes: &[P],
-    task: &Task<'_>,
-    [from, to]: [u64; 2],
-    work: impl Fn(&P) -> T + Sync,
-) -> Result<Vec<T>, Cancelled> {
-    let done = AtomicU64::new(0);
-    let n = planes.len() as u64;
-    let one = |plane: &P| {
-        task.check()?;
-        let result = work(plane);
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        task.report(from + (to - from) * done / n, 100);
-        Ok(result)
-    };
-    planes.par_iter().map(one).collect()
-}
-
-fn fit(
-    volume: &Volume,
-    segmentation: &Segmentation,
-    params: &Params,
-    planes: &[Plane],
-    task: &Task<'_>,
-) -> Result<Vec<Fitted>, Cancelled> {
-    let image = |plane: &Plane| Image::new(volume, plane.k, segmentation.sign());
-    let edges = over_planes(planes, task, [10, 40], |plane| plane_edges(plane, &image(plane)))?;
-    let stack = Pooled::of(edges.iter().flatten().flatten());
-    let target = |edges: &[EdgeSample]| {
-        let own = (edges.len() >= LEAST_EDGES).then(|| Pooled::of(edges.iter())).flatten();
-        let pooled = own.or(stack)?;
-        Some(Target { levels: pooled.levels, blur_mm: stack?.blur_mm })
-    };
-    let jobs: Vec<(&Plane, &Vec<Vec<EdgeSample>>)> = planes.iter().zip(&edges).collect();
-    over_planes(&jobs, task, [40, 100], |&(plane, edges)| {
-        let targets: Vec<Option<Target>> = match params.boundary {
-            Boundary::HalfLevel => edges.iter().map(|e| target(e)).collect(),
-            Boundary::WindowEdge => vec![None; edges.len()],
-        };
-        fit_plane(plane, &image(plane), &targets, params)
-    })
-}
-
-fn plane_edges(plane: &Plane, image: &Image<'_>) -> Vec<Vec<EdgeSample>> {
-    let of = |l: &Loop| refine::edge_samples(&Curve::new(&l.contour, image.pixel_mm()), image);
-    plane.loops.iter().map(of).collect()
-}
-
-/// Robust summary of many edges.
-#[derive(Debug, Clone, Copy)]
-struct Pooled {
-    levels: Levels,
-    blur_mm: f64,
-}
-
-impl Pooled {
-    fn of<'a>(edges: impl Iterator<Item = &'a EdgeSample> + Clone) -> Option<Self> {
-        let pick =
-            |value: fn(&EdgeSample) -> f64, share: f64| quantile(edges.clone().map(value).collect(), share);
-        Some(Self {
-            levels: Levels { lumen_hu: pick(|e| e.lumen, 0.5)?, wall_hu: pick(|e| e.wall, 0.5)? },
-            // Oblique walls are smeared by the slab as well: the sharper edges show the blur in the plane.
-            blur_mm: pick(|e| e.blur_mm, 0.25)?,
-        })
-    }
-}
-
-fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index into the values")]
-    let at = ((values.len() - 1) as f64 * share).round() as usize;
-    Some(*values.select_nth_unstable_by(at, f64::total_cmp).1)
-}
-
-fn fit_plane(plane: &Plane, image: &Image<'_>, targets: &[Option<Target>], params: &Params) -> Fitted {
-    let first = |l: &Loop| Curve::new(&l.contour, image.pixel_mm());
-    let fitted = |(l, target): (&Loop, &Option<Target>)| match target {
-        Some(target) if l.origin != Origin::Made => refine::fitted(first(l), image, *target),
-        _ => first(l),
-    };
-    let fitted: Vec<Contour> =
-        plane.loops.iter().zip(targets).map(|pair| finished(&fitted(pair), params)).collect();
-    if are_simple(&fitted) {
-        return Fitted { contours: ordered(fitted), n_crossing: 0 };
-    }
-    let smooth: Vec<Contour> = plane.loops.iter().map(|l| finished(&first(l), params)).collect();
-    let raw = || plane.loops.iter().map(|l| unsmoothed(&l.contour, params)).collect();
-    let contours = if are_simple(&smooth) { smooth } else { raw() };
-    Fitted { contours: ordered(contours), n_crossing: plane.loops.len() }
-}
-
-fn finished(curve: &Curve, params: &Params) -> Contour {
-    let n = n_points_for(&curve.points, params.chord_tolerance_mm, params.least_points, MOST_POINTS);
-    evenly_spaced(&curve.points, n)
-}
-
-/// The iso-line itself, its points spread evenly: never crosses another.
-fn unsmoothed(contour: &Contour, params: &Params) -> Contour {
-    let n = contour.len().clamp(params.least_points, MOST_POINTS);
-    let leftmost = (0..contour.len()).min_by(|&a, &b| contour.points[a].x.total_cmp(&contour.points[b].x));
-    let mut points = contour.points.clone();
-    points.rotate_left(leftmost.unwrap_or(0));
-    Contour::new(points).resampled(n)
-}
-
-/// Whether no contour crosses itself or another: then their even-odd region has just these contours.
-fn are_simple(contours: &[Contour]) -> bool {
-    let region = Region::from_even_odd(contours);
-    let area: f64 = contours.iter().map(Contour::signed_area_mm2).sum();
-    let length: f64 = contours.iter().map(Contour::perimeter_mm).sum();
-    // The grid of the boolean operations moves each point by up to 10 nm.
-    region.contours.len() == contours.len() && (region.area_mm2() - area).abs() < 2e-5 * length + 1e-9
-}
-
-/// Outer contours and holes from left to right.
-fn ordered(mut contours: Vec<Contour>) -> Vec<Contour> {
-    let key = |c: &Contour| c.points.first().map_or((0.0, 0.0), |p| (p.x, p.y));
-    contours.sort_by(|a, b| key(a).0.total_cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1)));
-    contours
 }

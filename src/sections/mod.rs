@@ -3,7 +3,10 @@
 mod base;
 mod consistency;
 mod curve;
+mod denoise;
+mod edge;
 pub mod extract;
+mod fit;
 pub mod format;
 mod march;
 mod refine;

@@ -10,9 +10,10 @@
 //! PAMI 27, 2005), s being the blur's standard deviation, which the sharpest edges of the stack tell.
 
 use super::curve::{curvatures, gaussian, normals, smoothed_closed};
+use super::denoise::Spectrum;
+use super::edge::{Edge, Profile};
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Vector2};
-use crate::segment::Levels;
 
 /// Points per pixel along the contour, samples per pixel along the normals.
 const POINTS_PER_PIXEL: f64 = 2.0;
@@ -21,6 +22,8 @@ const SAMPLES_PER_PIXEL: f64 = 4.0;
 const REACH_PIXELS: f64 = 7.0;
 /// How far the boundary may lie from the first contour, pixels.
 const LIMIT_PIXELS: f64 = 3.0;
+/// Beyond this many standard deviations of the blur a profile tells nothing about the edge.
+const REACH_BLURS: f64 = 5.0;
 const LEAST_POINTS: usize = 48;
 const MOST_POINTS: usize = 4096;
 const N_ROUNDS: usize = 3;
@@ -86,7 +89,8 @@ pub(super) struct Curve {
     spacing_mm: f64,
     /// Radius of the circle of the same area, mm.
     radius_mm: f64,
-    smoothing_mm: f64,
+    /// Details shorter than this are smoothed away.
+    pub(super) smoothing_mm: f64,
 }
 
 impl Curve {
@@ -111,7 +115,7 @@ impl Curve {
     }
 
     /// Grey values along the normals, averaged along the contour.
-    fn profiles(&self, image: &Image<'_>) -> Profiles {
+    fn profiles(&self, image: &Image<'_>, averaging: Averaging) -> Profiles {
         let pixel_mm = image.pixel_mm();
         let step_mm = pixel_mm / SAMPLES_PER_PIXEL;
         let reach_mm = (REACH_PIXELS * pixel_mm).min(self.radius_mm.max(2.0 * pixel_mm));
@@ -124,12 +128,23 @@ impl Curve {
         for m in 0..n_samples {
             let d = (m as f64 - half as f64) * step_mm;
             let ring: Vec<f64> = self.points.iter().zip(&normals).map(|(p, n)| image.at(p + n * d)).collect();
-            for (i, v) in smoothed_closed(&ring, &kernel).into_iter().enumerate() {
+            let ring = match averaging {
+                Averaging::AlongContour => smoothed_closed(&ring, &kernel),
+                Averaging::None => ring,
+            };
+            for (i, v) in ring.into_iter().enumerate() {
                 values[i * n_samples + m] = v;
             }
         }
         Profiles { values, n_samples, half, step_mm }
     }
+}
+
+/// Whether profiles are averaged with their neighbours along the contour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Averaging {
+    None,
+    AlongContour,
 }
 
 /// One profile per point of a curve, from inside to outside.
@@ -145,8 +160,10 @@ impl Profiles {
         &self.values[i * self.n_samples..(i + 1) * self.n_samples]
     }
 
-    fn len(&self) -> usize {
-        self.values.len() / self.n_samples
+    fn mean(&self) -> Profile {
+        let n = (self.values.len() / self.n_samples) as f64;
+        let column = |m: usize| self.values.iter().skip(m).step_by(self.n_samples).sum::<f64>() / n;
+        Profile { values: (0..self.n_samples).map(column).collect(), step_mm: self.step_mm }
     }
 
     /// Where profile i falls through the level nearest to the contour, mm outward; `None` beyond the limits.
@@ -164,72 +181,50 @@ impl Profiles {
     }
 }
 
-/// What the profiles of a contour tell about its edge.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct EdgeSample {
-    /// Levels of both sides; lumen bright (dark lumens with their sign changed).
-    pub(super) lumen: f64,
-    pub(super) wall: f64,
-    /// Standard deviation of the edge's blur, mm.
-    pub(super) blur_mm: f64,
-}
-
-/// Edges found on the profiles of a contour: one every few points.
-pub(super) fn edge_samples(curve: &Curve, image: &Image<'_>) -> Vec<EdgeSample> {
-    let profiles = curve.profiles(image);
-    (0..profiles.len()).step_by(2).filter_map(|i| edge_of(&profiles, i)).collect()
-}
-
-/// The edge next to the contour: the steepest fall, and on both sides the level where it flattens out.
-fn edge_of(profiles: &Profiles, i: usize) -> Option<EdgeSample> {
-    let p = profiles.of(i);
-    let fall = |m: usize| p[m - 1] - p[m + 1];
-    let near = 10.min(profiles.half - 1);
-    let steepest =
-        (profiles.half - near..=profiles.half + near).max_by(|&a, &b| fall(a).total_cmp(&fall(b)))?;
-    let peak = fall(steepest);
-    if peak <= 0.0 {
-        return None;
+/// The edge of a contour: the mean of all its profiles, once the contour follows the edge, fitted by a model.
+/// `None` where the model does not fit.
+pub(super) fn edge_of(contour: &Contour, image: &Image<'_>) -> Option<Edge> {
+    let mut curve = Curve::new(contour, image.pixel_mm());
+    let rough = curve.profiles(image, Averaging::None).mean().edge()?;
+    for _ in 0..2 {
+        let offsets = smooth_offsets(&curve, image, rough.half_level());
+        shift(&mut curve, &offsets);
     }
-    let last = profiles.n_samples - 2;
-    let flat = |m: usize, beyond: usize| {
-        let f = fall(m);
-        f <= 0.0 || (f < 0.7 * peak && fall(beyond) >= f)
-    };
-    let outside = (steepest + 1..last).find(|&m| flat(m, m + 1))?;
-    let inside = (2..steepest).rev().find(|&m| flat(m, m - 1))?;
-    let (lumen, wall) = (p[inside], p[outside]);
-    // The steepest slope of a Gaussian edge is its height / (sqrt(2 pi) s).
-    let slope = peak / (2.0 * profiles.step_mm);
-    let blur_mm = (lumen - wall) / (slope * std::f64::consts::TAU.sqrt());
-    (lumen > wall).then_some(EdgeSample { lumen, wall, blur_mm })
+    let reach_mm = REACH_BLURS * rough.blur_mm;
+    curve.profiles(image, Averaging::None).mean().within(reach_mm).edge()
 }
 
 /// What the boundary is.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Target {
-    /// Levels of lumen and wall (lumen bright), half-way between which it lies.
-    pub(super) levels: Levels,
+    /// Grey value half-way between lumen and wall; dark lumens have their sign changed.
+    pub(super) level: f64,
     /// Standard deviation of the blur that displaces it where it is curved, mm.
     pub(super) blur_mm: f64,
 }
 
-/// Moves the contour to the boundary.
-pub(super) fn fitted(mut curve: Curve, image: &Image<'_>, target: Target) -> Curve {
-    let level = 0.5 * (target.levels.lumen_hu + target.levels.wall_hu);
+/// Moves the contour to the level.
+pub(super) fn fitted(contour: &Contour, image: &Image<'_>, level: f64) -> Curve {
+    let mut curve = Curve::new(contour, image.pixel_mm());
     for _ in 0..N_ROUNDS {
         let offsets = smooth_offsets(&curve, image, level);
         shift(&mut curve, &offsets);
     }
-    let correction = curvature_correction(&curve, target.blur_mm);
+    curve
+}
+
+/// The curve without the image's noise, and put where the edge was before it was blurred.
+pub(super) fn cleaned(mut curve: Curve, noise_mm3: f64, blur_mm: f64) -> Curve {
+    curve.points = Spectrum::of(&curve.points).filtered(noise_mm3);
+    let correction = curvature_correction(&curve, blur_mm);
     shift(&mut curve, &correction);
     curve
 }
 
 /// How far each point has to move, smoothed along the contour; where no edge is in reach its neighbours decide.
 fn smooth_offsets(curve: &Curve, image: &Image<'_>, level: f64) -> Vec<f64> {
-    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.6 * curve.radius_mm);
-    let profiles = curve.profiles(image);
+    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
+    let profiles = curve.profiles(image, Averaging::AlongContour);
     let found: Vec<Vector2> = (0..curve.points.len())
         .map(|i| {
             let limits = [-limit - curve.moved_mm[i], limit - curve.moved_mm[i]];

@@ -87,20 +87,13 @@ pub struct Leak(pub Voxel);
 pub struct Grown {
     inside: Vec<u8>,
     first_plane: usize,
-    columns: Range<usize>,
-    rows: Range<usize>,
-    planes: Range<usize>,
+    /// Columns, rows and planes that the voxels span; `None` where there is none.
+    extent: Option<[Range<usize>; 3]>,
 }
 
 impl Grown {
     fn empty(slab: &Slab<'_>) -> Self {
-        Self {
-            inside: vec![0; slab.n_voxels()],
-            first_plane: slab.planes.start,
-            columns: usize::MAX..0,
-            rows: usize::MAX..0,
-            planes: usize::MAX..0,
-        }
+        Self { inside: vec![0; slab.n_voxels()], first_plane: slab.planes.start, extent: None }
     }
 
     /// Whether the voxel belongs to the region.
@@ -112,17 +105,20 @@ impl Grown {
     fn fill(&mut self, slab: &Slab<'_>, run: &Range<usize>, j: usize, k: usize) {
         let start = slab.index([run.start, j, k]);
         self.inside[start..start + run.len()].fill(1);
-        let widen = |r: &mut Range<usize>, a: usize, b: usize| *r = r.start.min(a)..r.end.max(b);
-        widen(&mut self.columns, run.start, run.end);
-        widen(&mut self.rows, j, j + 1);
-        widen(&mut self.planes, k, k + 1);
+        let filled = [run.clone(), j..j + 1, k..k + 1];
+        let union = |a: Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
+        self.extent = Some(match self.extent.take() {
+            None => filled,
+            Some([i, j, k]) => [union(i, &filled[0]), union(j, &filled[1]), union(k, &filled[2])],
+        });
     }
 
     /// The region cut down to its box.
     #[must_use]
     pub fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
         let at = |i: usize, j: usize, k: usize| self.inside[((k - self.first_plane) * ny + j) * nx + i] != 0;
-        Mask::from_fn(self.columns.clone(), self.rows.clone(), self.planes.clone(), at)
+        let [columns, rows, planes] = self.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+        Mask::from_fn(columns, rows, planes, at)
     }
 }
 
@@ -234,9 +230,10 @@ pub fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled>
 #[must_use]
 pub fn polarity_at_rim(slab: &Slab<'_>, grown: &Grown) -> Polarity {
     let (mut below, mut above) = (0_usize, 0_usize);
-    for k in grown.planes.clone() {
-        for j in grown.rows.clone() {
-            for i in grown.columns.clone().filter(|&i| grown.holds(slab, [i, j, k])) {
+    let [columns, rows, planes] = grown.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+    for k in planes {
+        for j in rows.clone() {
+            for i in columns.clone().filter(|&i| grown.holds(slab, [i, j, k])) {
                 // The region never touches the border: all four neighbours exist.
                 for v in [[i - 1, j, k], [i + 1, j, k], [i, j - 1, k], [i, j + 1, k]] {
                     below += usize::from(slab.hu(v) < slab.window_hu[0]);

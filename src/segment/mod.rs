@@ -28,6 +28,8 @@ pub mod grow;
 pub mod levels;
 pub mod mask;
 #[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
 mod tests;
 
 pub use levels::Levels;
