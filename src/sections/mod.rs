@@ -1,6 +1,20 @@
 //! Closed contours per CT plane: the type, its exchange format, and how it is got from mask and grey values.
 
+mod base;
+mod consistency;
+mod curve;
+mod denoise;
+mod edge;
+pub mod extract;
+mod fit;
 pub mod format;
+mod march;
+mod refine;
+#[cfg(test)]
+mod tests;
+mod warnings;
+
+pub use extract::{Boundary, Error, Extracted, Params, extract};
 
 use crate::geom::{Contour, Region, RigidTransform};
 use serde::{Deserialize, Serialize};

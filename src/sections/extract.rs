@@ -1,0 +1,185 @@
+//! Mask and grey values to smooth closed contours per CT plane.
+//!
+//! 1. The window's edge as an iso-line of the grey values inside the mask: the topology of every plane.
+//! 2. The topology over the planes: fragments, islands, pinholes and one-plane flicker go, and are reported.
+//! 3. The contours move to the half level between lumen and wall, measured on either side of them, and are
+//!    corrected for what blur does to curved edges.
+//! 4. Evenly spaced points from the leftmost one, outer contours counter-clockwise, holes clockwise.
+//!
+//! What it does not do: it does not smooth along the vessel; each plane is fitted for itself, only the levels
+//! and the blur are medians over more than the plane.
+//!
+//! Limits: a structure narrower than about twice the blur has no half level of its own; its contour keeps to
+//! the window's edge by at most three pixels.
+
+use super::consistency::{self, Loop, Origin, Plane};
+use super::fit::{Fitted, Stack};
+use super::warnings::SectionWarnings;
+use super::{PlaneSections, SectionStack, base};
+use crate::ct::{Volume, Warning};
+use crate::progress::{Cancelled, Task};
+use crate::segment::Segmentation;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// More points make no contour better, they only cost.
+pub(super) const MOST_POINTS: usize = 1024;
+/// Which grey value the boundary is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Boundary {
+    /// As the window was chosen: where the operator gave one, its edge, else the half level.
+    #[default]
+    Auto,
+    /// Half-way between lumen and wall, measured along each contour.
+    HalfLevel,
+    /// The end of the window that faces the wall.
+    WindowEdge,
+}
+
+/// How contours are made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Params {
+    /// Most distance of a chord from the smooth contour, mm; decides the number of points.
+    pub chord_tolerance_mm: f64,
+    /// Fewest points per contour.
+    pub least_points: usize,
+    /// Which grey value the boundary is.
+    pub boundary: Boundary,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { chord_tolerance_mm: 1e-3, least_points: 128, boundary: Boundary::Auto }
+    }
+}
+
+/// The contours and what was odd about them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Extracted {
+    /// Contours of all planes, ascending in z, each plane with at least one unless the vessel is interrupted.
+    pub stack: SectionStack,
+    /// What was dropped, bridged, split or filled, and where.
+    pub warnings: Vec<Warning>,
+}
+
+/// Why there are no contours.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The tolerance is no length.
+    #[error("chord tolerance {0} mm is no positive length: give one like 0.001")]
+    BadTolerance(f64),
+    /// Too few points make no contour.
+    #[error("{found} points per contour are asked for, give {least} to {most}")]
+    BadPointCount {
+        /// What was asked.
+        found: usize,
+        /// Fewest.
+        least: usize,
+        /// Most.
+        most: usize,
+    },
+    /// The mask belongs to another volume.
+    #[error(
+        "the mask reaches to voxel {mask:?}, the volume has {volume:?} and needs one more around the mask: segment this volume again"
+    )]
+    MaskOutsideVolume {
+        /// One beyond the mask's last column, row and plane.
+        mask: [usize; 3],
+        /// Columns, rows and planes of the volume.
+        volume: [usize; 3],
+    },
+    /// Nothing was left to build a body from.
+    #[error(
+        "contours were left in {found} planes only, at least 2 are needed ({dropped} fragments or islands were dropped): widen the window or the z range"
+    )]
+    TooFewPlanes {
+        /// Planes with a contour.
+        found: usize,
+        /// How many warnings there were.
+        dropped: usize,
+    },
+    /// Interrupted on request.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Extracts the contours of all planes of the segmentation.
+///
+/// Accuracy: on an edge blurred by a Gaussian, far below a tenth of a pixel without noise; noise of a tenth of
+/// the contrast costs about a fifth of a pixel. The result does not depend on the number of threads.
+///
+/// # Errors
+/// [`Error`]: parameters out of range, a mask of another volume, fewer than two planes left, cancellation.
+pub fn extract(
+    volume: &Volume,
+    segmentation: &Segmentation,
+    params: &Params,
+    task: &Task<'_>,
+) -> Result<Extracted, Error> {
+    check(volume, segmentation, params)?;
+    let mut warnings = SectionWarnings::default();
+    let planes = topology(volume, segmentation, task, &mut warnings)?;
+    let fitted = Stack { volume, segmentation, params, planes: &planes, task }.fit()?;
+    let mut sections = Vec::with_capacity(planes.len());
+    for (plane, Fitted { contours, n_crossing }) in planes.iter().zip(fitted) {
+        if n_crossing > 0 {
+            warnings.not_fitted(plane.z_mm, n_crossing);
+        }
+        sections.push(PlaneSections { z_mm: plane.z_mm, contours });
+    }
+    let stack = SectionStack { planes: sections, patient_from_stack: volume.patient_from_stack };
+    Ok(Extracted { stack, warnings: warnings.into_warnings() })
+}
+
+fn check(volume: &Volume, segmentation: &Segmentation, params: &Params) -> Result<(), Error> {
+    let tolerance = params.chord_tolerance_mm;
+    if !(tolerance.is_finite() && tolerance > 0.0) {
+        return Err(Error::BadTolerance(tolerance));
+    }
+    if !(8..=MOST_POINTS).contains(&params.least_points) {
+        return Err(Error::BadPointCount { found: params.least_points, least: 8, most: MOST_POINTS });
+    }
+    let mask = &segmentation.mask;
+    let (columns, rows, planes) = (mask.columns(), mask.rows(), mask.planes());
+    let [nx, ny, nz] = volume.dims;
+    let within = columns.start > 0 && rows.start > 0 && columns.end < nx && rows.end < ny && planes.end <= nz;
+    if !within {
+        return Err(Error::MaskOutsideVolume {
+            mask: [columns.end, rows.end, planes.end],
+            volume: volume.dims,
+        });
+    }
+    Ok(())
+}
+
+/// The first contours of all planes with their topology resolved; empty planes at both ends cut off.
+fn topology(
+    volume: &Volume,
+    segmentation: &Segmentation,
+    task: &Task<'_>,
+    warnings: &mut SectionWarnings,
+) -> Result<Vec<Plane>, Error> {
+    let [sx, sy] = volume.pixel_spacing_xy_mm;
+    let first = |k: usize| {
+        task.check()?;
+        let contours = base::contours(volume, segmentation, k);
+        let loops = contours.into_iter().map(|contour| Loop { contour, origin: Origin::Image }).collect();
+        Ok(Plane { k, z_mm: volume.plane_z_mm[k], loops })
+    };
+    let mut planes: Vec<Plane> =
+        segmentation.planes.clone().into_par_iter().map(first).collect::<Result<_, Cancelled>>()?;
+    consistency::resolve(&mut planes, sx * sy, warnings);
+    let found = planes.iter().filter(|p| !p.loops.is_empty()).count();
+    if found < 2 {
+        return Err(Error::TooFewPlanes { found, dropped: warnings.len() });
+    }
+    let start = planes.iter().position(|p| !p.loops.is_empty()).unwrap_or(0);
+    let end = planes.iter().rposition(|p| !p.loops.is_empty()).map_or(0, |k| k + 1);
+    let planes = planes.drain(start..end).collect::<Vec<Plane>>();
+    for gap in planes.iter().filter(|p| p.loops.is_empty()) {
+        warnings.gap(gap.z_mm);
+    }
+    Ok(planes)
+}

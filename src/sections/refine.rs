@@ -1,0 +1,253 @@
+//! A contour moved to where the image has the lumen's edge.
+//!
+//! The grey values are sampled along the contour's normals (cubic convolution: Keys, IEEE Trans. ASSP 29, 1981)
+//! and averaged along the contour, which is straight in these coordinates: noise goes, the contour does not
+//! shrink. On each averaged profile the boundary is where the grey value falls through the level nearest to
+//! the contour; the contour moves there, smoothly, and the whole is repeated.
+//!
+//! Blur displaces the half level of a curved edge towards the centre of curvature by s² k / 2 (Bouma et al.,
+//! "Correction for the dislocation of curved surfaces caused by the PSF in 2D and 3D CT images", IEEE Trans.
+//! PAMI 27, 2005), s being the blur's standard deviation, which the sharpest edges of the stack tell.
+
+use super::curve::{curvatures, gaussian, normals, smoothed_closed};
+use super::denoise::Spectrum;
+use super::edge::{Edge, Profile};
+use crate::ct::Volume;
+use crate::geom::{Contour, Point2, Vector2};
+
+/// Points per pixel along the contour, samples per pixel along the normals.
+const POINTS_PER_PIXEL: f64 = 2.0;
+const SAMPLES_PER_PIXEL: f64 = 4.0;
+/// How far the profiles reach to either side, pixels.
+const REACH_PIXELS: f64 = 7.0;
+/// How far the boundary may lie from the first contour, pixels.
+const LIMIT_PIXELS: f64 = 3.0;
+/// Beyond this many standard deviations of the blur a profile tells nothing about the edge.
+const REACH_BLURS: f64 = 5.0;
+const LEAST_POINTS: usize = 48;
+const MOST_POINTS: usize = 4096;
+const N_ROUNDS: usize = 3;
+
+/// One plane of the image, ready for smooth sampling; lumen bright.
+pub(super) struct Image<'a> {
+    volume: &'a Volume,
+    k: usize,
+    sign: f64,
+}
+
+impl<'a> Image<'a> {
+    pub(super) fn new(volume: &'a Volume, k: usize, sign: f64) -> Self {
+        Self { volume, k, sign }
+    }
+
+    /// Side of a square pixel of the same area, mm.
+    pub(super) fn pixel_mm(&self) -> f64 {
+        let [sx, sy] = self.volume.pixel_spacing_xy_mm;
+        (sx * sy).sqrt()
+    }
+
+    /// Signed value at a point of the stack frame; beyond the border the outermost pixels go on.
+    fn at(&self, p: Point2) -> f64 {
+        let [sx, sy] = self.volume.pixel_spacing_xy_mm;
+        let [ox, oy] = self.volume.origin_xy_mm;
+        let [nx, ny, _] = self.volume.dims;
+        let (columns, wx) = taps((p.x - ox) / sx, nx);
+        let (rows, wy) = taps((p.y - oy) / sy, ny);
+        let plane = self.volume.plane(self.k);
+        let mut sum = 0.0;
+        for (j, w) in rows.into_iter().zip(wy) {
+            let row = &plane[j * nx..(j + 1) * nx];
+            let along: f64 = columns.iter().zip(wx).map(|(&i, v)| v * f64::from(row[i])).sum();
+            sum += w * along;
+        }
+        self.sign * sum
+    }
+}
+
+/// Indices and weights of the four neighbours of a position on a line of n pixels.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the pixels")]
+fn taps(x: f64, n: usize) -> ([usize; 4], [f64; 4]) {
+    let base = x.floor();
+    let t = x - base;
+    let index = |o: f64| (base + o).clamp(0.0, n as f64 - 1.0) as usize;
+    let (t2, t3) = (t * t, t * t * t);
+    let weights = [
+        0.5 * (-t + 2.0 * t2 - t3),
+        0.5 * (2.0 - 5.0 * t2 + 3.0 * t3),
+        0.5 * (t + 4.0 * t2 - 3.0 * t3),
+        0.5 * (t3 - t2),
+    ];
+    ([index(-1.0), index(0.0), index(1.0), index(2.0)], weights)
+}
+
+/// A contour as evenly spaced points on the way to the boundary.
+#[derive(Debug, Clone)]
+pub(super) struct Curve {
+    pub(super) points: Vec<Point2>,
+    /// How far each point has been moved from the first contour, mm, outward positive.
+    moved_mm: Vec<f64>,
+    spacing_mm: f64,
+    /// Radius of the circle of the same area, mm.
+    radius_mm: f64,
+    /// Details shorter than this are smoothed away.
+    pub(super) smoothing_mm: f64,
+}
+
+impl Curve {
+    /// The contour with its pixel steps smoothed away.
+    pub(super) fn new(contour: &Contour, pixel_mm: f64) -> Self {
+        let length_mm = contour.perimeter_mm();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let n = (POINTS_PER_PIXEL * length_mm / pixel_mm).ceil().clamp(0.0, 1e6) as usize;
+        let n = n.clamp(LEAST_POINTS, MOST_POINTS);
+        let spacing_mm = length_mm / n as f64;
+        let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
+        // On a small contour less: what is smoothed must stay short against its round.
+        let smoothing_mm = (1.5 * pixel_mm).min(0.4 * radius_mm);
+        let steps: Vec<Vector2> = contour.resampled(n).points.iter().map(|p| p.coords).collect();
+        let smooth = smoothed_closed(&steps, &gaussian(smoothing_mm / spacing_mm));
+        let points = smooth.into_iter().map(Point2::from).collect();
+        Self { points, moved_mm: vec![0.0; n], spacing_mm, radius_mm, smoothing_mm }
+    }
+
+    fn kernel(&self, length_mm: f64) -> Vec<f64> {
+        gaussian(length_mm / self.spacing_mm)
+    }
+
+    /// Grey values along the normals, averaged along the contour.
+    fn profiles(&self, image: &Image<'_>, averaging: Averaging) -> Profiles {
+        let pixel_mm = image.pixel_mm();
+        let step_mm = pixel_mm / SAMPLES_PER_PIXEL;
+        let reach_mm = (REACH_PIXELS * pixel_mm).min(self.radius_mm.max(2.0 * pixel_mm));
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "28 at most")]
+        let half = (reach_mm / step_mm).round() as usize;
+        let n_samples = 2 * half + 1;
+        let normals = normals(&self.points);
+        let kernel = self.kernel(self.smoothing_mm);
+        let mut values = vec![0.0; n_samples * self.points.len()];
+        for m in 0..n_samples {
+            let d = (m as f64 - half as f64) * step_mm;
+            let ring: Vec<f64> = self.points.iter().zip(&normals).map(|(p, n)| image.at(p + n * d)).collect();
+            let ring = match averaging {
+                Averaging::AlongContour => smoothed_closed(&ring, &kernel),
+                Averaging::None => ring,
+            };
+            for (i, v) in ring.into_iter().enumerate() {
+                values[i * n_samples + m] = v;
+            }
+        }
+        Profiles { values, n_samples, half, step_mm }
+    }
+}
+
+/// Whether profiles are averaged with their neighbours along the contour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Averaging {
+    None,
+    AlongContour,
+}
+
+/// One profile per point of a curve, from inside to outside.
+struct Profiles {
+    values: Vec<f64>,
+    n_samples: usize,
+    half: usize,
+    step_mm: f64,
+}
+
+impl Profiles {
+    fn of(&self, i: usize) -> &[f64] {
+        &self.values[i * self.n_samples..(i + 1) * self.n_samples]
+    }
+
+    fn mean(&self) -> Profile {
+        let n = (self.values.len() / self.n_samples) as f64;
+        let column = |m: usize| self.values.iter().skip(m).step_by(self.n_samples).sum::<f64>() / n;
+        Profile { values: (0..self.n_samples).map(column).collect(), step_mm: self.step_mm }
+    }
+
+    /// Where profile i falls through the level nearest to the contour, mm outward; `None` beyond the limits.
+    fn crossing_mm(&self, i: usize, level: f64, limits_mm: [f64; 2]) -> Option<f64> {
+        let profile = self.of(i);
+        let position = |m: usize| {
+            let (a, b) = (profile[m], profile[m + 1]);
+            (a >= level && b < level)
+                .then(|| (m as f64 - self.half as f64 + (a - level) / (a - b)) * self.step_mm)
+        };
+        (0..self.n_samples - 1)
+            .filter_map(position)
+            .filter(|d| *d >= limits_mm[0] && *d <= limits_mm[1])
+            .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+    }
+}
+
+/// The edge of a contour: the mean of all its profiles, once the contour follows the edge, fitted by a model.
+/// `None` where the model does not fit.
+pub(super) fn edge_of(contour: &Contour, image: &Image<'_>) -> Option<Edge> {
+    let mut curve = Curve::new(contour, image.pixel_mm());
+    let rough = curve.profiles(image, Averaging::None).mean().edge()?;
+    for _ in 0..2 {
+        let offsets = smooth_offsets(&curve, image, rough.half_level());
+        shift(&mut curve, &offsets);
+    }
+    let reach_mm = REACH_BLURS * rough.blur_mm;
+    curve.profiles(image, Averaging::None).mean().within(reach_mm).edge()
+}
+
+/// What the boundary is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Target {
+    /// Grey value half-way between lumen and wall; dark lumens have their sign changed.
+    pub(super) level: f64,
+    /// Standard deviation of the blur that displaces it where it is curved, mm.
+    pub(super) blur_mm: f64,
+}
+
+/// Moves the contour to the level.
+pub(super) fn fitted(contour: &Contour, image: &Image<'_>, level: f64) -> Curve {
+    let mut curve = Curve::new(contour, image.pixel_mm());
+    for _ in 0..N_ROUNDS {
+        let offsets = smooth_offsets(&curve, image, level);
+        shift(&mut curve, &offsets);
+    }
+    curve
+}
+
+/// The curve without the image's noise, and put where the edge was before it was blurred.
+pub(super) fn cleaned(mut curve: Curve, noise_mm3: f64, blur_mm: f64) -> Curve {
+    curve.points = Spectrum::of(&curve.points).filtered(noise_mm3);
+    let correction = curvature_correction(&curve, blur_mm);
+    shift(&mut curve, &correction);
+    curve
+}
+
+/// How far each point has to move, smoothed along the contour; where no edge is in reach its neighbours decide.
+fn smooth_offsets(curve: &Curve, image: &Image<'_>, level: f64) -> Vec<f64> {
+    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
+    let profiles = curve.profiles(image, Averaging::AlongContour);
+    let found: Vec<Vector2> = (0..curve.points.len())
+        .map(|i| {
+            let limits = [-limit - curve.moved_mm[i], limit - curve.moved_mm[i]];
+            profiles.crossing_mm(i, level, limits).map_or(Vector2::zeros(), |d| Vector2::new(d, 1.0))
+        })
+        .collect();
+    // Sum of offsets and sum of weights, side by side.
+    let smooth = smoothed_closed(&found, &curve.kernel(curve.smoothing_mm));
+    smooth.into_iter().map(|s| if s.y > 1e-3 { s.x / s.y } else { 0.0 }).collect()
+}
+
+fn shift(curve: &mut Curve, offsets_mm: &[f64]) {
+    let normals = normals(&curve.points);
+    for (i, (n, &d)) in normals.into_iter().zip(offsets_mm).enumerate() {
+        curve.points[i] += n * d;
+        curve.moved_mm[i] += d;
+    }
+}
+
+fn curvature_correction(curve: &Curve, blur_mm: f64) -> Vec<f64> {
+    // Beyond this the series that the correction is the first term of no longer converges.
+    let sharpest = 0.5 / blur_mm.max(1e-6);
+    let kernel = curve.kernel((2.0 * curve.smoothing_mm).min(0.5 * curve.radius_mm));
+    let smooth = smoothed_closed(&curvatures(&curve.points), &kernel);
+    smooth.into_iter().map(|k| 0.5 * blur_mm * blur_mm * k.clamp(-sharpest, sharpest)).collect()
+}

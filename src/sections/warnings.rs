@@ -1,0 +1,135 @@
+//! What was changed on the way to the contours, gathered so that the operator gets one line per kind.
+
+use crate::ct::Warning;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Fragment,
+    Hole,
+    Island,
+    Stub,
+    Bridged,
+    Unbridged,
+    Split,
+    Unsplit,
+    NotFitted,
+    Gap,
+}
+
+impl Kind {
+    const ALL: [Self; 10] = [
+        Self::Fragment,
+        Self::Hole,
+        Self::Island,
+        Self::Stub,
+        Self::Bridged,
+        Self::Unbridged,
+        Self::Split,
+        Self::Unsplit,
+        Self::NotFitted,
+        Self::Gap,
+    ];
+
+    const fn code_and_text(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Fragment => ("sections.fragment", "fragments of less than four pixels were dropped"),
+            Self::Hole => ("sections.passing_hole", "holes that do not last three planes were filled"),
+            Self::Island => ("sections.island", "islands seen in one plane only were dropped"),
+            Self::Stub => ("sections.stub", "side branches seen in one plane only were dropped"),
+            Self::Bridged => {
+                ("sections.bridged", "contours that are one in the planes below and above were bridged")
+            }
+            Self::Unbridged => (
+                "sections.unbridged",
+                "contours that are one in the planes below and above lie too far apart for a bridge: the largest was kept",
+            ),
+            Self::Split => (
+                "sections.split",
+                "contours that are several in the planes below and above were split at the neck",
+            ),
+            Self::Unsplit => (
+                "sections.unsplit",
+                "contours that are several in the planes below and above have no neck to split at: left as one",
+            ),
+            Self::NotFitted => (
+                "sections.not_fitted",
+                "contours crossed when moved to the grey values' edge: the window's edge was kept there",
+            ),
+            Self::Gap => ("sections.gap", "no contour was left; the vessel is interrupted there"),
+        }
+    }
+}
+
+/// The changes, in the order in which they were made.
+#[derive(Debug, Default)]
+pub(super) struct SectionWarnings(Vec<(Kind, f64, String)>);
+
+impl SectionWarnings {
+    fn area(&mut self, kind: Kind, z_mm: f64, area_mm2: f64) {
+        self.0.push((kind, z_mm, format!("{area_mm2:.2} mm2")));
+    }
+
+    fn count(&mut self, kind: Kind, z_mm: f64, n: usize) {
+        self.0.push((kind, z_mm, format!("{n} contours")));
+    }
+
+    pub(super) fn fragment(&mut self, z_mm: f64, area_mm2: f64) {
+        self.area(Kind::Fragment, z_mm, area_mm2);
+    }
+
+    pub(super) fn hole(&mut self, z_mm: f64, area_mm2: f64) {
+        self.area(Kind::Hole, z_mm, area_mm2);
+    }
+
+    pub(super) fn island(&mut self, z_mm: f64, area_mm2: f64) {
+        self.area(Kind::Island, z_mm, area_mm2);
+    }
+
+    pub(super) fn stub(&mut self, z_mm: f64, area_mm2: f64) {
+        self.area(Kind::Stub, z_mm, area_mm2);
+    }
+
+    pub(super) fn bridged(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::Bridged, z_mm, n);
+    }
+
+    pub(super) fn unbridged(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::Unbridged, z_mm, n);
+    }
+
+    pub(super) fn split(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::Split, z_mm, n);
+    }
+
+    pub(super) fn unsplit(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::Unsplit, z_mm, n);
+    }
+
+    pub(super) fn not_fitted(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::NotFitted, z_mm, n);
+    }
+
+    pub(super) fn gap(&mut self, z_mm: f64) {
+        self.count(Kind::Gap, z_mm, 0);
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// One warning per kind, naming every place.
+    pub(super) fn into_warnings(self) -> Vec<Warning> {
+        let of_kind = |kind: Kind| {
+            let places: Vec<String> = self
+                .0
+                .iter()
+                .filter(|(k, ..)| *k == kind)
+                .map(|(_, z_mm, what)| format!("z {z_mm:.3} mm ({what})"))
+                .collect();
+            let (code, text) = kind.code_and_text();
+            let text = format!("{text}: {}", places.join(", "));
+            (!places.is_empty()).then(|| Warning { code: code.into(), text })
+        };
+        Kind::ALL.into_iter().filter_map(of_kind).collect()
+    }
+}

@@ -1,0 +1,246 @@
+//! Flood fill through voxel faces, row by row.
+//!
+//! A run of voxels along x is filled at once and the four neighbouring rows (two in the plane, one below, one
+//! above) are searched for runs to go on with (scan-line seed fill: Heckbert, "A seed fill algorithm", Graphics
+//! Gems, 1990, here in 3-D). The fill stops at once where it meets the border of the image.
+
+use super::{Mask, Polarity};
+use crate::ct::Volume;
+use crate::progress::{Cancelled, Task};
+use std::ops::Range;
+
+/// Column, row, plane.
+pub type Voxel = [usize; 3];
+
+/// How many runs are filled between two looks at the cancel flag: well below 100 ms.
+const RUNS_PER_CHECK: usize = 4096;
+
+/// The planes and the intensities that the region may have.
+#[derive(Debug, Clone)]
+pub struct Slab<'a> {
+    /// The image.
+    pub volume: &'a Volume,
+    /// The planes that may be used.
+    pub planes: Range<usize>,
+    /// Lowest and highest intensity, HU.
+    pub window_hu: [f64; 2],
+}
+
+impl Slab<'_> {
+    /// Value of a voxel, HU.
+    #[must_use]
+    pub fn hu(&self, [i, j, k]: Voxel) -> f64 {
+        f64::from(self.volume.at(i, j, k))
+    }
+
+    /// Whether the voxel's value lies in the window.
+    #[must_use]
+    pub fn selects(&self, voxel: Voxel) -> bool {
+        self.in_window(self.hu(voxel))
+    }
+
+    fn in_window(&self, hu: f64) -> bool {
+        hu >= self.window_hu[0] && hu <= self.window_hu[1]
+    }
+
+    /// The voxel, or the first of its eight neighbours in the plane that lies in the window.
+    #[must_use]
+    pub fn selected_near(&self, seed: Voxel) -> Option<Voxel> {
+        let [nx, ny, _] = self.volume.dims;
+        let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+        let near = around(seed[1], ny).flat_map(|j| around(seed[0], nx).map(move |i| [i, j, seed[2]]));
+        std::iter::once(seed).chain(near).find(|&v| self.selects(v))
+    }
+
+    /// Smallest and largest value of the planes, if no voxel at all lies in the window.
+    #[must_use]
+    pub fn value_range_unless_selected(&self) -> Option<[f64; 2]> {
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        for k in self.planes.clone() {
+            for &hu in self.volume.plane(k) {
+                let hu = f64::from(hu);
+                if self.in_window(hu) {
+                    return None;
+                }
+                range = [range[0].min(hu), range[1].max(hu)];
+            }
+        }
+        Some(range)
+    }
+
+    fn index(&self, [i, j, k]: Voxel) -> usize {
+        let [nx, ny, _] = self.volume.dims;
+        ((k - self.planes.start) * ny + j) * nx + i
+    }
+
+    fn n_voxels(&self) -> usize {
+        self.volume.dims[0] * self.volume.dims[1] * self.planes.len()
+    }
+}
+
+/// The region met the border of the image at this voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Leak(pub Voxel);
+
+/// Voxels of a slab: one byte each, and the box they fill.
+#[derive(Debug, Clone)]
+pub struct Grown {
+    inside: Vec<u8>,
+    first_plane: usize,
+    /// Columns, rows and planes that the voxels span; `None` where there is none.
+    extent: Option<[Range<usize>; 3]>,
+}
+
+impl Grown {
+    fn empty(slab: &Slab<'_>) -> Self {
+        Self { inside: vec![0; slab.n_voxels()], first_plane: slab.planes.start, extent: None }
+    }
+
+    /// Whether the voxel belongs to the region.
+    #[must_use]
+    pub fn holds(&self, slab: &Slab<'_>, voxel: Voxel) -> bool {
+        self.inside[slab.index(voxel)] != 0
+    }
+
+    fn fill(&mut self, slab: &Slab<'_>, run: &Range<usize>, j: usize, k: usize) {
+        let start = slab.index([run.start, j, k]);
+        self.inside[start..start + run.len()].fill(1);
+        let filled = [run.clone(), j..j + 1, k..k + 1];
+        let union = |a: Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
+        self.extent = Some(match self.extent.take() {
+            None => filled,
+            Some([i, j, k]) => [union(i, &filled[0]), union(j, &filled[1]), union(k, &filled[2])],
+        });
+    }
+
+    /// The region cut down to its box.
+    #[must_use]
+    pub fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
+        let at = |i: usize, j: usize, k: usize| self.inside[((k - self.first_plane) * ny + j) * nx + i] != 0;
+        let [columns, rows, planes] = self.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+        Mask::from_fn(columns, rows, planes, at)
+    }
+}
+
+/// Grows from the seeds through voxel faces, around what is `blocked`. The inner result says where the region
+/// met the border of the image, if it did.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn grow(
+    slab: &Slab<'_>,
+    seeds: &[Voxel],
+    blocked: Option<&Grown>,
+    task: &Task<'_>,
+) -> Result<Result<Grown, Leak>, Cancelled> {
+    let [nx, ny, _] = slab.volume.dims;
+    let mut grown = Grown::empty(slab);
+    let mut todo: Vec<Voxel> = seeds.to_vec();
+    let mut n_runs = 0_usize;
+    while let Some(voxel) = todo.pop() {
+        let Some(run) = free_run(slab, &grown, blocked, voxel) else { continue };
+        let [_, j, k] = voxel;
+        if run.start == 0 || run.end == nx || j == 0 || j + 1 == ny {
+            let i = if run.end == nx { nx - 1 } else { run.start };
+            return Ok(Err(Leak([i, j, k])));
+        }
+        grown.fill(slab, &run, j, k);
+        push_neighbours(slab, &grown, blocked, &run, [j, k], &mut todo);
+        n_runs += 1;
+        if n_runs.is_multiple_of(RUNS_PER_CHECK) {
+            task.check()?;
+        }
+    }
+    task.check()?;
+    Ok(Ok(grown))
+}
+
+fn is_free(slab: &Slab<'_>, grown: &Grown, blocked: Option<&Grown>, voxel: Voxel) -> bool {
+    slab.selects(voxel) && !grown.holds(slab, voxel) && !blocked.is_some_and(|b| b.holds(slab, voxel))
+}
+
+/// The voxels along the row around this one that may be filled.
+fn free_run(
+    slab: &Slab<'_>,
+    grown: &Grown,
+    blocked: Option<&Grown>,
+    [i, j, k]: Voxel,
+) -> Option<Range<usize>> {
+    let free = |i: usize| is_free(slab, grown, blocked, [i, j, k]);
+    if !free(i) {
+        return None;
+    }
+    let start = (0..i).rev().take_while(|&i| free(i)).last().unwrap_or(i);
+    let end = (i + 1..slab.volume.dims[0]).take_while(|&i| free(i)).last().unwrap_or(i);
+    Some(start..end + 1)
+}
+
+/// Pushes the first voxel of every run in the four rows beside this one.
+fn push_neighbours(
+    slab: &Slab<'_>,
+    grown: &Grown,
+    blocked: Option<&Grown>,
+    run: &Range<usize>,
+    [j, k]: [usize; 2],
+    todo: &mut Vec<Voxel>,
+) {
+    let ny = slab.volume.dims[1];
+    let beside = [
+        j.checked_sub(1).map(|j| [j, k]),
+        (j + 1 < ny).then_some([j + 1, k]),
+        k.checked_sub(1).filter(|k| slab.planes.contains(k)).map(|k| [j, k]),
+        slab.planes.contains(&(k + 1)).then_some([j, k + 1]),
+    ];
+    for [j, k] in beside.into_iter().flatten() {
+        let mut in_run = false;
+        for i in run.clone() {
+            let free = is_free(slab, grown, blocked, [i, j, k]);
+            if free && !in_run {
+                todo.push([i, j, k]);
+            }
+            in_run = free;
+        }
+    }
+}
+
+/// What is connected, each plane for itself, to the border of the image: the air around a specimen whose lumen
+/// is dark. By planes, because a lumen that is cut open at the specimen's end is connected to it in space.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled> {
+    let [nx, ny, _] = slab.volume.dims;
+    let mut air = Grown::empty(slab);
+    for k in slab.planes.clone() {
+        let mut todo: Vec<Voxel> = (0..nx).flat_map(|i| [[i, 0, k], [i, ny - 1, k]]).collect();
+        todo.extend((0..ny).flat_map(|j| [[0, j, k], [nx - 1, j, k]]));
+        while let Some([i, j, _]) = todo.pop() {
+            let Some(run) = free_run(slab, &air, None, [i, j, k]) else { continue };
+            air.fill(slab, &run, j, k);
+            let rows = [j.checked_sub(1), (j + 1 < ny).then_some(j + 1)];
+            let beside = rows.into_iter().flatten().flat_map(|j| run.clone().map(move |i| [i, j, k]));
+            todo.extend(beside.filter(|&v| is_free(slab, &air, None, v)));
+        }
+        task.check()?;
+    }
+    Ok(air)
+}
+
+/// Whether what surrounds the region within its planes is mostly below the window (bright lumen) or above it.
+#[must_use]
+pub fn polarity_at_rim(slab: &Slab<'_>, grown: &Grown) -> Polarity {
+    let (mut below, mut above) = (0_usize, 0_usize);
+    let [columns, rows, planes] = grown.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+    for k in planes {
+        for j in rows.clone() {
+            for i in columns.clone().filter(|&i| grown.holds(slab, [i, j, k])) {
+                // The region never touches the border: all four neighbours exist.
+                for v in [[i - 1, j, k], [i + 1, j, k], [i, j - 1, k], [i, j + 1, k]] {
+                    below += usize::from(slab.hu(v) < slab.window_hu[0]);
+                    above += usize::from(slab.hu(v) > slab.window_hu[1]);
+                }
+            }
+        }
+    }
+    if above > below { Polarity::Dark } else { Polarity::Bright }
+}
