@@ -6,6 +6,7 @@
 //! than a micrometre through the sampling where the outlines are smooth; the maximum may miss a corner
 //! between two steps by half a step.
 
+use crate::geom::distance::Foot;
 use crate::geom::{Contour, Point2, Region, SegmentIndex};
 use serde::Serialize;
 
@@ -34,6 +35,20 @@ impl Outline {
             let n = of_vertex.len();
             n == 0 || (of_vertex[edge_idx % n] && of_vertex[(edge_idx + 1) % n])
         })
+    }
+
+    /// Whether a foot lies on a measured edge, and not on its very end beside a guessed one: there, what is
+    /// nearest may be a part that was not seen.
+    fn foot_is_measured(&self, foot: &Foot) -> bool {
+        if self.measured.is_none() {
+            return true;
+        }
+        let contour = &self.region.contours[foot.contour_idx];
+        let (n, i) = (contour.len(), foot.edge_idx);
+        let at = |vertex: usize| (contour.points[vertex % n] - foot.point).norm() < 1e-9;
+        self.edge_is_measured(foot.contour_idx, i)
+            && (!at(i) || self.edge_is_measured(foot.contour_idx, (i + n - 1) % n))
+            && (!at(i + 1) || self.edge_is_measured(foot.contour_idx, (i + 1) % n))
     }
 
     /// Whether the enclosed area is known: at least half of every contour was measured.
@@ -141,7 +156,7 @@ pub(super) fn compare(reference: &Outline, tested: &Outline) -> Result<Compariso
 fn one_way(from: &Outline, to: &Outline, index: &SegmentIndex, sign: f64, distances_mm: &mut Vec<f64>) {
     for p in from.samples() {
         let foot = index.nearest(p);
-        if to.edge_is_measured(foot.contour_idx, foot.edge_idx) {
+        if to.foot_is_measured(&foot) {
             let signed = if index.contains(p) { -foot.distance_mm } else { foot.distance_mm };
             distances_mm.push(sign * signed);
         }

@@ -4,9 +4,6 @@
 
 /// Width that a glyph takes with its gap, in units.
 pub(super) const ADVANCE: f32 = 5.6;
-/// Height of a glyph, in units.
-pub(super) const HEIGHT: f32 = 6.0;
-
 type Lines = &'static [&'static [(f32, f32)]];
 
 /// The strokes of a character; none for one that is not known.

@@ -76,6 +76,9 @@ struct Search<'a> {
     sign: f64,
     pixel_mm: f64,
     step_mm: f64,
+    /// Steps to each side of the contour within which the boundary is sought.
+    reach: usize,
+    /// Steps to each side that are read: a plateau may lie beyond the reach.
     half: usize,
 }
 
@@ -87,9 +90,9 @@ impl<'a> Search<'a> {
         // Far enough for a contour that is three pixels or a millimetre off.
         let reach_mm = (3.5 * pixel_mm).max(1.2);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen steps")]
-        let half = (reach_mm / step_mm).ceil().min(400.0) as usize;
+        let reach = (reach_mm / step_mm).ceil().min(200.0) as usize;
         let sign = if polarity == Polarity::Bright { 1.0 } else { -1.0 };
-        Self { plane: Plane::new(volume, k), contours, sign, pixel_mm, step_mm, half }
+        Self { plane: Plane::new(volume, k), contours, sign, pixel_mm, step_mm, reach, half: 2 * reach }
     }
 
     /// The boundary along one contour, which of its points were found, and what was found there.
@@ -108,7 +111,7 @@ impl<'a> Search<'a> {
         let edges: Vec<Option<Edge>> = (0..n)
             .map(|i| {
                 let limits = self.limits(points[i], normals[i]);
-                edge(&smoothed[i], self.half, limits, self.step_mm, self.sign)
+                self.edge(&smoothed[i], limits)
             })
             .collect();
         let edges = without_outliers(&edges, 3 * pixel_points, self.pixel_mm);
@@ -125,14 +128,41 @@ impl<'a> Search<'a> {
 
     /// How many steps may be gone inward and outward: to half-way across the lumen, or to the next contour.
     fn limits(&self, p: Point2, normal: Vector2) -> [usize; 2] {
-        let reach = self.half as f64 * self.step_mm;
+        let most = self.half as f64 * self.step_mm;
         let steps = |direction: Vector2| {
-            let free = first_crossing(self.contours, p, direction).map_or(reach, |d| 0.5 * d);
+            let free = first_crossing(self.contours, p, direction).map_or(most, |d| 0.5 * d);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most half")]
-            let n = (free.min(reach) / self.step_mm) as usize;
+            let n = (free.min(most) / self.step_mm) as usize;
             n
         };
         [steps(-normal), steps(normal)]
+    }
+
+    /// The crossing of one profile, of which `limits` steps to each side may be used.
+    fn edge(&self, hu: &[f64], limits: [usize; 2]) -> Option<Edge> {
+        let (lo, hi) = (self.half - limits[0].min(self.half), self.half + limits[1].min(self.half));
+        // Where the image ends, the profile does.
+        let lo = (lo..=self.half).rev().take_while(|&j| !hu[j].is_nan()).last()?;
+        let hi = (self.half..=hi).take_while(|&j| !hu[j].is_nan()).last()?;
+        let g: Vec<f64> = hu[lo..=hi].iter().map(|v| self.sign * v).collect();
+        let centre = self.half - lo;
+        let steepest = self.steepest(&g, centre)?;
+        let inward: Vec<f64> = g[..=steepest].iter().rev().copied().collect();
+        let outward: Vec<f64> = g[steepest..].iter().map(|v| -v).collect();
+        let (top, bottom) = (plateau(&inward)?, -plateau(&outward)?);
+        let at = crossing(&g, steepest, 0.5 * (top + bottom))?;
+        let offset_mm = (at - centre as f64) * self.step_mm;
+        Some(Edge { offset_mm, inner_hu: self.sign * top, outer_hu: self.sign * bottom })
+    }
+
+    /// The step of the steepest fall, near ones preferred; `None` where nothing falls.
+    fn steepest(&self, g: &[f64], centre: usize) -> Option<usize> {
+        let fall = |j: usize| {
+            let away = 2.0 * j.abs_diff(centre) as f64 / self.reach as f64;
+            (g[j - 1] - g[j + 1]) / (1.0 + away * away)
+        };
+        let within = centre.saturating_sub(self.reach).max(1)..(centre + self.reach + 1).min(g.len().max(1) - 1);
+        within.max_by(|&a, &b| fall(a).total_cmp(&fall(b))).filter(|&j| fall(j) > 0.0)
     }
 }
 
@@ -207,31 +237,6 @@ fn averaged_round(profiles: &[Vec<f64>], n: usize) -> Vec<Vec<f64>> {
         sum / (2 * n + 1) as f64
     };
     (0..len).map(|i| (0..profiles[i].len()).map(|j| mean(i, j)).collect()).collect()
-}
-
-/// The crossing of one profile; `sign` makes the lumen the high side.
-fn edge(hu: &[f64], half: usize, limits: [usize; 2], step_mm: f64, sign: f64) -> Option<Edge> {
-    let (lo, hi) = (half - limits[0].min(half), half + limits[1].min(half));
-    if hi < lo + 8 || hu[lo..=hi].iter().any(|v| v.is_nan()) {
-        return None;
-    }
-    let g: Vec<f64> = hu[lo..=hi].iter().map(|v| sign * v).collect();
-    let centre = half - lo;
-    let reach = half as f64;
-    let fall = |j: usize| {
-        let away = 2.0 * (j as f64 - centre as f64) / reach;
-        (g[j - 1] - g[j + 1]) / (1.0 + away * away)
-    };
-    let steepest = (1..g.len() - 1).max_by(|&a, &b| fall(a).total_cmp(&fall(b)))?;
-    if fall(steepest) <= 0.0 {
-        return None;
-    }
-    let inward: Vec<f64> = g[..=steepest].iter().rev().copied().collect();
-    let outward: Vec<f64> = g[steepest..].iter().map(|v| -v).collect();
-    let (top, bottom) = (plateau(&inward)?, -plateau(&outward)?);
-    let at = crossing(&g, steepest, 0.5 * (top + bottom))?;
-    let offset_mm = (at - centre as f64) * step_mm;
-    Some(Edge { offset_mm, inner_hu: sign * top, outer_hu: sign * bottom })
 }
 
 /// The level that values climb to before they fall again; `None` where they do not climb.
@@ -316,7 +321,7 @@ mod tests {
     use crate::report::testing::blurred_cylinder;
 
     fn bias(volume: &Volume, contour_radius: f64, polarity: Polarity) -> (Figures, ImageBoundary) {
-        let contours = vec![Contour::circle(Point2::new(0.13, -0.07), contour_radius, 128)];
+        let contours = vec![Contour::circle(Point2::origin(), contour_radius, 128)];
         let found = boundary(volume, 0, &contours, polarity);
         let contours: Outline = Region::new(contours).into();
         (Figures::of(std::iter::once(&compare(&found.outline, &contours).unwrap())), found)
