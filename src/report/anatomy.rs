@@ -307,7 +307,9 @@ fn links(open: &[Track], islands: &[Region]) -> Vec<(usize, usize)> {
     let tips: Vec<&Region> = open.iter().filter_map(|t| t.lumina.last()).collect();
     let mut links = Vec::new();
     for (i, tip) in tips.iter().enumerate() {
-        links.extend((0..islands.len()).filter(|&j| tip.intersection(&islands[j]).area_mm2() > 0.0).map(|j| (i, j)));
+        links.extend(
+            (0..islands.len()).filter(|&j| tip.intersection(&islands[j]).area_mm2() > 0.0).map(|j| (i, j)),
+        );
     }
     // A slanting branch may not overlap itself: then the nearest free one within a diameter is its continuation.
     for (j, island) in islands.iter().enumerate() {
@@ -351,7 +353,9 @@ fn stenosis(planes: &[PlaneMeasures], distal: Option<&'static str>) -> Stenosis 
             stenosis_reason: None,
         },
         Some(_) => refuse("no narrowing of 10 % or more"),
-        None => refuse("no narrowing with a wider place before it and a normal segment beyond it in the scan"),
+        None => {
+            refuse("no narrowing with a wider place before it and a normal segment beyond it in the scan")
+        }
     }
 }
 
@@ -376,10 +380,8 @@ fn normal_segment(beyond: &[PlaneMeasures], throat_mm: f64) -> Option<Reference>
         let stretch = &beyond[start..=start + n];
         let mean = stretch.iter().map(|p| p.minimum_diameter_mm).sum::<f64>() / stretch.len() as f64;
         let even = stretch.iter().all(|p| (p.minimum_diameter_mm - mean).abs() <= NORMAL_PART * mean);
-        (stretch.len() >= 3 && even && mean > throat_mm).then(|| Reference {
-            planes: [stretch[0].plane, stretch[n].plane],
-            diameter_mm: mean,
-        })
+        (stretch.len() >= 3 && even && mean > throat_mm)
+            .then(|| Reference { planes: [stretch[0].plane, stretch[n].plane], diameter_mm: mean })
     })
 }
 
@@ -440,7 +442,10 @@ mod tests {
         let anatomy = measure_contours(&stack(planes));
         assert!(anatomy.branches.iter().all(|b| b.distal == Some("-z")));
         assert!(
-            anatomy.branches.iter().any(|b| b.stages[0].stenosis.stenosis_nascet_percent.is_some_and(|p| p > 69.0))
+            anatomy
+                .branches
+                .iter()
+                .any(|b| b.stages[0].stenosis.stenosis_nascet_percent.is_some_and(|p| p > 69.0))
         );
     }
 

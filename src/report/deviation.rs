@@ -194,7 +194,11 @@ impl Figures {
     pub(super) fn of<'a>(comparisons: impl Iterator<Item = &'a Comparison> + Clone) -> Self {
         let distances: Vec<f64> = comparisons.clone().flat_map(|c| c.distances_mm.iter().copied()).collect();
         let areas = Areas::sum(comparisons.filter_map(|c| c.areas.as_ref()));
-        Self { dice: areas.dice(), area_error_percent: areas.error_percent(), ..Self::of_distances(&distances) }
+        Self {
+            dice: areas.dice(),
+            area_error_percent: areas.error_percent(),
+            ..Self::of_distances(&distances)
+        }
     }
 
     fn of_distances(signed_mm: &[f64]) -> Self {

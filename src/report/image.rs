@@ -46,12 +46,7 @@ struct Edge {
 }
 
 /// Finds the boundary near the contours of plane `k` of the volume.
-pub(super) fn boundary(
-    volume: &Volume,
-    k: usize,
-    contours: &[Contour],
-    polarity: Polarity,
-) -> ImageBoundary {
+pub(super) fn boundary(volume: &Volume, k: usize, contours: &[Contour], polarity: Polarity) -> ImageBoundary {
     let search = Search::new(volume, k, contours, polarity);
     let mut found = ImageBoundary::default();
     let mut measured = Vec::new();
@@ -161,7 +156,8 @@ impl<'a> Search<'a> {
             let away = 2.0 * j.abs_diff(centre) as f64 / self.reach as f64;
             (g[j - 1] - g[j + 1]) / (1.0 + away * away)
         };
-        let within = centre.saturating_sub(self.reach).max(1)..(centre + self.reach + 1).min(g.len().max(1) - 1);
+        let within =
+            centre.saturating_sub(self.reach).max(1)..(centre + self.reach + 1).min(g.len().max(1) - 1);
         within.max_by(|&a, &b| fall(a).total_cmp(&fall(b))).filter(|&j| fall(j) > 0.0)
     }
 }
@@ -254,7 +250,8 @@ fn plateau(values: &[f64]) -> Option<f64> {
         }
         end = i;
     }
-    let level: Vec<f64> = values[..=end].iter().copied().filter(|&v| v >= top - 0.1 * (top - start)).collect();
+    let level: Vec<f64> =
+        values[..=end].iter().copied().filter(|&v| v >= top - 0.1 * (top - start)).collect();
     (top > start).then(|| level.iter().sum::<f64>() / level.len() as f64)
 }
 
@@ -270,8 +267,7 @@ fn crossing(g: &[f64], from: usize, level: f64) -> Option<f64> {
 fn without_outliers(edges: &[Option<Edge>], n: usize, pixel_mm: f64) -> Vec<Option<Edge>> {
     let contrast = |e: &Edge| (e.inner_hu - e.outer_hu).abs();
     let Some(usual) = median(edges.iter().flatten().map(contrast)) else { return edges.to_vec() };
-    let strong: Vec<Option<Edge>> =
-        edges.iter().map(|e| e.filter(|e| contrast(e) >= 0.35 * usual)).collect();
+    let strong: Vec<Option<Edge>> = edges.iter().map(|e| e.filter(|e| contrast(e) >= 0.35 * usual)).collect();
     let len = edges.len();
     (0..len)
         .map(|i| {

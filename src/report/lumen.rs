@@ -30,7 +30,8 @@ fn hollow(beads: &Region, expected: Expected<'_>) -> Region {
     let enclosed = gaps(beads);
     let mut found: Vec<Region> =
         enclosed.iter().filter(|gap| is_lumen(gap, &lumen.islands())).cloned().collect();
-    let missing: Vec<Region> = lumen.islands().into_iter().filter(|island| !is_open(island, &found)).collect();
+    let missing: Vec<Region> =
+        lumen.islands().into_iter().filter(|island| !is_open(island, &found)).collect();
     if !missing.is_empty() && !beads.is_empty() {
         let outer = filled(&expected.material.union(lumen));
         let open = outer.difference(beads).islands();
@@ -64,8 +65,7 @@ fn filled(region: &Region) -> Region {
 fn is_lumen(gap: &Region, lumina: &[Region]) -> bool {
     let area = gap.area_mm2();
     let common: Vec<f64> = lumina.iter().map(|l| l.intersection(gap).area_mm2()).collect();
-    common.iter().sum::<f64>() > 0.5 * area
-        || common.iter().zip(lumina).any(|(c, l)| *c > 0.5 * l.area_mm2())
+    common.iter().sum::<f64>() > 0.5 * area || common.iter().zip(lumina).any(|(c, l)| *c > 0.5 * l.area_mm2())
 }
 
 /// Whether most of a lumen is among what was found.
@@ -88,7 +88,9 @@ mod tests {
     }
 
     fn bar(x0: f64, x1: f64, y0: f64, y1: f64) -> Region {
-        Region::new(vec![Contour::new([(x0, y0), (x1, y0), (x1, y1), (x0, y1)].map(|(x, y)| Point2::new(x, y)).to_vec())])
+        Region::new(vec![Contour::new(
+            [(x0, y0), (x1, y0), (x1, y1), (x0, y1)].map(|(x, y)| Point2::new(x, y)).to_vec(),
+        )])
     }
 
     fn lumen_of(beads: &Region) -> Region {

@@ -146,7 +146,9 @@ pub enum Error {
         off_mm: f64,
     },
     /// A picture could not be drawn.
-    #[error("the picture of plane {plane} could not be made ({why}): the vessel's extent is {width_mm:.0} x {height_mm:.0} mm")]
+    #[error(
+        "the picture of plane {plane} could not be made ({why}): the vessel's extent is {width_mm:.0} x {height_mm:.0} mm"
+    )]
     Picture {
         /// CT plane.
         plane: usize,
@@ -164,7 +166,9 @@ pub enum Error {
     #[error("the figures of the report could not be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// A file could not be written.
-    #[error("cannot write the report into {dir:?}: {source}; check that the disk has room and the folder may be written")]
+    #[error(
+        "cannot write the report into {dir:?}: {source}; check that the disk has room and the folder may be written"
+    )]
     Io {
         /// The directory that was to be made.
         dir: std::path::PathBuf,
@@ -195,8 +199,14 @@ pub enum Stage {
 
 impl Stage {
     /// All of them, in the order of the work.
-    pub const ALL: [Self; 6] =
-        [Self::Segmentation, Self::Reconstruction, Self::Slicing, Self::Toolpath, Self::Deposition, Self::Total];
+    pub const ALL: [Self; 6] = [
+        Self::Segmentation,
+        Self::Reconstruction,
+        Self::Slicing,
+        Self::Toolpath,
+        Self::Deposition,
+        Self::Total,
+    ];
 
     /// Its key in `report.json`.
     #[must_use]

@@ -162,7 +162,11 @@ fn cards(report: &Report) -> Vec<Card> {
             value: with_unit(total.figures.mean_mm),
             hint: "image against deposited lumen",
         },
-        Card { label: "95 % lie within", value: with_unit(total.figures.p95_mm), hint: "image against deposited lumen" },
+        Card {
+            label: "95 % lie within",
+            value: with_unit(total.figures.p95_mm),
+            hint: "image against deposited lumen",
+        },
         Card {
             label: "Bias",
             value: with_unit(total.figures.bias_mm),
@@ -209,7 +213,9 @@ fn plane_view(report: &Report, picture: &super::Picture) -> PlaneView {
     let k = picture.plane;
     let z_mm = report.plane_z_mm[k];
     let layer = report.layers.iter().find(|l| l.ct_plane == Some(k)).map(|l| l.layer.to_string());
-    let of = |stage: Stage| -> Figures { report.block(stage).planes.get(k).map(|p| p.figures).unwrap_or_default() };
+    let of = |stage: Stage| -> Figures {
+        report.block(stage).planes.get(k).map(|p| p.figures).unwrap_or_default()
+    };
     let total = of(Stage::Total);
     let iou = report.block(Stage::Deposition).planes.get(k).and_then(|p| p.iou);
     let mut cells: Vec<String> = [total.mean_mm, total.p95_mm, total.max_mm, total.bias_mm].map(mm).into();
@@ -219,7 +225,10 @@ fn plane_view(report: &Report, picture: &super::Picture) -> PlaneView {
     cells.push(shown(iou, 4));
     let mut figures: Vec<Labelled> = Stage::ALL
         .into_iter()
-        .map(|stage| Labelled { label: format!("{}, mean", title(stage)), value: figure_or_reason(report, stage, k) })
+        .map(|stage| Labelled {
+            label: format!("{}, mean", title(stage)),
+            value: figure_or_reason(report, stage, k),
+        })
         .collect();
     figures.push(Labelled { label: "Total, 95 %".into(), value: with_unit(total.p95_mm) });
     figures.push(Labelled { label: "Total, bias".into(), value: with_unit(total.bias_mm) });

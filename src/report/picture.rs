@@ -12,7 +12,9 @@ use super::{Error, deviation::quantile};
 use crate::ct::Volume;
 use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};
 use crate::solid::CrossSection;
-use tiny_skia::{Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform};
+use tiny_skia::{
+    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform,
+};
 
 /// Free space around the vessel, mm.
 const MARGIN_MM: f64 = 5.0;
@@ -21,7 +23,7 @@ const SIDE_PX: f64 = 760.0;
 
 const GREEN: [u8; 4] = [64, 235, 110, 255];
 const RED: [u8; 4] = [255, 59, 48, 255];
-const BLUE: [u8; 4] = [70, 150, 255, 230];
+const BLUE: [u8; 4] = [38, 130, 255, 255];
 const AMBER: [u8; 4] = [255, 179, 0, 84];
 const WHITE: [u8; 4] = [255, 255, 255, 255];
 const SHADE: [u8; 4] = [0, 0, 0, 170];
@@ -208,7 +210,7 @@ impl Brush {
             add_polyline(&mut builder, line.iter().map(|&p| self.place(p)));
         }
         if let Some(path) = builder.finish() {
-            self.stroke(&path, colour, 1.2, None);
+            self.stroke(&path, colour, 1.4, None);
         }
     }
 

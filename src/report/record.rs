@@ -151,8 +151,7 @@ fn warnings(bad: &[usize], n_empty: usize) -> Vec<Warning> {
 mod tests {
     use super::*;
 
-    const HEADER: &str =
-        "t_s,x0_mm,y0_mm,z0_mm,x1_mm,y1_mm,z1_mm,volume_mm3,width_mm,height_mm,hotend_c";
+    const HEADER: &str = "t_s,x0_mm,y0_mm,z0_mm,x1_mm,y1_mm,z1_mm,volume_mm3,width_mm,height_mm,hotend_c";
 
     #[test]
     fn columns_are_found_by_name() {
@@ -172,7 +171,9 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_are_refused() {
-        let text = format!("{HEADER}\n0,nan,0,0.2,1,0,0.2,0.08,0.4,0.2,200\n0,1e300,0,0.2,1,0,0.2,0.08,0.4,0.2,200\n");
+        let text = format!(
+            "{HEADER}\n0,nan,0,0.2,1,0,0.2,0.08,0.4,0.2,200\n0,1e300,0,0.2,1,0,0.2,0.08,0.4,0.2,200\n"
+        );
         assert_eq!(parse(&text), Err(RecordError::NoRow { n_rows: 2, line: 2 }));
     }
 

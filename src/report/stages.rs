@@ -8,8 +8,8 @@ use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
 use super::strokes::{self, Stroke};
 use super::{
-    Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage, Verdict,
-    anatomy,
+    Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
+    Verdict, anatomy,
 };
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
@@ -35,11 +35,14 @@ const SAME_PLANE_MM: f64 = 0.01;
 pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     check(inputs)?;
     let n_planes = inputs.sections.planes.len();
-    let counter = Counter { task, done: AtomicU64::new(0), total: (inputs.paths.layers.len() + 2 * n_planes) as u64 };
+    let counter =
+        Counter { task, done: AtomicU64::new(0), total: (inputs.paths.layers.len() + 2 * n_planes) as u64 };
     let recorded = assign(inputs);
     let layers = layers(inputs, &recorded.of_layer, &counter)?;
-    let planes: Vec<PlaneWork> =
-        (0..n_planes).into_par_iter().map(|k| plane(inputs, &layers, k, &counter)).collect::<Result<_, _>>()?;
+    let planes: Vec<PlaneWork> = (0..n_planes)
+        .into_par_iter()
+        .map(|k| plane(inputs, &layers, k, &counter))
+        .collect::<Result<_, _>>()?;
     let pictures = pictures(inputs, &planes, &layers, &counter)?;
     let figures: Vec<LayerFigures> = layers.iter().map(|l| l.figures).collect();
     let blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
@@ -194,7 +197,11 @@ struct LayerWork {
     beads: Option<[Region; 2]>,
 }
 
-fn layers(inputs: &Inputs<'_>, recorded: &[Vec<Stroke>], counter: &Counter<'_>) -> Result<Vec<LayerWork>, Cancelled> {
+fn layers(
+    inputs: &Inputs<'_>,
+    recorded: &[Vec<Stroke>],
+    counter: &Counter<'_>,
+) -> Result<Vec<LayerWork>, Cancelled> {
     let back = inputs.paths.bed_from_stack.inverse();
     inputs
         .paths
@@ -214,7 +221,8 @@ fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &RigidTransfor
         points: bead.points.iter().map(|p| moved_point(p.at, back)).collect(),
         widths_mm: bead.points.iter().map(|p| p.width_mm).take(bead.points.len().max(2) - 1).collect(),
     };
-    let (around, part): (Vec<&Bead>, Vec<&Bead>) = paths.beads.iter().partition(|b| b.kind == BeadKind::SkirtBrim);
+    let (around, part): (Vec<&Bead>, Vec<&Bead>) =
+        paths.beads.iter().partition(|b| b.kind == BeadKind::SkirtBrim);
     let part = strokes::union(&part.into_iter().map(stroke).collect::<Vec<_>>());
     let deposited = strokes::union(recorded);
     let areas = if around.is_empty() {
@@ -250,12 +258,17 @@ struct PlaneWork {
     comparisons: [Result<Comparison, String>; 6],
 }
 
-fn plane(inputs: &Inputs<'_>, layers: &[LayerWork], k: usize, counter: &Counter<'_>) -> Result<PlaneWork, Cancelled> {
+fn plane(
+    inputs: &Inputs<'_>,
+    layers: &[LayerWork],
+    k: usize,
+    counter: &Counter<'_>,
+) -> Result<PlaneWork, Cancelled> {
     counter.tick()?;
     let sections = &inputs.sections.planes[k];
-    let volume_plane = inputs.image.and_then(|i| {
-        i.volume.plane_z_mm.iter().position(|z| (z - sections.z_mm).abs() < SAME_PLANE_MM)
-    });
+    let volume_plane = inputs
+        .image
+        .and_then(|i| i.volume.plane_z_mm.iter().position(|z| (z - sections.z_mm).abs() < SAME_PLANE_MM));
     let image = inputs
         .image
         .zip(volume_plane)
@@ -368,7 +381,13 @@ fn found_part(planes: &[PlaneWork]) -> Option<f64> {
     (points > 0).then(|| found as f64 / points as f64)
 }
 
-fn plane_figures(stage: Stage, plane: usize, z_mm: f64, work: &PlaneWork, layers: &[LayerWork]) -> PlaneFigures {
+fn plane_figures(
+    stage: Stage,
+    plane: usize,
+    z_mm: f64,
+    work: &PlaneWork,
+    layers: &[LayerWork],
+) -> PlaneFigures {
     let mut entry = match &work.comparisons[stage as usize] {
         Ok(comparison) => {
             PlaneFigures { figures: Figures::of(std::iter::once(comparison)), ..PlaneFigures::default() }
@@ -440,7 +459,12 @@ fn pictures(
 }
 
 /// What the reader must know beside the figures.
-fn notes(inputs: &Inputs<'_>, recorded: &Recorded, layers: &[LayerFigures], planes: &[PlaneWork]) -> Vec<Warning> {
+fn notes(
+    inputs: &Inputs<'_>,
+    recorded: &Recorded,
+    layers: &[LayerFigures],
+    planes: &[PlaneWork],
+) -> Vec<Warning> {
     let mut notes = Vec::new();
     let mut note = |code: &str, text: String| notes.push(Warning { code: format!("report.{code}"), text });
     if let Some(text) = extrapolated(inputs) {
@@ -456,7 +480,10 @@ fn notes(inputs: &Inputs<'_>, recorded: &Recorded, layers: &[LayerFigures], plan
     if let Some(part) = found_part(planes).filter(|p| *p < 0.9) {
         note(
             "unclear_edges",
-            format!("Only {:.0} % of the places along the contours show a clear edge in the image; the figures against the image rest on these.", 100.0 * part),
+            format!(
+                "Only {:.0} % of the places along the contours show a clear edge in the image; the figures against the image rest on these.",
+                100.0 * part
+            ),
         );
     }
     let without = planes.iter().filter(|p| p.layer_idx.is_none()).count();
@@ -471,19 +498,29 @@ fn notes(inputs: &Inputs<'_>, recorded: &Recorded, layers: &[LayerFigures], plan
     if let (Some(first), Some(last)) = (missing.first(), missing.last()) {
         note(
             "layers_not_deposited",
-            format!("{} of {} layers were not deposited, from layer {first} to layer {last}.", missing.len(), layers.len()),
+            format!(
+                "{} of {} layers were not deposited, from layer {first} to layer {last}.",
+                missing.len(),
+                layers.len()
+            ),
         );
     }
     if recorded.n_stray > 0 {
         note(
             "deposited_between_layers",
-            format!("{} pieces ({:.2} mm\u{b3}) were deposited at heights that belong to no layer; no figure counts them.", recorded.n_stray, recorded.stray_mm3),
+            format!(
+                "{} pieces ({:.2} mm\u{b3}) were deposited at heights that belong to no layer; no figure counts them.",
+                recorded.n_stray, recorded.stray_mm3
+            ),
         );
     }
     if recorded.n_elsewhere > 0 {
         note(
             "deposited_elsewhere",
-            format!("{} pieces ({:.2} mm\u{b3}) were deposited more than {ELSEWHERE_MM:.0} mm beside the job (such as a line that primes the nozzle); no figure counts them.", recorded.n_elsewhere, recorded.elsewhere_mm3),
+            format!(
+                "{} pieces ({:.2} mm\u{b3}) were deposited more than {ELSEWHERE_MM:.0} mm beside the job (such as a line that primes the nozzle); no figure counts them.",
+                recorded.n_elsewhere, recorded.elsewhere_mm3
+            ),
         );
     }
     note(

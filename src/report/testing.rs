@@ -92,7 +92,8 @@ impl Case {
         let top = INTERVAL_MM * (n_planes - 1) as f64 + half;
         let layers: Vec<Layer> = slots(n_planes).into_iter().map(layer).collect();
         let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 90.0, half));
-        let paths = Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
+        let paths =
+            Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
         Self {
             volume: blurred_cylinder(Polarity::Bright, RADIUS_MM, n_planes, 0.0),
             sections: SectionStack {

@@ -1,9 +1,9 @@
 //! The whole room on synthetic cases: what is put in must be found, in the right stage, in the right plane, of the
 //! right size, and nothing else.
 
-use crate::geom::Point3;
 use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, print};
 use super::*;
+use crate::geom::Point3;
 use crate::geom::{Contour, Point2, RigidTransform, Vector3};
 use crate::progress::{CancelToken, Task};
 use crate::slice::LayerSlot;
@@ -180,7 +180,8 @@ fn a_cropped_volume_measures_the_planes_that_it_has() {
 fn a_cast_is_measured_by_what_is_filled() {
     let mut case = Case::new(3);
     // The same beads are the cast of a ring-shaped lumen.
-    let (outer, inner) = (disk(RADIUS_MM + WALL_MM).contours[0].clone(), disk(RADIUS_MM).contours[0].reversed());
+    let (outer, inner) =
+        (disk(RADIUS_MM + WALL_MM).contours[0].clone(), disk(RADIUS_MM).contours[0].reversed());
     let ring = crate::geom::Region::new(vec![outer.clone(), inner.clone()]);
     for layer in &mut case.layers {
         layer.material = ring.clone();
@@ -218,7 +219,9 @@ fn what_does_not_belong_together_is_refused() {
 
     case.paths.bed_from_stack =
         RigidTransform::from_axes(Point3::origin(), Vector3::x(), Vector3::z(), -Vector3::y());
-    assert!(matches!(build(&inputs(&case), &Task::quiet()), Err(Error::Tilted { tilt_deg }) if (tilt_deg - 90.0).abs() < 1e-6));
+    assert!(
+        matches!(build(&inputs(&case), &Task::quiet()), Err(Error::Tilted { tilt_deg }) if (tilt_deg - 90.0).abs() < 1e-6)
+    );
 
     let mut case = Case::new(3);
     case.paths.layers.clear();
@@ -290,10 +293,8 @@ fn writing_replaces_an_older_report_and_leaves_nothing_else() {
     std::fs::write(dir.join("old.txt"), "old").unwrap();
     write(&report, &dir, &Task::quiet()).unwrap();
     let names = |dir: &std::path::Path| {
-        let mut names: Vec<String> = std::fs::read_dir(dir)
-            .unwrap()
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
+        let mut names: Vec<String> =
+            std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
     };

@@ -120,8 +120,7 @@ fn areas(report: &Report) -> Option<Chart> {
         };
         report.plane_z_mm.iter().enumerate().filter_map(at).collect()
     };
-    let curves =
-        [("contours", of("contours"), DARK, None), ("deposited", of("recorded"), WARM, Some("6 3"))];
+    let curves = [("contours", of("contours"), DARK, None), ("deposited", of("recorded"), WARM, Some("6 3"))];
     let mut chart = curve_chart(&curves)?;
     chart.title = "Lumen area along the vessel, mm\u{b2} over z in mm";
     chart.description =
@@ -137,29 +136,43 @@ fn curve_chart(curves: &[Named<'_>]) -> Option<Chart> {
     let most = points().map(|p| p.1).fold(0.0, f64::max);
     let x = Scale { from: z0, to: z1, start: LEFT * 0.6, end: WIDTH - RIGHT };
     let y = Scale::new(0.0, most, HEIGHT - BOTTOM, TOP)?;
-    if !(z1 > z0) {
+    if z1.partial_cmp(&z0) != Some(std::cmp::Ordering::Greater) {
         return None;
     }
     let mut chart = blank();
     for value in y.ticks() {
         let at = shape(y.at(value));
         chart.grid.push(Line { x0: x.start, y0: at, x1: x.end, y1: at });
-        chart.labels.push(Label { x: x.start - 6.0, y: at + 4.0, anchor: "end", colour: None, text: tidy(value) });
+        chart.labels.push(Label {
+            x: x.start - 6.0,
+            y: at + 4.0,
+            anchor: "end",
+            colour: None,
+            text: tidy(value),
+        });
     }
     for value in [z0, 0.5 * (z0 + z1), z1] {
         let text = format!("{value:.1}");
-        chart.labels.push(Label { x: shape(x.at(value)), y: HEIGHT - 10.0, anchor: "middle", colour: None, text });
+        chart.labels.push(Label {
+            x: shape(x.at(value)),
+            y: HEIGHT - 10.0,
+            anchor: "middle",
+            colour: None,
+            text,
+        });
     }
     for (i, (name, points, colour, dash)) in curves.iter().enumerate() {
         let text: Vec<String> = points.iter().map(|p| format!("{:.1},{:.1}", x.at(p.0), y.at(p.1))).collect();
         chart.curves.push(Curve { points: text.join(" "), colour, dash: *dash });
         let at = x.start + 10.0 + 110.0 * i as f64;
-        chart.curves.push(Curve {
-            points: format!("{at:.1},10 {:.1},10", at + 24.0),
-            colour,
-            dash: *dash,
+        chart.curves.push(Curve { points: format!("{at:.1},10 {:.1},10", at + 24.0), colour, dash: *dash });
+        chart.labels.push(Label {
+            x: at + 30.0,
+            y: 14.0,
+            anchor: "start",
+            colour: Some(colour),
+            text: (*name).into(),
         });
-        chart.labels.push(Label { x: at + 30.0, y: 14.0, anchor: "start", colour: Some(colour), text: (*name).into() });
     }
     Some(chart)
 }
