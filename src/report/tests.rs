@@ -255,7 +255,7 @@ fn an_empty_record_gives_a_report_that_fails() {
     case.record = Record::default();
     let report = report(&case);
     assert!(!report.verdict.passed);
-    assert!(html(&report).unwrap().contains("Not passed"));
+    assert!(html(&report).unwrap().contains("verdict failed"));
 }
 
 #[test]

@@ -45,11 +45,11 @@ impl Verdict {
     pub fn sentence(&self) -> String {
         if self.passed {
             return format!(
-                "passed: total 95th percentile within {:.2} mm (where measured), every layer's IoU at least {:.2}",
+                "Passed: total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
                 self.gate.total_p95_mm, self.gate.layer_iou
             );
         }
-        format!("failed: {}", self.failures.join("; "))
+        format!("Not passed: {}", self.failures.join("; "))
     }
 }
 

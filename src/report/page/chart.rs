@@ -5,7 +5,7 @@ use serde::Serialize;
 
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 240.0;
-const LEFT: f64 = 96.0;
+const LEFT: f64 = 112.0;
 const BOTTOM: f64 = 30.0;
 const TOP: f64 = 22.0;
 const RIGHT: f64 = 18.0;
