@@ -22,7 +22,30 @@ pub(super) const WALL_MM: f64 = 1.2;
 /// Width of the synthetic beads, mm: three fill the wall.
 pub(super) const BEAD_MM: f64 = 0.4;
 
-/// A vertical cylinder whose edge is an S-curve that passes half-way exactly at the radius.
+/// The normal distribution function, by Abramowitz and Stegun 7.1.26 (1.5e-7).
+fn normal_distribution(x: f64) -> f64 {
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / 2f64.sqrt());
+    let poly = t
+        * (0.254_829_592
+            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let tail = 0.5 * poly * (-0.5 * x * x).exp();
+    if x > 0.0 { 1.0 - tail } else { tail }
+}
+
+/// A disk of value 1 after a Gaussian blur, at the distance `r` from its centre: integrated over chords.
+fn blurred_disk(r: f64, radius_mm: f64) -> f64 {
+    let n = 161;
+    let step = 8.0 / f64::from(n - 1);
+    let chord = |i: i32| {
+        let u = step * f64::from(i) - 4.0;
+        let half2 = radius_mm * radius_mm - (r + BLUR_MM * u).powi(2);
+        let inside = 2.0 * normal_distribution(half2.max(0.0).sqrt() / BLUR_MM) - 1.0;
+        inside * (-0.5 * u * u).exp() * step / std::f64::consts::TAU.sqrt()
+    };
+    (0..n).map(chord).sum()
+}
+
+/// A vertical cylinder, blurred as a scanner blurs.
 pub(super) fn blurred_cylinder(polarity: Polarity, radius_mm: f64, n_planes: usize, noise_hu: f64) -> Volume {
     let (n, pixel_mm) = (100usize, 0.2);
     let (inner, outer) = if polarity == Polarity::Bright { (300.0, 50.0) } else { (-20.0, 120.0) };
@@ -32,9 +55,12 @@ pub(super) fn blurred_cylinder(polarity: Polarity, radius_mm: f64, n_planes: usi
         noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (noise >> 33) as f64 / f64::from(1u32 << 31) - 0.5
     };
+    let table: Vec<f64> = (0..1500).map(|i| blurred_disk(0.01 * f64::from(i), radius_mm)).collect();
     let mut value = |i: usize, j: usize| {
-        let r = (first + pixel_mm * i as f64).hypot(first + pixel_mm * j as f64);
-        let part = 0.5 + 0.5 * ((radius_mm - r) / BLUR_MM).tanh();
+        let r = 100.0 * (first + pixel_mm * i as f64).hypot(first + pixel_mm * j as f64);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
+        let (below, part) = (r as usize, r.fract());
+        let part = table[below] * (1.0 - part) + table[below + 1] * part;
         // Uniform noise of the same standard deviation.
         outer + (inner - outer) * part + noise_hu * 12f64.sqrt() * random()
     };
