@@ -1,0 +1,400 @@
+//! Grey values to the boundary of the lumen in the image, found without the segmentation's help: its contours say
+//! only where to look.
+//!
+//! Along the normal of each contour point the grey values are read (bilinear), averaged over about a pixel along
+//! the contour, and the steepest fall from lumen to surroundings is sought. From there the profile is followed
+//! to both sides until it stops rising or falling; the means of what is then level are the plateaus, and the
+//! boundary is where the profile passes half-way between them (full width at half maximum, the usual measure of
+//! vessel width in CT). Blur s draws that place inward by s² k / 2 where the boundary has the curvature k (the
+//! first-order effect of a Gaussian on a curved edge); s follows from the steepness of the edges, k from the contour,
+//! and the place is moved back. A point is skipped and counted where the fall is weak, runs out of the searched
+//! range or stands out among its neighbours.
+//!
+//! Limits: a vessel narrower than three times the blur shows no plateau and is measured too wide; a wall as thin as that
+//! is seen too low, which draws the boundary of a dark lumen inward; noise moves a point by about noise / slope.
+
+use super::deviation::Outline;
+use crate::ct::Volume;
+use crate::geom::{Contour, Point2, Region, Vector2};
+
+/// Whether the lumen is brighter or darker than its surroundings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Polarity {
+    /// Contrast agent in the lumen.
+    Bright,
+    /// A phantom or specimen whose wall is brighter.
+    Dark,
+}
+
+/// What the image shows of the lumen's boundary in one plane.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ImageBoundary {
+    /// The boundary; vertices that were not found bridge the gap between their neighbours.
+    pub(super) outline: Outline,
+    /// Places searched.
+    pub(super) n_points: usize,
+    /// Places where a boundary was found.
+    pub(super) n_found: usize,
+    /// Grey values inside and outside of the boundary, where it was found.
+    pub(super) levels_hu: Vec<[f64; 2]>,
+}
+
+/// Where the profile of one contour point crosses, relative to the contour, and its plateaus.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    offset_mm: f64,
+    inner_hu: f64,
+    outer_hu: f64,
+    /// Standard deviation of the blur that makes an edge this steep, mm.
+    blur_mm: f64,
+}
+
+/// Finds the boundary near the contours of plane `k` of the volume.
+pub(super) fn boundary(volume: &Volume, k: usize, contours: &[Contour], polarity: Polarity) -> ImageBoundary {
+    let search = Search::new(volume, k, contours, polarity);
+    let mut found = ImageBoundary::default();
+    let mut measured = Vec::new();
+    for contour in contours.iter().filter(|c| c.len() >= 3 && c.perimeter_mm() > 0.0) {
+        let (boundary, flags, edges) = search.contour(contour);
+        found.n_points += flags.len();
+        found.n_found += edges.len();
+        found.levels_hu.extend(edges.iter().map(|e| [e.inner_hu, e.outer_hu]));
+        // A contour of which next to nothing is seen gives no outline at all.
+        if 4 * edges.len() >= flags.len() {
+            found.outline.region.contours.push(boundary);
+            measured.push(flags);
+        }
+    }
+    found.outline.measured = Some(measured);
+    found
+}
+
+struct Search<'a> {
+    plane: Plane<'a>,
+    contours: &'a [Contour],
+    sign: f64,
+    pixel_mm: f64,
+    step_mm: f64,
+    /// Steps to each side of the contour within which the boundary is sought.
+    reach: usize,
+    /// Steps to each side that are read: a plateau may lie beyond the reach.
+    half: usize,
+}
+
+impl<'a> Search<'a> {
+    fn new(volume: &'a Volume, k: usize, contours: &'a [Contour], polarity: Polarity) -> Self {
+        let [sx, sy] = volume.pixel_spacing_xy_mm;
+        let pixel_mm = 0.5 * (sx + sy);
+        let step_mm = sx.min(sy) / 5.0;
+        // Far enough for a contour that is three pixels or a millimetre off.
+        let reach_mm = (3.5 * pixel_mm).max(1.2);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen steps")]
+        let reach = (reach_mm / step_mm).ceil().min(200.0) as usize;
+        let sign = if polarity == Polarity::Bright { 1.0 } else { -1.0 };
+        Self { plane: Plane::new(volume, k), contours, sign, pixel_mm, step_mm, reach, half: 2 * reach }
+    }
+
+    /// The boundary along one contour, which of its points were found, and what was found there.
+    fn contour(&self, contour: &Contour) -> (Contour, Vec<bool>, Vec<Edge>) {
+        let spacing_mm = (0.5 * self.pixel_mm).clamp(0.05, 0.5);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let n = (contour.perimeter_mm() / spacing_mm).ceil().clamp(12.0, 4096.0) as usize;
+        let points = contour.resampled(n).points;
+        let spacing_mm = contour.perimeter_mm() / n as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few points")]
+        let pixel_points = ((self.pixel_mm / spacing_mm).round() as usize).clamp(1, n / 4);
+        let normals: Vec<Vector2> = (0..n).map(|i| outward(&points, i, pixel_points)).collect();
+        let profiles: Vec<Vec<f64>> =
+            points.iter().zip(&normals).map(|(&p, &normal)| self.profile(p, normal)).collect();
+        let smoothed = averaged_round(&profiles, pixel_points);
+        let edges: Vec<Option<Edge>> = (0..n)
+            .map(|i| {
+                let limits = self.limits(points[i], normals[i]);
+                self.edge(&smoothed[i], limits)
+            })
+            .collect();
+        let edges = without_outliers(&edges, 3 * pixel_points, self.pixel_mm);
+        let blur_mm = median(edges.iter().flatten().map(|e| e.blur_mm)).unwrap_or(0.0);
+        let offsets = bridged(&edges);
+        let moved = (0..n).map(|i| {
+            let back = drawn_inward_mm(blur_mm, curvature_per_mm(&points, i, 3 * pixel_points));
+            points[i] + normals[i] * (offsets[i] + back)
+        });
+        let moved = moved.collect();
+        let flags = edges.iter().map(Option::is_some).collect();
+        (Contour::new(moved), flags, edges.into_iter().flatten().collect())
+    }
+
+    fn profile(&self, p: Point2, normal: Vector2) -> Vec<f64> {
+        let at = |j: usize| (j as f64 - self.half as f64) * self.step_mm;
+        (0..=2 * self.half).map(|j| self.plane.bilinear(p + normal * at(j))).collect()
+    }
+
+    /// How many steps may be gone inward and outward: to half-way across the lumen, or to the next contour.
+    fn limits(&self, p: Point2, normal: Vector2) -> [usize; 2] {
+        let most = self.half as f64 * self.step_mm;
+        let steps = |direction: Vector2| {
+            let free = first_crossing(self.contours, p, direction).map_or(most, |d| 0.5 * d);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most half")]
+            let n = (free.min(most) / self.step_mm) as usize;
+            n
+        };
+        [steps(-normal), steps(normal)]
+    }
+
+    /// The crossing of one profile, of which `limits` steps to each side may be used.
+    fn edge(&self, hu: &[f64], limits: [usize; 2]) -> Option<Edge> {
+        let (lo, hi) = (self.half - limits[0].min(self.half), self.half + limits[1].min(self.half));
+        // Where the image ends, the profile does.
+        let lo = (lo..=self.half).rev().take_while(|&j| !hu[j].is_nan()).last()?;
+        let hi = (self.half..=hi).take_while(|&j| !hu[j].is_nan()).last()?;
+        let g: Vec<f64> = hu[lo..=hi].iter().map(|v| self.sign * v).collect();
+        let centre = self.half - lo;
+        let steepest = self.steepest(&g, centre)?;
+        let inward: Vec<f64> = g[..=steepest].iter().rev().copied().collect();
+        let outward: Vec<f64> = g[steepest..].iter().map(|v| -v).collect();
+        let (top, bottom) = (plateau(&inward)?, -plateau(&outward)?);
+        let at = crossing(&g, steepest, 0.5 * (top + bottom))?;
+        let offset_mm = (at - centre as f64) * self.step_mm;
+        let slope = (g[steepest - 1] - g[steepest + 1]) / (2.0 * self.step_mm);
+        // The edge of a Gaussian blur falls steepest with contrast / (s sqrt(2 pi)).
+        let blur_mm = (top - bottom) / (slope * std::f64::consts::TAU.sqrt());
+        Some(Edge { offset_mm, inner_hu: self.sign * top, outer_hu: self.sign * bottom, blur_mm })
+    }
+
+    /// The step of the steepest fall, near ones preferred; `None` where nothing falls.
+    fn steepest(&self, g: &[f64], centre: usize) -> Option<usize> {
+        let fall = |j: usize| {
+            let away = 2.0 * j.abs_diff(centre) as f64 / self.reach as f64;
+            (g[j - 1] - g[j + 1]) / (1.0 + away * away)
+        };
+        let within =
+            centre.saturating_sub(self.reach).max(1)..(centre + self.reach + 1).min(g.len().max(1) - 1);
+        within.max_by(|&a, &b| fall(a).total_cmp(&fall(b))).filter(|&j| fall(j) > 0.0)
+    }
+}
+
+/// Bilinear grey values of a plane; NaN outside.
+pub(super) struct Plane<'a> {
+    hu: &'a [f32],
+    n_cols: usize,
+    n_rows: usize,
+    origin: Point2,
+    pixel_mm: [f64; 2],
+}
+
+impl<'a> Plane<'a> {
+    pub(super) fn new(volume: &'a Volume, k: usize) -> Self {
+        let [x, y] = volume.origin_xy_mm;
+        Self {
+            hu: volume.plane(k),
+            n_cols: volume.dims[0],
+            n_rows: volume.dims[1],
+            origin: Point2::new(x, y),
+            pixel_mm: volume.pixel_spacing_xy_mm,
+        }
+    }
+
+    pub(super) fn bilinear(&self, p: Point2) -> f64 {
+        let x = (p.x - self.origin.x) / self.pixel_mm[0];
+        let y = (p.y - self.origin.y) / self.pixel_mm[1];
+        let inside = x >= 0.0 && y >= 0.0 && x <= (self.n_cols - 1) as f64 && y <= (self.n_rows - 1) as f64;
+        if !inside {
+            return f64::NAN;
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the grid")]
+        let (i, j) = (x as usize, y as usize);
+        let (i1, j1) = ((i + 1).min(self.n_cols - 1), (j + 1).min(self.n_rows - 1));
+        let (fx, fy) = (x - i as f64, y - j as f64);
+        let at = |i: usize, j: usize| f64::from(self.hu[j * self.n_cols + i]);
+        let low = at(i, j) * (1.0 - fx) + at(i1, j) * fx;
+        let high = at(i, j1) * (1.0 - fx) + at(i1, j1) * fx;
+        low * (1.0 - fy) + high * fy
+    }
+}
+
+/// The unit normal that points out of the lumen: to the right of the contour, whether outer or hole.
+fn outward(points: &[Point2], i: usize, span: usize) -> Vector2 {
+    let n = points.len();
+    let along = points[(i + span) % n] - points[(i + n - span) % n];
+    let right = Vector2::new(along.y, -along.x);
+    let length = right.norm();
+    if length > 0.0 { right / length } else { Vector2::zeros() }
+}
+
+/// Curvature of the contour over `span` points to each side, 1/mm: positive where the lumen is convex.
+fn curvature_per_mm(points: &[Point2], i: usize, span: usize) -> f64 {
+    let n = points.len();
+    let span = span.min(n / 6).max(1);
+    let (before, at, after) = (points[(i + n - span) % n], points[i], points[(i + span) % n]);
+    let (a, b) = (at - before, after - at);
+    let length = 0.5 * (a.norm() + b.norm());
+    if length > 0.0 { a.perp(&b).atan2(a.dot(&b)) / length } else { 0.0 }
+}
+
+/// How far blur draws the half-way place of a curved edge toward the centre of curvature, mm; the first-order formula
+/// is trusted up to a quarter of the blur.
+fn drawn_inward_mm(blur_mm: f64, curvature_per_mm: f64) -> f64 {
+    (0.5 * blur_mm * blur_mm * curvature_per_mm).clamp(-0.25 * blur_mm, 0.25 * blur_mm)
+}
+
+/// Distance to the first contour that a ray meets after a tenth of a millimetre.
+fn first_crossing(contours: &[Contour], p: Point2, direction: Vector2) -> Option<f64> {
+    let hit = |(a, b): (Point2, Point2)| {
+        let edge = b - a;
+        let turn = direction.perp(&edge);
+        if turn.abs() < 1e-12 {
+            return None;
+        }
+        let along = (a - p).perp(&edge) / turn;
+        let on_edge = (a - p).perp(&direction) / turn;
+        (along > 0.1 && (0.0..=1.0).contains(&on_edge)).then_some(along)
+    };
+    contours.iter().flat_map(Contour::edges).filter_map(hit).min_by(f64::total_cmp)
+}
+
+/// Means of every profile with its neighbours round the closed contour, `n` to each side.
+fn averaged_round(profiles: &[Vec<f64>], n: usize) -> Vec<Vec<f64>> {
+    let len = profiles.len();
+    let mean = |i: usize, j: usize| {
+        let sum: f64 = (0..=2 * n).map(|d| profiles[(i + len + d - n) % len][j]).sum();
+        sum / (2 * n + 1) as f64
+    };
+    (0..len).map(|i| (0..profiles[i].len()).map(|j| mean(i, j)).collect()).collect()
+}
+
+/// The level that values climb to before they fall again; `None` where they do not climb.
+///
+/// The climb goes on over dips of less than a tenth of what was climbed (noise); the level is the mean of the
+/// visited values little below the top, so that it is neither the peak of the noise nor what lies beyond a thin wall.
+fn plateau(values: &[f64]) -> Option<f64> {
+    let start = values[0];
+    let mut top = start;
+    let mut end = 0;
+    for (i, &v) in values.iter().enumerate() {
+        top = top.max(v);
+        if v < top - 0.1 * (top - start) - f64::EPSILON {
+            break;
+        }
+        end = i;
+    }
+    let level: Vec<f64> =
+        values[..=end].iter().copied().filter(|&v| v >= top - 0.03 * (top - start)).collect();
+    (top > start).then(|| level.iter().sum::<f64>() / level.len() as f64)
+}
+
+/// Where the falling profile passes `level`, nearest to `from`, in steps.
+fn crossing(g: &[f64], from: usize, level: f64) -> Option<f64> {
+    let passes = |j: usize| g[j] >= level && g[j + 1] < level;
+    let n = g.len() - 1;
+    let j = (0..n).filter(|&j| passes(j)).min_by_key(|&j| j.abs_diff(from))?;
+    Some(j as f64 + (g[j] - level) / (g[j] - g[j + 1]))
+}
+
+/// Drops weak edges and such as stand out from the median of their neighbours, `n` to each side.
+fn without_outliers(edges: &[Option<Edge>], n: usize, pixel_mm: f64) -> Vec<Option<Edge>> {
+    let contrast = |e: &Edge| (e.inner_hu - e.outer_hu).abs();
+    let Some(usual) = median(edges.iter().flatten().map(contrast)) else { return edges.to_vec() };
+    let strong: Vec<Option<Edge>> = edges.iter().map(|e| e.filter(|e| contrast(e) >= 0.35 * usual)).collect();
+    let len = edges.len();
+    (0..len)
+        .map(|i| {
+            let around = (0..=2 * n).filter_map(|d| strong[(i + len * (1 + n / len) + d - n) % len]);
+            let middle = median(around.map(|e| e.offset_mm))?;
+            strong[i].filter(|e| (e.offset_mm - middle).abs() <= 0.75 * pixel_mm)
+        })
+        .collect()
+}
+
+/// Offsets of all points: those that were not found lie on the line between their found neighbours.
+fn bridged(edges: &[Option<Edge>]) -> Vec<f64> {
+    let n = edges.len();
+    let found = |i: usize| edges[i % n].map(|e| e.offset_mm);
+    (0..n)
+        .map(|i| {
+            let after = (0..n).find_map(|d| found(i + d).map(|o| (d as f64, o)));
+            let before = (0..n).find_map(|d| found(i + n - d).map(|o| (d as f64, o)));
+            match (before, after) {
+                (Some((0.0, o)), _) | (Some((_, o)), None) | (None, Some((_, o))) => o,
+                (Some((db, ob)), Some((da, oa))) => (ob * da + oa * db) / (da + db),
+                (None, None) => 0.0,
+            }
+        })
+        .collect()
+}
+
+/// The median; `None` of nothing.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    (!values.is_empty()).then(|| super::deviation::quantile(&values, 0.5))
+}
+
+/// The region that the found boundary encloses, for areas and pictures.
+impl ImageBoundary {
+    /// The outline as a region; empty where nothing was found.
+    pub(super) fn region(&self) -> &Region {
+        &self.outline.region
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::deviation::{Figures, compare};
+    use crate::report::testing::blurred_cylinder;
+
+    fn bias(volume: &Volume, contour_radius: f64, polarity: Polarity) -> (Figures, ImageBoundary) {
+        let contours = vec![Contour::circle(Point2::origin(), contour_radius, 128)];
+        let found = boundary(volume, 0, &contours, polarity);
+        let contours: Outline = Region::new(contours).into();
+        (Figures::of(std::iter::once(&compare(&found.outline, &contours).unwrap())), found)
+    }
+
+    #[test]
+    fn the_boundary_of_a_blurred_cylinder_is_found_wherever_the_contour_lies() {
+        for polarity in [Polarity::Bright, Polarity::Dark] {
+            let volume = blurred_cylinder(polarity, 3.0, 1, 0.0);
+            for off in [-0.5, -0.3, 0.0, 0.3, 0.5] {
+                let (f, found) = bias(&volume, 3.0 + off, polarity);
+                assert_eq!(found.n_found, found.n_points);
+                assert!((f.bias_mm.unwrap() - off).abs() < 0.012, "{polarity:?} {off}: {f:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_moves_it_little() {
+        let volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 20.0);
+        let (f, found) = bias(&volume, 3.2, Polarity::Bright);
+        assert!(found.n_found * 10 >= found.n_points * 9);
+        assert!((f.bias_mm.unwrap() - 0.2).abs() < 0.03 && f.p95_mm.unwrap() < 0.3, "{f:?}");
+    }
+
+    #[test]
+    fn where_no_edge_is_nothing_is_found() {
+        let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
+        volume.hu.fill(40.0);
+        let contours = [Contour::circle(Point2::origin(), 3.0, 64)];
+        let found = boundary(&volume, 0, &contours, Polarity::Bright);
+        assert!(found.n_found == 0 && found.n_points > 0 && found.outline.region.is_empty());
+    }
+
+    #[test]
+    fn a_missing_stretch_is_skipped_and_bridged() {
+        let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
+        let n = volume.dims[0];
+        for j in 0..volume.dims[1] {
+            for i in 0..n {
+                let p = volume.stack_from_voxel(i as f64, j as f64, 0);
+                // Something as bright as the lumen lies against it over 40 degrees.
+                if p.x > 0.0 && p.y.atan2(p.x).abs() < 0.35 && p.x < 8.0 {
+                    volume.hu[j * n + i] = 300.0;
+                }
+            }
+        }
+        let (f, found) = bias(&volume, 3.0, Polarity::Bright);
+        assert!(found.n_found < found.n_points && found.n_found * 10 > found.n_points * 8);
+        assert!(f.p95_mm.unwrap() < 0.1, "{f:?}");
+    }
+}

@@ -1,0 +1,338 @@
+//! The whole room on synthetic cases: what is put in must be found, in the right stage, in the right plane, of the
+//! right size, and nothing else.
+
+use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, print};
+use super::*;
+use crate::geom::Point3;
+use crate::geom::{Contour, Point2, RigidTransform, Vector3};
+use crate::progress::{CancelToken, Task};
+use crate::slice::LayerSlot;
+
+fn inputs(case: &Case) -> Inputs<'_> {
+    Inputs {
+        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
+        sections: &case.sections,
+        solid: &case.solid,
+        body: BodyKind::Wall,
+        layers: &case.layers,
+        paths: &case.paths,
+        record: &case.record,
+        warnings: &[],
+        gate: Gate::default(),
+    }
+}
+
+fn report(case: &Case) -> Report {
+    build(&inputs(case), &Task::quiet()).unwrap()
+}
+
+fn overall(report: &Report, stage: Stage) -> Figures {
+    report.block(stage).overall.unwrap().figures
+}
+
+fn plane(report: &Report, stage: Stage, k: usize) -> Figures {
+    report.block(stage).planes[k].figures
+}
+
+fn near(value: Option<f64>, expected: f64, tolerance: f64) -> bool {
+    value.is_some_and(|v| (v - expected).abs() <= tolerance)
+}
+
+#[test]
+fn a_clean_case_shows_nothing_and_passes() {
+    let report = report(&Case::new(5));
+    for stage in Stage::ALL {
+        let f = overall(&report, stage);
+        assert!(f.mean_mm.unwrap() < 0.012 && f.bias_mm.unwrap().abs() < 0.012, "{}: {f:?}", stage.name());
+        assert!(f.dice.unwrap() > 0.995, "{}: {f:?}", stage.name());
+    }
+    assert!(report.verdict.passed, "{:?}", report.verdict);
+    let deposition = report.block(Stage::Deposition).overall.unwrap();
+    assert!(near(deposition.iou_min, 1.0, 1e-9) && near(deposition.iou_mean, 1.0, 1e-9));
+    assert_eq!(report.layers.len(), 75);
+    assert!(report.notes.iter().any(|n| n.code == "report.extrapolated_ends" && n.text.contains("1.50 mm")));
+}
+
+#[test]
+fn a_contour_moved_outward_is_an_error_of_segmentation_on_its_planes() {
+    let mut case = Case::new(6);
+    for k in [2, 3] {
+        case.sections.planes[k].contours = vec![Contour::circle(Point2::origin(), RADIUS_MM + 0.3, 128)];
+    }
+    let report = report(&case);
+    for k in 0..6 {
+        let expected = if k == 2 || k == 3 { 0.3 } else { 0.0 };
+        let f = plane(&report, Stage::Segmentation, k);
+        assert!(near(f.bias_mm, expected, 0.015), "plane {k}: {f:?}");
+        assert!(near(plane(&report, Stage::Reconstruction, k).bias_mm, -expected, 0.003));
+        assert!(near(plane(&report, Stage::Total, k).bias_mm, 0.0, 0.015));
+    }
+    assert!(near(overall(&report, Stage::Segmentation).bias_mm, 0.1, 0.015));
+}
+
+#[test]
+fn a_scaled_solid_is_an_error_of_reconstruction() {
+    let mut case = Case::new(4);
+    case.solid.radius_mm *= 1.01;
+    let report = report(&case);
+    assert!(near(overall(&report, Stage::Reconstruction).bias_mm, 0.03, 0.001));
+    assert!(near(overall(&report, Stage::Reconstruction).area_error_percent, 2.01, 0.06));
+    assert!(near(overall(&report, Stage::Slicing).bias_mm, -0.03, 0.001));
+}
+
+#[test]
+fn a_layer_shift_is_found_where_it_begins() {
+    let mut case = Case::new(6);
+    let from_mm = case.paths.layers[45].z_mm - 0.01;
+    for s in case.record.segments.iter_mut().filter(|s| s.from.z > from_mm) {
+        s.from.x += 0.4;
+        s.to.x += 0.4;
+    }
+    let report = report(&case);
+    for k in 0..6 {
+        let f = plane(&report, Stage::Deposition, k);
+        let expected = if k < 3 { 0.0 } else { 0.4 };
+        // The closed form of a shifted circle: maximum d, mean 2 d / pi to first order.
+        assert!(near(f.max_mm, expected, 0.005), "plane {k}: {f:?}");
+        assert!(near(f.mean_mm, expected * 2.0 / std::f64::consts::PI, 0.005));
+    }
+    let shifted: Vec<usize> = report.layers.iter().filter(|l| l.iou < Some(0.97)).map(|l| l.layer).collect();
+    assert_eq!(shifted, (45..90).collect::<Vec<_>>());
+    assert!(!report.verdict.passed && report.verdict.failures.iter().any(|f| f.contains("IoU")));
+}
+
+#[test]
+fn thin_beads_widen_the_lumen_by_half_of_what_they_lack() {
+    let mut case = Case::new(4);
+    for s in &mut case.record.segments {
+        s.width_mm *= 0.8;
+    }
+    let report = report(&case);
+    assert!(near(overall(&report, Stage::Deposition).bias_mm, 0.1 * BEAD_MM, 0.002));
+    assert!(near(overall(&report, Stage::Deposition).area_error_percent, -20.0, 0.2));
+    assert!(near(overall(&report, Stage::Total).bias_mm, 0.1 * BEAD_MM, 0.015));
+}
+
+#[test]
+fn a_missing_layer_is_named() {
+    let mut case = Case::new(4);
+    let z_mm = case.paths.layers[20].z_mm;
+    case.record.segments.retain(|s| (s.from.z - z_mm).abs() > 0.01);
+    let report = report(&case);
+    assert!(near(report.layers[20].iou, 0.0, 1e-12));
+    let note = report.notes.iter().find(|n| n.code == "report.layers_not_deposited").unwrap();
+    assert!(note.text.contains("1 of 60") && note.text.contains("layer 20"), "{}", note.text);
+}
+
+#[test]
+fn a_missing_layer_at_a_ct_plane_leaves_null_with_the_reason() {
+    let mut case = Case::new(4);
+    let z_mm = case.paths.layers[22].z_mm;
+    case.record.segments.retain(|s| (s.from.z - z_mm).abs() > 0.01);
+    let report = report(&case);
+    let entry = &report.block(Stage::Deposition).planes[1];
+    assert!(entry.figures.mean_mm.is_none() && entry.reason.as_ref().unwrap().contains("deposited"));
+    assert!(report.verdict.failures.iter().any(|f| f.contains("planes 1")));
+}
+
+#[test]
+fn prime_lines_and_stray_pieces_are_said_and_not_counted() {
+    let mut case = Case::new(3);
+    let mut prime = case.record.segments[0];
+    (prime.from.x, prime.from.y, prime.to.x, prime.to.y) = (5.0, 5.0, 5.0, 60.0);
+    let mut stray = case.record.segments[0];
+    (stray.from.z, stray.to.z) = (3.1, 3.1);
+    case.record.segments.splice(0..0, [prime, stray]);
+    let report = report(&case);
+    assert!(near(report.block(Stage::Deposition).overall.unwrap().iou_min, 1.0, 1e-9));
+    for code in ["report.deposited_elsewhere", "report.deposited_between_layers"] {
+        assert!(report.notes.iter().any(|n| n.code == code && n.text.starts_with("1 piece")), "{code}");
+    }
+}
+
+#[test]
+fn without_a_ct_the_image_stages_are_null_with_the_reason() {
+    let case = Case::new(3);
+    let report = build(&Inputs { image: None, ..inputs(&case) }, &Task::quiet()).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
+    for stage in ["segmentation", "total"] {
+        assert!(json[stage]["overall"].is_null() && json[stage]["reason"].is_string());
+    }
+    assert!(json["deposition"]["overall"]["mean_mm"].is_number());
+    assert!(html(&report).unwrap().contains("ready contours"));
+    assert_eq!(report.pictures.len(), 3);
+}
+
+#[test]
+fn a_cropped_volume_measures_the_planes_that_it_has() {
+    let mut case = Case::new(4);
+    let n = case.volume.dims[0] * case.volume.dims[1];
+    case.volume.hu.drain(..n);
+    case.volume.plane_z_mm.remove(0);
+    case.volume.dims[2] = 3;
+    let report = report(&case);
+    assert!(report.block(Stage::Total).planes[0].reason.is_some());
+    assert_eq!(report.block(Stage::Total).overall.unwrap().n_planes, 3);
+    assert!(report.notes.iter().any(|n| n.code == "report.planes_without_image"));
+}
+
+#[test]
+fn a_cast_is_measured_by_what_is_filled() {
+    let mut case = Case::new(3);
+    // The same beads are the cast of a ring-shaped lumen.
+    let (outer, inner) =
+        (disk(RADIUS_MM + WALL_MM).contours[0].clone(), disk(RADIUS_MM).contours[0].reversed());
+    let ring = crate::geom::Region::new(vec![outer.clone(), inner.clone()]);
+    for layer in &mut case.layers {
+        layer.material = ring.clone();
+    }
+    for plane in &mut case.sections.planes {
+        plane.contours = vec![outer.clone(), inner.clone()];
+    }
+    #[derive(Debug)]
+    struct Ring(crate::geom::Region);
+    impl Sectioned for Ring {
+        fn z_range_mm(&self) -> [f64; 2] {
+            [-1.5, 7.5]
+        }
+        fn section(&self, _: f64, _: f64) -> crate::solid::CrossSection {
+            crate::solid::CrossSection { outer: self.0.clone(), lumen: crate::geom::Region::default() }
+        }
+    }
+    let solid = Ring(ring);
+    let cast = Inputs { image: None, solid: &solid, body: BodyKind::Cast, ..inputs(&case) };
+    let report = build(&cast, &Task::quiet()).unwrap();
+    for stage in &Stage::ALL[1..5] {
+        let f = overall(&report, *stage);
+        assert!(f.mean_mm.unwrap() < 0.004 && f.dice.unwrap() > 0.998, "{}: {f:?}", stage.name());
+    }
+}
+
+#[test]
+fn what_does_not_belong_together_is_refused() {
+    let mut case = Case::new(3);
+    let inner = case.paths.bed_from_stack;
+    case.paths.bed_from_stack = RigidTransform::translation(Vector3::new(0.02, 0.0, 0.0)).after(&inner);
+    let error = build(&inputs(&case), &Task::quiet()).unwrap_err();
+    assert!(matches!(error, Error::Registration { off_mm, .. } if (off_mm - 0.02).abs() < 1e-3));
+    assert!(error.to_string().contains("slice the case again"));
+
+    case.paths.bed_from_stack =
+        RigidTransform::from_axes(Point3::origin(), Vector3::x(), Vector3::z(), -Vector3::y());
+    assert!(
+        matches!(build(&inputs(&case), &Task::quiet()), Err(Error::Tilted { tilt_deg }) if (tilt_deg - 90.0).abs() < 1e-6)
+    );
+
+    let mut case = Case::new(3);
+    case.paths.layers.clear();
+    assert!(matches!(build(&inputs(&case), &Task::quiet()), Err(Error::NoLayers)));
+    case.sections.planes.clear();
+    assert!(matches!(build(&inputs(&case), &Task::quiet()), Err(Error::NoPlanes)));
+}
+
+#[test]
+fn an_interrupted_report_stops() {
+    let cancel = CancelToken::default();
+    cancel.cancel();
+    let task = Task::new(&|_, _| {}, cancel);
+    assert!(matches!(build(&inputs(&Case::new(2)), &task), Err(Error::Cancelled(_))));
+}
+
+#[test]
+fn the_same_case_gives_the_same_bytes_on_any_number_of_threads() {
+    let case = Case::new(4);
+    let on = |n: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+        let report = pool.install(|| report(&case));
+        (report.to_json().unwrap(), html(&report).unwrap(), report.pictures)
+    };
+    assert!(on(1) == on(3));
+}
+
+#[test]
+fn an_empty_record_gives_a_report_that_fails() {
+    let mut case = Case::new(2);
+    case.record = Record::default();
+    let report = report(&case);
+    assert!(!report.verdict.passed);
+    assert!(html(&report).unwrap().contains("verdict failed"));
+}
+
+#[test]
+fn json_has_the_blocks_and_fields_of_the_contract() {
+    let json: serde_json::Value = serde_json::from_str(&report(&Case::new(3)).to_json().unwrap()).unwrap();
+    for stage in Stage::ALL {
+        let block = &json[stage.name()];
+        for entry in [&block["overall"], &block["planes"][2]] {
+            for field in ["mean_mm", "rms_mm", "p95_mm", "max_mm", "bias_mm", "dice", "area_error_percent"] {
+                assert!(entry[field].is_number(), "{} {field}", stage.name());
+            }
+        }
+        assert_eq!(block["planes"][2]["plane"], 2);
+        assert_eq!(block["planes"][2]["z_mm"], 2.0 * INTERVAL_MM);
+    }
+    assert!(json["anatomy"]["branches"][0]["stages"][0]["lumen_area_mm2"].is_number());
+}
+
+#[test]
+fn text_of_others_is_escaped() {
+    let case = Case::new(2);
+    let hostile = [Warning { code: "ct.x".into(), text: "<script>alert(1)</script> & \"quoted\"".into() }];
+    let report = build(&Inputs { warnings: &hostile, ..inputs(&case) }, &Task::quiet()).unwrap();
+    let page = html(&report).unwrap();
+    assert!(!page.contains("<script>alert") && page.contains("&lt;script&gt;alert"));
+    assert!(!page.contains("http://") && !page.contains("https://"));
+}
+
+#[test]
+fn writing_replaces_an_older_report_and_leaves_nothing_else() {
+    let report = report(&Case::new(2));
+    let parent = tempfile::tempdir().unwrap();
+    let dir = parent.path().join("case/report");
+    std::fs::create_dir_all(&dir).unwrap();
+    std::fs::write(dir.join("old.txt"), "old").unwrap();
+    write(&report, &dir, &Task::quiet()).unwrap();
+    let names = |dir: &std::path::Path| {
+        let mut names: Vec<String> =
+            std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    assert_eq!(names(&dir), ["index.html", "plane-000.png", "plane-001.png", "report.json"]);
+    assert_eq!(names(&parent.path().join("case")), ["report"]);
+    let in_the_way = parent.path().join("file");
+    std::fs::write(&in_the_way, "").unwrap();
+    let refused = write(&report, &in_the_way.join("report"), &Task::quiet());
+    assert!(matches!(&refused, Err(Error::Io { .. })));
+    assert!(refused.unwrap_err().to_string().contains("may be written"));
+}
+
+#[test]
+fn a_skirt_is_planned_material_but_no_part_of_the_lumen() {
+    let mut case = Case::new(2);
+    for layer in &mut case.paths.layers {
+        let mut skirt = layer.beads[2].clone();
+        skirt.kind = crate::toolpath::BeadKind::SkirtBrim;
+        let centre = Point2::new(100.0, 90.0);
+        for p in &mut skirt.points {
+            p.at = centre + (p.at - centre) * 2.0;
+        }
+        layer.beads.push(skirt);
+    }
+    case.record = print(&case.paths);
+    let report = report(&case);
+    assert!(near(report.block(Stage::Deposition).overall.unwrap().iou_min, 1.0, 1e-9));
+    assert!(overall(&report, Stage::Total).mean_mm.unwrap() < 0.012);
+}
+
+#[test]
+fn planes_without_a_layer_are_said() {
+    let mut case = Case::new(3);
+    let slot = LayerSlot { ct_plane: None, ..case.layers[22].slot };
+    assert!((slot.height_mm - LAYER_MM).abs() < 1e-12);
+    case.layers[22].slot = slot;
+    case.paths.layers[22].slot = slot;
+    let report = report(&case);
+    assert!(report.block(Stage::Slicing).planes[1].reason.as_ref().unwrap().contains("no layer"));
+    assert!(report.notes.iter().any(|n| n.code == "report.planes_without_layer"));
+}

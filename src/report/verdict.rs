@@ -1,0 +1,83 @@
+//! Figures against limits.
+
+use super::{Block, Stage};
+use serde::Serialize;
+
+/// The limits that a replica must keep to pass.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gate {
+    /// Total 95th percentile, mm; where the image's pixels are larger, one pixel.
+    pub total_p95_mm: f64,
+    /// Least IoU of deposited against planned material, each layer.
+    pub layer_iou: f64,
+}
+
+impl Default for Gate {
+    /// 0.3 mm: what the best published chains reach on average; 0.97: what a healthy printer does.
+    fn default() -> Self {
+        Self { total_p95_mm: 0.3, layer_iou: 0.97 }
+    }
+}
+
+/// Whether the replica passes, and if not, why.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Whether all limits are kept.
+    pub passed: bool,
+    /// The limits, with the pixel taken into account.
+    pub gate: Gate,
+    /// One sentence for each limit that is not kept.
+    pub failures: Vec<String>,
+}
+
+impl Verdict {
+    pub(super) fn of(gate: Gate, pixel_mm: Option<f64>, blocks: &[Block; 6]) -> Self {
+        let gate = Gate { total_p95_mm: gate.total_p95_mm.max(pixel_mm.unwrap_or(0.0)), ..gate };
+        let mut failures = Vec::new();
+        failures.extend(total_failure(gate, &blocks[Stage::Total as usize]));
+        failures.extend(layer_failure(gate, &blocks[Stage::Deposition as usize]));
+        failures.extend(missing(&blocks[Stage::Deposition as usize]));
+        Self { passed: failures.is_empty(), gate, failures }
+    }
+
+    /// The verdict in one line.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        if self.passed {
+            return format!(
+                "Passed: total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
+                self.gate.total_p95_mm, self.gate.layer_iou
+            );
+        }
+        format!("Not passed: {}", self.failures.join("; "))
+    }
+}
+
+fn total_failure(gate: Gate, total: &Block) -> Option<String> {
+    let p95 = total.overall?.figures.p95_mm?;
+    (p95 > gate.total_p95_mm)
+        .then(|| format!("the total 95th percentile is {p95:.3} mm, allowed are {:.3} mm", gate.total_p95_mm))
+}
+
+fn layer_failure(gate: Gate, deposition: &Block) -> Option<String> {
+    let least = deposition.overall.and_then(|o| o.iou_min);
+    match least {
+        None => Some("nothing was deposited".into()),
+        Some(iou) if iou < gate.layer_iou => Some(format!(
+            "a layer's deposited material overlaps the planned one by IoU {iou:.3} only, at least {:.2} is asked",
+            gate.layer_iou
+        )),
+        Some(_) => None,
+    }
+}
+
+fn missing(deposition: &Block) -> Option<String> {
+    let planes: Vec<String> = deposition
+        .planes
+        .iter()
+        .filter(|p| p.figures.mean_mm.is_none())
+        .map(|p| p.plane.to_string())
+        .collect();
+    (!planes.is_empty() && !deposition.planes.is_empty())
+        .then(|| format!("the lumen was not found in the deposited material of planes {}", planes.join(", ")))
+}
