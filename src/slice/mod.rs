@@ -1,9 +1,23 @@
 //! Layers on the CT-aligned grid, cut from the exact solid.
 //!
-//! All coordinates are in the stack frame; the toolpath stage puts them on the bed.
+//! [`grid()`] turns the heights of the CT planes into the table layer <-> z <-> CT plane; [`slice_solid`] cuts the
+//! body at the middle of each layer. All coordinates are in the stack frame; the toolpath stage puts them on the bed.
+//!
+//! The layers are cut in parallel; each depends on its own height alone, so the result is the same on any number of
+//! threads. The section is taken as constant through the layer's thickness.
+//!
+//! Not done here: layers from a mesh.
+
+mod grid;
+
+pub use grid::{GridParams, grid};
 
 use crate::geom::Region;
+use crate::progress::{Cancelled, Task};
+use crate::solid::Sectioned;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// One layer of the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -32,4 +46,217 @@ pub struct Layer {
     pub material: Region,
     /// The lumen, for reports and for keeping beads and travels out of it; empty for a cast. Stack frame.
     pub lumen: Region,
+}
+
+/// What keeps a body from being cut into layers.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The wanted height is none that the machine prints.
+    #[error(
+        "layer height {layer_mm} mm is out of range: the machine prints layers of {thinnest_mm} to {thickest_mm} mm; choose \
+         one within, or another profile"
+    )]
+    LayerHeight {
+        /// Wanted height, mm.
+        layer_mm: f64,
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
+    /// The machine's limits make no sense.
+    #[error(
+        "layer height limits {thinnest_mm} to {thickest_mm} mm make no sense: expected 0 < thinnest <= thickest; correct the \
+         profile"
+    )]
+    HeightLimits {
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
+    /// The body has no height.
+    #[error("the body reaches from z {bottom_mm} to {top_mm} mm: there is nothing to cut; check the z range")]
+    Extent {
+        /// Lowest z, mm.
+        bottom_mm: f64,
+        /// Highest z, mm.
+        top_mm: f64,
+    },
+    /// The body is thinner than a layer.
+    #[error(
+        "the body is {extent_mm} mm high, which layers of {thinnest_mm} to {thickest_mm} mm cannot make up; widen the z range \
+         or the layer height limits"
+    )]
+    TooFlat {
+        /// Height of the body, mm.
+        extent_mm: f64,
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
+    /// The job would be absurdly long.
+    #[error("{extent_mm} mm in layers of {layer_mm} mm are more than a million layers; check the units")]
+    TooManyLayers {
+        /// Height of the body, mm.
+        extent_mm: f64,
+        /// Wanted height, mm.
+        layer_mm: f64,
+    },
+    /// Planes must ascend.
+    #[error("CT plane {plane} at z {z_mm} mm does not lie above its predecessor at {below_mm} mm; sort the planes")]
+    PlaneOrder {
+        /// The plane, counted from 0.
+        plane: usize,
+        /// Its height, mm.
+        z_mm: f64,
+        /// Height of the plane before, mm.
+        below_mm: f64,
+    },
+    /// No heights within the limits make both planes the middle of a layer.
+    #[error(
+        "CT plane {plane} at z {z_mm} mm lies {distance_mm} mm above its predecessor: no layers of {thinnest_mm} to \
+         {thickest_mm} mm have both planes as their middles; use thinner layers or leave planes out"
+    )]
+    PlanesTooClose {
+        /// The upper plane, counted from 0.
+        plane: usize,
+        /// Its height, mm.
+        z_mm: f64,
+        /// Distance of the two planes, mm.
+        distance_mm: f64,
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
+    /// A plane cuts nothing out of the body.
+    #[error("layer {layer} at z {z_mm} mm holds no material: the body has a gap there; check the solid")]
+    EmptyLayer {
+        /// The layer, counted from 0 at the bed.
+        layer: usize,
+        /// Height at which the body was cut, mm.
+        z_mm: f64,
+    },
+    /// The chord tolerance is no length.
+    #[error("the slicing tolerance is {tolerance_mm} mm; expected a positive length")]
+    Tolerance {
+        /// What was given, mm.
+        tolerance_mm: f64,
+    },
+    /// Asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Cuts the body at the middle of each layer of the grid; chords of the sections stay within `tolerance_mm` of the surface.
+///
+/// A middle that lies a little outside the body (the body ends within the layer) is cut at the body's end.
+///
+/// # Errors
+/// A tolerance that is no positive length, a layer without material, cancellation.
+pub fn slice_solid(
+    body: &dyn Sectioned,
+    grid: &LayerGrid,
+    tolerance_mm: f64,
+    task: &Task<'_>,
+) -> Result<Vec<Layer>, Error> {
+    if !(tolerance_mm > 0.0 && tolerance_mm.is_finite()) {
+        return Err(Error::Tolerance { tolerance_mm });
+    }
+    let done = AtomicU64::new(0);
+    let total = grid.slots.len() as u64;
+    // Collected without a short cut, so that of several faulty layers always the lowest is reported.
+    let layers: Vec<Result<Layer, Error>> = grid
+        .slots
+        .par_iter()
+        .enumerate()
+        .map(|(layer, slot)| {
+            task.check()?;
+            let cut = cut(body, layer, *slot, tolerance_mm);
+            task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            cut
+        })
+        .collect();
+    layers.into_iter().collect()
+}
+
+fn cut(body: &dyn Sectioned, layer: usize, slot: LayerSlot, tolerance_mm: f64) -> Result<Layer, Error> {
+    let [bottom, top] = body.z_range_mm();
+    let z_mm = slot.z_mid_mm.max(bottom).min(top);
+    let section = body.section(z_mm, tolerance_mm);
+    let material = section.material();
+    if material.is_empty() {
+        return Err(Error::EmptyLayer { layer, z_mm });
+    }
+    Ok(Layer { slot, material, lumen: section.lumen })
+}
+
+#[cfg(test)]
+pub(crate) mod analytic;
+
+#[cfg(test)]
+mod tests {
+    use super::analytic::{Tube, Tubes};
+    use super::*;
+    use crate::progress::CancelToken;
+    use std::f64::consts::PI;
+
+    const PARAMS: GridParams = GridParams { layer_mm: 0.2, height_limits_mm: [0.1, 0.3] };
+
+    fn volume_mm3(layers: &[Layer]) -> f64 {
+        layers.iter().map(|l| l.material.area_mm2() * l.slot.height_mm).sum()
+    }
+
+    #[test]
+    fn ring_has_area_and_volume_of_the_annulus() {
+        let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 9.0]);
+        let grid = grid(&[1.5, 4.5, 7.5], body.z_range_mm(), &PARAMS).unwrap();
+        let layers = slice_solid(&body, &grid, 1e-3, &Task::quiet()).unwrap();
+        let area = PI * (16.0 - 9.0);
+        assert!(layers.iter().all(|l| (l.material.area_mm2() / area - 1.0).abs() < 1e-3));
+        assert!(layers.iter().all(|l| l.material.contours.len() == 2 && l.lumen.contours.len() == 1));
+        assert!((volume_mm3(&layers) / (area * 9.0) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn slanted_tube_keeps_the_area_and_moves_its_centre() {
+        let tube = Tube { slope: [0.5, 0.0], ..Tube::upright(0.0, 3.0) };
+        let body = Tubes::new(vec![tube], 1.0, [0.0, 12.0]);
+        let grid = grid(&[], body.z_range_mm(), &PARAMS).unwrap();
+        let layers = slice_solid(&body, &grid, 1e-3, &Task::quiet()).unwrap();
+        for layer in &layers {
+            let centre = layer.lumen.contours[0].centroid();
+            assert!((centre.x - 0.5 * layer.slot.z_mid_mm).abs() < 1e-4);
+            assert!((layer.material.area_mm2() / (7.0 * PI) - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn merging_tubes_change_from_two_islands_to_one() {
+        let body = Tubes::merging([0.0, 20.0]);
+        let grid = grid(&[], body.z_range_mm(), &PARAMS).unwrap();
+        let layers = slice_solid(&body, &grid, 1e-3, &Task::quiet()).unwrap();
+        assert_eq!(layers[0].material.islands().len(), 2);
+        assert_eq!(layers[layers.len() - 1].material.islands().len(), 1);
+        let holes = |l: &Layer| l.material.contours.iter().filter(|c| !c.is_ccw()).count();
+        assert!(layers.iter().any(|l| l.material.islands().len() == 1 && holes(l) == 2));
+        assert_eq!(holes(&layers[layers.len() - 1]), 1);
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 3.0]);
+        let grid = grid(&[], [0.0, 3.0], &PARAMS).unwrap();
+        let zero = slice_solid(&body, &grid, 0.0, &Task::quiet());
+        assert_eq!(zero, Err(Error::Tolerance { tolerance_mm: 0.0 }));
+        let nothing = Tubes::new(vec![], 1.0, [0.0, 3.0]);
+        let empty = slice_solid(&nothing, &grid, 1e-3, &Task::quiet());
+        assert!(matches!(empty, Err(Error::EmptyLayer { layer: 0, .. })));
+        let token = CancelToken::default();
+        token.cancel();
+        let stopped = slice_solid(&body, &grid, 1e-3, &Task::new(&|_, _| {}, token));
+        assert_eq!(stopped, Err(Error::Cancelled(Cancelled)));
+    }
 }
