@@ -1,8 +1,44 @@
 //! Layers to beads and travels, in the bed frame.
+//!
+//! [`plan`] puts the layers on the bed (a translation), fills each with beads, and puts these in order:
+//!
+//! - Along every skin beads whose width follows the local thickness, so that a wall is filled from skin to skin without gap and overlap.
+//!   The measure is the depth of the medial axis under each point of the skin; in place of the axis itself the touching balls are used
+//!   (after Kuipers, Doubrovski, Wu, Wang: A framework for adaptive width control of dense contour-parallel toolpaths in fused deposition
+//!   modeling, CAD 128, 2020, whose bead counts along a skeleton these are in effect).
+//! - A raster in what is too deep for that, at alternating angles.
+//! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and end inside the wall.
+//!
+//! Outline, spacing and flow follow one bead model ([`BeadModel`]).
+//!
+//! Not done: supports, floors and roofs of sparse fill, bridges, arcs.
+//!
+//! Layers are filled in parallel and put in order one after the other, so the result is the same on any number of threads.
+//! Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
 
+mod adhesion;
+mod fill;
+mod flow;
+mod place;
+mod raster;
+mod sequence;
+mod simplify;
+mod skin;
+mod travel;
+
+pub use flow::BeadModel;
+pub use travel::Travel;
+
+use crate::gcode;
 use crate::geom::{Point2, Region, RigidTransform};
-use crate::slice::LayerSlot;
+use crate::profile::Profile;
+use crate::progress::{Cancelled, Task};
+use crate::slice::{Layer, LayerSlot};
+use fill::{FillParams, Path, Thin};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use skin::Skins;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What a bead is for; the names are those that G-code viewers know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -60,7 +96,9 @@ pub struct LayerPaths {
     pub z_mm: f64,
     /// The beads in order.
     pub beads: Vec<Bead>,
-    /// What was to be filled, on the bed: for the report and for travels.
+    /// The way to each bead from the end of the one before (for the first: of the layer below); a bead without an entry is reached straight.
+    pub travels: Vec<Travel>,
+    /// What was to be filled, on the bed, compensations included: for the report and for travels.
     pub material: Region,
     /// The lumen on the bed: travels keep out of it where a way round exists.
     pub lumen: Region,
@@ -74,3 +112,272 @@ pub struct Toolpaths {
     /// Layers from the bed upward.
     pub layers: Vec<LayerPaths>,
 }
+
+/// How far a bead's centre line and edges may lie off the exact ones, mm.
+pub const TOLERANCE_MM: f64 = 2e-3;
+/// Outlines are thinned to this before anything else, mm.
+const OUTLINE_TOLERANCE_MM: f64 = 5e-4;
+/// Material below this share of a bead's square is dust from boolean operations, not a feature.
+const DUST_SHARE: f64 = 1e-3;
+/// Share of a layer's skins from which on a wall that is too thin makes the job impossible.
+const MOST_THIN_SHARE: f64 = 0.5;
+
+/// Something the operator should know; the job can be printed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// Stable name of the kind of warning.
+    pub code: &'static str,
+    /// What, where, how much.
+    pub text: String,
+}
+
+/// A planned job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// The job.
+    pub paths: Toolpaths,
+    /// What the operator should know about it.
+    pub warnings: Vec<Warning>,
+}
+
+/// What keeps layers from becoming toolpaths.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// No layer holds material.
+    #[error("no layer holds any material: there is nothing to print; check the solid")]
+    Empty,
+    /// The part does not fit the machine.
+    #[error(
+        "the part is {:.1} x {:.1} x {:.1} mm, the build space {:.1} x {:.1} x {:.1} mm; shorten the z range or choose a \
+         larger machine", part_mm[0], part_mm[1], part_mm[2], bed_mm[0], bed_mm[1], bed_mm[2]
+    )]
+    LargerThanBed {
+        /// Size of the part, mm.
+        part_mm: [f64; 3],
+        /// Size of the build space, mm.
+        bed_mm: [f64; 3],
+    },
+    /// Most of a layer's wall is thinner than the thinnest bead.
+    #[error(
+        "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} on the bed); the \
+         thinnest bead is {thinnest_mm} mm: use a thicker wall or a finer nozzle"
+    )]
+    WallTooThin {
+        /// The layer, 0 on the bed.
+        layer: usize,
+        /// Height of the layer's middle in the stack, mm.
+        z_mm: f64,
+        /// Place on the bed, mm.
+        x_mm: f64,
+        /// Place on the bed, mm.
+        y_mm: f64,
+        /// Thickness found, mm.
+        thickness_mm: f64,
+        /// Thinnest bead of the profile, mm.
+        thinnest_mm: f64,
+    },
+    /// A setting of the profile makes no sense here.
+    #[error("profile `{profile}`: {field} is {found}; expected {expected}")]
+    Profile {
+        /// Name of the profile.
+        profile: String,
+        /// The setting.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// Asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Plans the beads of a job on the profile's machine.
+///
+/// # Errors
+/// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest bead, settings that make
+/// no sense, cancellation.
+pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
+    check(profile)?;
+    let placement = place::place(layers, profile)?;
+    let done = AtomicU64::new(0);
+    let total = layers.len() as u64;
+    let drafts: Vec<Result<Draft, Error>> = layers
+        .par_iter()
+        .enumerate()
+        .map(|(idx, layer)| {
+            task.check()?;
+            let (material, lumen) = placement.layer(layer, idx == 0, profile);
+            let draft = draft(idx, layer.slot, material, lumen, profile);
+            task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            draft
+        })
+        .collect();
+    // Of several faulty layers always the lowest is reported.
+    let mut drafts = drafts.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
+    let mut warnings = warnings(&drafts);
+    if let Some(first) = drafts.first_mut() {
+        let (loops, warning) = adhesion::loops(&first.material, profile, &first.params);
+        first.adhesion = loops;
+        warnings.extend(warning);
+    }
+    let layers = in_order(drafts, task)?;
+    Ok(Planned { paths: Toolpaths { bed_from_stack: placement.bed_from_stack, layers }, warnings })
+}
+
+/// A layer whose beads are not yet in order.
+struct Draft {
+    slot: LayerSlot,
+    material: Region,
+    lumen: Region,
+    params: FillParams,
+    adhesion: Vec<Path>,
+    paths: Vec<Path>,
+    net: Option<travel::Net>,
+    thin: Option<Thin>,
+    lost: Vec<Point2>,
+}
+
+fn draft(
+    idx: usize,
+    slot: LayerSlot,
+    material: Region,
+    lumen: Region,
+    profile: &Profile,
+) -> Result<Draft, Error> {
+    let params = fill_params(profile, slot.height_mm);
+    let material = without_dust(material, params.width_mm);
+    let mut draft =
+        Draft { slot, material, lumen, params, adhesion: vec![], paths: vec![], net: None, thin: None, lost: vec![] };
+    let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
+        return Ok(draft);
+    };
+    let filled = fill::fill(&skins, &params);
+    if let Some(thin) = filled.thin.filter(|t| t.share > MOST_THIN_SHARE) {
+        return Err(Error::WallTooThin {
+            layer: idx,
+            z_mm: slot.z_mid_mm,
+            x_mm: thin.at.x,
+            y_mm: thin.at.y,
+            thickness_mm: thin.thickness_mm,
+            thinnest_mm: params.limits_mm[0],
+        });
+    }
+    let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
+    let raster = raster::raster(&filled.rest, &params, profile.print.infill_percent, angle.to_radians());
+    let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
+    draft.paths = contours.chain(raster).collect();
+    draft.net = Some(travel::Net::new(&skins));
+    (draft.thin, draft.lost) = (filled.thin, filled.lost);
+    Ok(draft)
+}
+
+fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
+    FillParams {
+        model: BeadModel::new(profile.print.bead_shape, height_mm),
+        width_mm: profile.print.extrusion_width_mm,
+        limits_mm: profile.machine.extrusion_width_mm,
+        perimeters: profile.print.perimeters.max(1) as usize,
+    }
+}
+
+fn without_dust(region: Region, width_mm: f64) -> Region {
+    let least = DUST_SHARE * width_mm * width_mm;
+    Region::new(region.contours.into_iter().filter(|c| c.signed_area_mm2().abs() > least).collect())
+}
+
+/// Puts the beads in order, layer by layer, because each begins where the one below ended.
+fn in_order(drafts: Vec<Draft>, task: &Task<'_>) -> Result<Vec<LayerPaths>, Error> {
+    let mut at = None;
+    let mut z_mm = 0.0;
+    let mut layers = Vec::with_capacity(drafts.len());
+    for (idx, draft) in drafts.into_iter().enumerate() {
+        task.check()?;
+        z_mm += draft.slot.height_mm;
+        let mut beads = Vec::new();
+        let mut travels = Vec::new();
+        for path in &draft.adhesion {
+            let mut vertices = path.vertices.clone();
+            vertices.push(vertices[0]);
+            at = Some(vertices[0].at);
+            beads.push(Bead { kind: path.kind, points: sequence::bead_points(&vertices) });
+            travels.push(Travel { via: Vec::new(), leaves_material: true });
+        }
+        if let Some(net) = &draft.net {
+            let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, at);
+            at = sequence.at;
+            beads.extend(sequence.beads);
+            travels.extend(sequence.travels);
+        }
+        let Draft { slot, material, lumen, .. } = draft;
+        layers.push(LayerPaths { slot, z_mm, beads, travels, material, lumen });
+    }
+    Ok(layers)
+}
+
+fn warnings(drafts: &[Draft]) -> Vec<Warning> {
+    let z = |d: &Draft| d.slot.z_mid_mm;
+    let thin: Vec<(f64, Thin)> = drafts.iter().filter_map(|d| Some((z(d), d.thin?))).collect();
+    let worst = thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
+    let thin_walls = worst.map(|(z_mm, t)| Warning {
+        code: "toolpath.thin_wall",
+        text: format!(
+            "material thinner than the thinnest bead in {} layers, worst {:.3} mm at z {z_mm:.2} mm (x {:.2}, y {:.2} on \
+             the bed): printed too thick there, or not at all below half a bead",
+            thin.len(),
+            t.thickness_mm,
+            t.at.x,
+            t.at.y
+        ),
+    });
+    let lost: Vec<(f64, Point2)> = drafts.iter().flat_map(|d| d.lost.iter().map(|&p| (z(d), p))).collect();
+    let lost_features = lost.first().map(|(z_mm, p)| Warning {
+        code: "toolpath.lost_feature",
+        text: format!(
+            "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed)",
+            lost.len(),
+            p.x,
+            p.y
+        ),
+    });
+    thin_walls.into_iter().chain(lost_features).collect()
+}
+
+/// Refuses settings that would make nonsense of the plan.
+fn check(profile: &Profile) -> Result<(), Error> {
+    let fault = |field, found: String, expected: &str| {
+        Err(Error::Profile { profile: profile.name.clone(), field, found, expected: expected.to_owned() })
+    };
+    let (machine, print) = (&profile.machine, &profile.print);
+    let [narrowest, widest] = machine.extrusion_width_mm;
+    if !(narrowest > 0.05 && narrowest <= widest && widest < 10.0) {
+        return fault("machine.extrusion_width_mm", format!("{:?}", [narrowest, widest]), "0.05 < narrowest <= widest < 10");
+    }
+    if !(narrowest..=widest).contains(&print.extrusion_width_mm) {
+        let limits = format!("a width within machine.extrusion_width_mm, {narrowest} to {widest} mm");
+        return fault("print.extrusion_width_mm", print.extrusion_width_mm.to_string(), &limits);
+    }
+    if print.bead_shape == crate::profile::BeadShape::Stadium && machine.layer_height_mm[1] > narrowest {
+        let limit = format!("at most the narrowest bead, {narrowest} mm: a rounded bead is wider than high");
+        return fault("machine.layer_height_mm", machine.layer_height_mm[1].to_string(), &limit);
+    }
+    if !(0.0..=100.0).contains(&print.infill_percent) {
+        return fault("print.infill_percent", print.infill_percent.to_string(), "0 to 100");
+    }
+    if !(0.0..10.0).contains(&profile.filament.shrinkage_percent) {
+        return fault("filament.shrinkage_percent", profile.filament.shrinkage_percent.to_string(), "0 to 10");
+    }
+    for (field, value) in [("print.brim_mm", print.brim_mm), ("print.skirt_distance_mm", print.skirt_distance_mm)] {
+        if !(0.0..=100.0).contains(&value) {
+            return fault(field, value.to_string(), "0 to 100 mm");
+        }
+    }
+    if let Some(unknown) = gcode::unknown_placeholder(profile) {
+        return fault("scripts", unknown, gcode::PLACEHOLDERS);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,309 @@
+//! One line of G-code to its command, and the checksum that Marlin's protocol wants.
+//!
+//! A line is `[N number] command words [*checksum] [; comment]`. Comments in parentheses are skipped. Words may stand with or without blanks
+//! between them, letters in either case. `M117` and its like carry text in place of words: it is kept as it stands.
+
+use std::fmt;
+
+/// What a line asks the printer to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Command {
+    /// `G`, `M` or `T`, upper case.
+    pub letter: char,
+    /// The number behind it.
+    pub code: u32,
+    /// The number behind the point, as in `G29.1`.
+    pub subcode: Option<u32>,
+    /// The words in order: letter in upper case, number where there is one.
+    pub words: Vec<(char, Option<f64>)>,
+    /// The text of commands that take text.
+    pub text: Option<String>,
+}
+
+/// A line taken apart.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Line {
+    /// The number behind `N`.
+    pub number: Option<u64>,
+    /// The command, if there is one.
+    pub command: Option<Command>,
+    /// The number behind `*`.
+    pub checksum: Option<u8>,
+    /// What stands behind `;`, without it.
+    pub comment: Option<String>,
+}
+
+/// What a line cannot be read for.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// The line begins with something that is no command.
+    #[error("column {column}: found `{found}`; expected G, M or T and a number")]
+    NoCommand {
+        /// Where, counted from 1 in characters.
+        column: usize,
+        /// What stands there.
+        found: String,
+    },
+    /// A letter is followed by something that is no number.
+    #[error("column {column}: `{found}` is no word of a letter and a number")]
+    BadWord {
+        /// Where, counted from 1 in characters.
+        column: usize,
+        /// What stands there.
+        found: String,
+    },
+}
+
+/// Commands whose words are text.
+const TEXT_COMMANDS: [(char, u32); 5] = [('M', 16), ('M', 23), ('M', 28), ('M', 117), ('M', 118)];
+
+impl Command {
+    /// Whether this is, say, `G1` or `M104`.
+    #[must_use]
+    pub fn is(&self, letter: char, code: u32) -> bool {
+        self.letter == letter && self.code == code && self.subcode.is_none()
+    }
+
+    /// The number of a word; `None` where the word is missing or has none.
+    #[must_use]
+    pub fn value(&self, letter: char) -> Option<f64> {
+        self.words.iter().find(|(l, _)| *l == letter).and_then(|(_, v)| *v)
+    }
+
+    /// Whether a word stands there, with a number or without.
+    #[must_use]
+    pub fn has(&self, letter: char) -> bool {
+        self.words.iter().any(|(l, _)| *l == letter)
+    }
+}
+
+impl fmt::Display for Command {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.letter, self.code)?;
+        if let Some(sub) = self.subcode {
+            write!(f, ".{sub}")?;
+        }
+        for (letter, value) in &self.words {
+            match value {
+                Some(v) => write!(f, " {letter}{v}")?,
+                None => write!(f, " {letter}")?,
+            }
+        }
+        self.text.as_ref().map_or(Ok(()), |text| write!(f, " {text}"))
+    }
+}
+
+/// Takes a line apart.
+///
+/// # Errors
+/// Something that is neither command, word nor comment.
+pub fn parse(line: &str) -> Result<Line, Error> {
+    let (code, comment) = split_comment(line);
+    let comment = comment.map(str::to_owned);
+    let (code, checksum) = split_checksum(code);
+    let code = without_parentheses(code);
+    let mut scanner = Scanner { chars: code.chars().collect(), at: 0 };
+    scanner.skip_blanks();
+    let number = scanner.line_number();
+    let command = scanner.command()?;
+    Ok(Line { number, command, checksum, comment })
+}
+
+/// The part before the comment, with trailing blanks and a checksum kept; what stands behind the semicolon.
+#[must_use]
+pub fn split_comment(line: &str) -> (&str, Option<&str>) {
+    match line.split_once(';') {
+        Some((code, comment)) => (code, Some(comment.trim_end_matches(['\r', '\n']))),
+        None => (line.trim_end_matches(['\r', '\n']), None),
+    }
+}
+
+fn split_checksum(code: &str) -> (&str, Option<u8>) {
+    let Some((before, after)) = code.rsplit_once('*') else { return (code, None) };
+    after.trim().parse().map_or((code, None), |sum| (before, Some(sum)))
+}
+
+fn without_parentheses(code: &str) -> String {
+    let mut inside = false;
+    let keep = |c: &char| {
+        let was_inside = inside;
+        inside = *c == '(' || (inside && *c != ')');
+        !inside && !was_inside
+    };
+    code.chars().filter(keep).collect()
+}
+
+struct Scanner {
+    chars: Vec<char>,
+    at: usize,
+}
+
+impl Scanner {
+    fn peek(&self) -> Option<char> {
+        self.chars.get(self.at).copied()
+    }
+
+    fn skip_blanks(&mut self) {
+        while self.peek().is_some_and(char::is_whitespace) {
+            self.at += 1;
+        }
+    }
+
+    fn rest(&self) -> String {
+        self.chars[self.at..].iter().collect::<String>().trim_end().to_owned()
+    }
+
+    fn digits(&mut self) -> Option<u64> {
+        let from = self.at;
+        while self.peek().is_some_and(|c| c.is_ascii_digit()) {
+            self.at += 1;
+        }
+        self.chars[from..self.at].iter().collect::<String>().parse().ok()
+    }
+
+    fn line_number(&mut self) -> Option<u64> {
+        let from = self.at;
+        if !self.peek()?.eq_ignore_ascii_case(&'N') {
+            return None;
+        }
+        self.at += 1;
+        let number = self.digits();
+        if number.is_none() {
+            self.at = from;
+        }
+        self.skip_blanks();
+        number
+    }
+
+    fn command(&mut self) -> Result<Option<Command>, Error> {
+        self.skip_blanks();
+        let Some(letter) = self.peek().map(|c| c.to_ascii_uppercase()) else { return Ok(None) };
+        let (column, found) = (self.at + 1, self.rest());
+        let no_command = || Error::NoCommand { column, found: found.clone() };
+        if !matches!(letter, 'G' | 'M' | 'T') {
+            return Err(no_command());
+        }
+        self.at += 1;
+        let code = self.digits().and_then(|n| u32::try_from(n).ok()).ok_or_else(no_command)?;
+        let mut subcode = None;
+        if self.peek() == Some('.') {
+            self.at += 1;
+            subcode = self.digits().and_then(|n| u32::try_from(n).ok());
+        }
+        if TEXT_COMMANDS.contains(&(letter, code)) {
+            self.skip_blanks();
+            return Ok(Some(Command { letter, code, subcode, words: vec![], text: Some(self.rest()) }));
+        }
+        Ok(Some(Command { letter, code, subcode, words: self.words()?, text: None }))
+    }
+
+    fn words(&mut self) -> Result<Vec<(char, Option<f64>)>, Error> {
+        let mut words = Vec::new();
+        loop {
+            self.skip_blanks();
+            let Some(letter) = self.peek() else { return Ok(words) };
+            let (column, found) = (self.at + 1, self.rest());
+            if !letter.is_ascii_alphabetic() {
+                return Err(Error::BadWord { column, found });
+            }
+            self.at += 1;
+            let from = self.at;
+            while self.peek().is_some_and(|c| c.is_ascii_digit() || matches!(c, '.' | '-' | '+')) {
+                self.at += 1;
+            }
+            let number: String = self.chars[from..self.at].iter().collect();
+            let value = match number.as_str() {
+                "" => None,
+                text => Some(text.parse().map_err(|_: std::num::ParseFloatError| Error::BadWord { column, found })?),
+            };
+            words.push((letter.to_ascii_uppercase(), value));
+        }
+    }
+}
+
+/// The checksum of Marlin's protocol: all bytes of `N.. command ` combined by exclusive or.
+#[must_use]
+pub fn checksum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, b| sum ^ b)
+}
+
+/// A line as it goes over the wire: numbered, with its checksum, without line feed.
+#[must_use]
+pub fn numbered(number: crate::units::LineNumber, code: &str) -> String {
+    let line = format!("N{} {}", number.0, code.trim());
+    format!("{line}*{}", checksum(line.as_bytes()))
+}
+
+/// Whether the line's checksum is right; `None` where it has none.
+#[must_use]
+pub fn checksum_holds(line: &str) -> Option<bool> {
+    let (code, _) = split_comment(line);
+    let (before, sum) = split_checksum(code);
+    sum.map(|sum| checksum(before.as_bytes()) == sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::units::LineNumber;
+    use proptest::prelude::*;
+
+    fn command(line: &str) -> Command {
+        parse(line).unwrap().command.unwrap()
+    }
+
+    #[test]
+    fn move_is_taken_apart() {
+        let line = parse("N12 g1X10.5 Y-3 E.02 F1800*99 ; go").unwrap();
+        assert_eq!((line.number, line.checksum), (Some(12), Some(99)));
+        assert_eq!(line.comment.as_deref(), Some(" go"));
+        let c = line.command.unwrap();
+        assert!(c.is('G', 1));
+        assert_eq!(c.value('X'), Some(10.5));
+        assert_eq!(c.value('E'), Some(0.02));
+        assert_eq!(c.to_string(), "G1 X10.5 Y-3 E0.02 F1800");
+    }
+
+    #[test]
+    fn text_flags_subcodes_and_comments_are_kept() {
+        assert_eq!(command("M117 Layer 3 of 690").text.as_deref(), Some("Layer 3 of 690"));
+        assert!(command("G28 X Y").has('Y') && command("G28 X Y").value('Y').is_none());
+        assert_eq!(command("G29.1 P1").subcode, Some(1));
+        assert_eq!(command("G1 (to the right) X5").value('X'), Some(5.0));
+        assert_eq!(parse(";LAYER:3").unwrap().comment.as_deref(), Some("LAYER:3"));
+        assert_eq!(parse("  ").unwrap(), Line::default());
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_its_place() {
+        let none = parse("hello").unwrap_err();
+        assert_eq!(none, Error::NoCommand { column: 1, found: "hello".into() });
+        assert!(none.to_string().contains("expected G, M or T"));
+        let bad = parse("G1 X1.2.3").unwrap_err();
+        assert_eq!(bad, Error::BadWord { column: 4, found: "X1.2.3".into() });
+        assert!(bad.to_string().contains("X1.2.3"));
+    }
+
+    #[test]
+    fn checksum_is_marlins() {
+        assert_eq!(numbered(LineNumber(3), "T0"), "N3 T0*57");
+        assert_eq!(checksum_holds("N3 T0*57"), Some(true));
+        assert_eq!(checksum_holds("N3 T1*57"), Some(false));
+        assert_eq!(checksum_holds("G28"), None);
+    }
+
+    proptest! {
+        #[test]
+        fn no_line_makes_it_panic(line in "\\PC{0,80}") {
+            let _ignored = parse(&line);
+            let _ignored = checksum_holds(&line);
+        }
+
+        #[test]
+        fn commands_survive_writing_and_reading(x in -999.0..999.0f64, e in 0.0..5.0f64, code in 0u32..999) {
+            let words = vec![('X', Some(x)), ('E', Some(e))];
+            let c = Command { letter: 'G', code, subcode: None, words, text: None };
+            prop_assert_eq!(parse(&c.to_string()).unwrap().command.unwrap(), c);
+        }
+    }
+}

@@ -1,0 +1,370 @@
+//! Beads side by side from each skin to the middle of the wall.
+//!
+//! Each skin fills the material under it, down to the medial axis, with k beads of equal width depth / k, so that a wall of any local
+//! thickness is filled exactly: bead j runs (j + 1/2) pitches below the skin. How many beads is chosen along the
+//! whole skin at once (Viterbi's method): widths off the wanted one cost, and so does every change of the count, so the count does not flip to
+//! and fro. Where the material is too deep for beads alone, the profile's perimeters are laid and the rest is left to the
+//! raster; where it is too thin for two beads, one runs along its middle, owned by one of the two skins.
+
+use super::BeadKind;
+use super::flow::BeadModel;
+use super::skin::{Contact, Sample, Skin, Skins};
+use crate::geom::{Contour, Point2, Region};
+
+/// What a change of the bead count costs, mm of skin at double the wanted width.
+const FLIP_COST: f64 = 0.3;
+/// What a width outside the limits costs more than any inside.
+const OUTSIDE_COST: f64 = 100.0;
+/// A bead may come this much nearer to the skin than half its width at a trimmed corner, mm.
+const TRIM_MM: f64 = 2e-3;
+/// A run of single beads shorter than this is printed with two, mm, and the other way round.
+const SHORT_RUN_MM: f64 = 1.0;
+
+/// How material is filled in one layer. mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FillParams {
+    pub(super) model: BeadModel,
+    /// Wanted width of a bead.
+    pub(super) width_mm: f64,
+    /// Narrowest and widest bead.
+    pub(super) limits_mm: [f64; 2],
+    /// Perimeters along each skin where a raster fills the rest.
+    pub(super) perimeters: usize,
+}
+
+impl FillParams {
+    /// Wanted distance of neighbouring beads.
+    pub(super) fn pitch_mm(&self) -> f64 {
+        self.model.pitch_mm(self.width_mm)
+    }
+
+    /// Depth of the raster's border.
+    pub(super) fn raster_depth_mm(&self) -> f64 {
+        self.model.overlap_mm() / 2.0 + self.perimeters as f64 * self.pitch_mm()
+    }
+
+    /// Deeper than this it does not matter how deep the material is.
+    pub(super) fn cap_mm(&self) -> f64 {
+        self.raster_depth_mm() + 2.5 * self.pitch_mm()
+    }
+
+    /// Most beads from a skin to the middle of a wall.
+    fn most_beads(&self) -> usize {
+        self.perimeters + 2
+    }
+
+    /// Less depth than this holds no bead of its own on each side.
+    fn single_depth_mm(&self) -> f64 {
+        self.limits_mm[0].min(self.limits_mm[1] / 2.0)
+    }
+
+    fn bead_pitch_mm(&self, depth_mm: f64, n_beads: usize) -> f64 {
+        (depth_mm - self.model.overlap_mm() / 2.0) / n_beads as f64
+    }
+}
+
+/// What a path follows, for order and seams.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Role {
+    Lumen,
+    Outer,
+    Inner,
+    Raster,
+}
+
+/// A vertex of a path, the width of the bead there, and how far the middle of the wall lies to its left.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Vertex {
+    pub(super) at: Point2,
+    pub(super) width_mm: f64,
+    pub(super) room_mm: f64,
+}
+
+/// A bead before it got its place in the order; a closed one does not repeat its first vertex.
+#[derive(Debug, Clone)]
+pub(super) struct Path {
+    pub(super) kind: BeadKind,
+    pub(super) role: Role,
+    pub(super) closed: bool,
+    pub(super) vertices: Vec<Vertex>,
+}
+
+/// A place where the wall is thinner than the thinnest bead.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Thin {
+    pub(super) at: Point2,
+    pub(super) thickness_mm: f64,
+    /// Share of all skins of the layer that is as thin.
+    pub(super) share: f64,
+}
+
+/// What filling a layer gave.
+#[derive(Debug)]
+pub(super) struct Filled {
+    pub(super) paths: Vec<Path>,
+    /// What is left for the raster.
+    pub(super) rest: Region,
+    pub(super) thin: Option<Thin>,
+    /// Skins too small for any bead.
+    pub(super) lost: Vec<Point2>,
+}
+
+/// How the material under a sample is filled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Single,
+    Beads(usize),
+    Raster,
+}
+
+/// Fills the material under all skins.
+pub(super) fn fill(skins: &Skins, params: &FillParams) -> Filled {
+    let filler = Filler { skins, params };
+    let ways: Vec<Vec<Way>> = skins.skins.iter().map(|s| filler.ways(s)).collect();
+    let mut paths = Vec::new();
+    let mut lost = Vec::new();
+    for (idx, (skin, ways)) in skins.skins.iter().zip(&ways).enumerate() {
+        let before = paths.len();
+        (0..params.most_beads()).for_each(|level| filler.level(skin, ways, level, &mut paths));
+        filler.singles(idx, ways, &mut paths);
+        if paths.len() == before && !ways.contains(&Way::Single) {
+            lost.extend(skin.samples.first().map(|s| s.at));
+        }
+    }
+    Filled { paths, rest: filler.rest(&ways), thin: filler.thin(), lost }
+}
+
+struct Filler<'a> {
+    skins: &'a Skins,
+    params: &'a FillParams,
+}
+
+impl Filler<'_> {
+    /// How each sample of a skin is filled.
+    fn ways(&self, skin: &Skin) -> Vec<Way> {
+        let n_ways = self.params.most_beads() + 1;
+        let costs: Vec<Vec<f64>> = skin.samples.iter().map(|s| self.costs(s)).collect();
+        let chosen = cheapest_walk(&costs, FLIP_COST);
+        let way = |i: usize| if i + 1 == n_ways { Way::Raster } else { Way::Beads(i + 1) };
+        let single = self.single(skin);
+        chosen.iter().zip(single).map(|(&i, s)| if s { Way::Single } else { way(i) }).collect()
+    }
+
+    /// Cost of one bead, two, ..., of perimeters and raster; weighted with the length.
+    fn costs(&self, s: &Sample) -> Vec<f64> {
+        let p = self.params;
+        let beads = (1..=p.most_beads()).map(|n| {
+            let width = p.bead_pitch_mm(s.wall_mm, n) + p.model.overlap_mm();
+            let outside = (p.limits_mm[0] - width).max(width - p.limits_mm[1]).max(0.0);
+            let forbidden = if outside > 0.0 { OUTSIDE_COST } else { 0.0 };
+            s.share_mm * ((width / p.width_mm - 1.0).powi(2) + forbidden + OUTSIDE_COST * outside)
+        });
+        let room = s.wall_mm - p.raster_depth_mm() - 1.5 * p.pitch_mm();
+        let raster = if room < 0.0 { OUTSIDE_COST * (1.0 - room) } else { 0.0 };
+        beads.chain([s.share_mm * raster]).collect()
+    }
+
+    /// Where one bead fills the wall from skin to skin, short runs smoothed away.
+    fn single(&self, skin: &Skin) -> Vec<bool> {
+        let limit = self.params.single_depth_mm();
+        let mut single: Vec<bool> = skin.samples.iter().map(|s| s.wall_mm < limit).collect();
+        for value in [true, false] {
+            for run in runs(&single, value) {
+                let length: f64 = run.iter().map(|&i| skin.samples[i].share_mm).sum();
+                if length < SHORT_RUN_MM && run.len() < single.len() {
+                    run.iter().for_each(|&i| single[i] = !value);
+                }
+            }
+        }
+        single
+    }
+
+    /// The `level`-th bead below a skin, wherever there are as many.
+    fn level(&self, skin: &Skin, ways: &[Way], level: usize, paths: &mut Vec<Path>) {
+        let has: Vec<bool> = ways.iter().map(|&w| self.n_beads(w) > level).collect();
+        let (kind, role) = match (level, skin.is_hole) {
+            (0, true) => (BeadKind::ExternalPerimeter, Role::Lumen),
+            (0, false) => (BeadKind::ExternalPerimeter, Role::Outer),
+            _ => (BeadKind::Perimeter, Role::Inner),
+        };
+        for run in runs(&has, true) {
+            let closed = run.len() == has.len();
+            let vertices: Vec<Vertex> =
+                run.iter().filter_map(|&i| self.vertex(&skin.samples[i], ways[i], level)).collect();
+            push(paths, Path { kind, role, closed, vertices });
+        }
+    }
+
+    fn n_beads(&self, way: Way) -> usize {
+        match way {
+            Way::Single => 0,
+            Way::Beads(n) => n,
+            Way::Raster => self.params.perimeters,
+        }
+    }
+
+    /// The bead's vertex under a sample, or none where a corner leaves no room for it.
+    fn vertex(&self, s: &Sample, way: Way, level: usize) -> Option<Vertex> {
+        let p = self.params;
+        let pitch = match way {
+            Way::Beads(n) => p.bead_pitch_mm(s.wall_mm, n).max(0.5 * p.pitch_mm().min(p.limits_mm[0])),
+            _ => p.pitch_mm(),
+        };
+        let overlap = p.model.overlap_mm();
+        let depth = overlap / 2.0 + (level as f64 + 0.5) * pitch;
+        let at = s.at + s.inward * depth;
+        let fits = if s.sharp {
+            self.skins.index.nearest(at).distance_mm > depth - 2.0 * TRIM_MM
+        } else {
+            depth <= s.depth_mm + TRIM_MM
+        };
+        fits.then_some(Vertex { at, width_mm: pitch + overlap, room_mm: s.wall_mm - depth })
+    }
+
+    /// Beads along the middle of thin walls, each laid by one of the two skins.
+    fn singles(&self, skin_idx: usize, ways: &[Way], paths: &mut Vec<Path>) {
+        let samples = &self.skins.skins[skin_idx].samples;
+        let owns = |s: &Sample| match s.contact {
+            Contact::Wall { contour_idx, edge_idx, .. } => {
+                (contour_idx, edge_idx) < (skin_idx, s.edge_idx)
+            }
+            _ => false,
+        };
+        let has: Vec<bool> = ways.iter().zip(samples).map(|(&w, s)| w == Way::Single && owns(s)).collect();
+        for run in runs(&has, true) {
+            let closed = run.len() == has.len();
+            let vertices: Vec<Vertex> = run.iter().filter_map(|&i| self.middle(&samples[i])).collect();
+            let role = Role::Lumen;
+            push(paths, Path { kind: BeadKind::ExternalPerimeter, role, closed, vertices });
+        }
+    }
+
+    /// The middle of a thin wall; what is thinner than half the thinnest bead is left out.
+    fn middle(&self, s: &Sample) -> Option<Vertex> {
+        let thinnest = self.params.limits_mm[0];
+        let width_mm = (2.0 * s.depth_mm).max(thinnest);
+        (4.0 * s.depth_mm >= thinnest).then(|| Vertex { at: s.at + s.inward * s.depth_mm, width_mm, room_mm: 0.0 })
+    }
+
+    /// What lies between the innermost beads of all skins.
+    fn rest(&self, ways: &[Vec<Way>]) -> Region {
+        if !ways.iter().flatten().any(|&w| w == Way::Raster) {
+            return Region::default();
+        }
+        let depth = self.params.raster_depth_mm();
+        let inner = |(skin, ways): (&Skin, &Vec<Way>)| {
+            let under = |(s, &w): (&Sample, &Way)| {
+                // Never beyond the medial axis: the loops of two skins then only meet, and do not cross.
+                s.at + s.inward * if w == Way::Raster { depth.min(s.depth_mm) } else { s.depth_mm }
+            };
+            Contour::new(skin.samples.iter().zip(ways).map(under).collect())
+        };
+        Region::from_even_odd(&self.skins.skins.iter().zip(ways).map(inner).collect::<Vec<_>>())
+    }
+
+    fn thin(&self) -> Option<Thin> {
+        let thinnest = self.params.limits_mm[0];
+        let all = || self.skins.skins.iter().flat_map(|s| &s.samples);
+        let is_wall = |s: &&Sample| matches!(s.contact, Contact::Wall { .. });
+        let thin = || all().filter(is_wall).filter(|s| 2.0 * s.depth_mm < thinnest - TRIM_MM);
+        let worst = thin().min_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))?;
+        let length = |samples: &mut dyn Iterator<Item = &Sample>| samples.map(|s| s.share_mm).sum::<f64>();
+        let share = length(&mut thin()) / length(&mut all());
+        Some(Thin { at: worst.at, thickness_mm: 2.0 * worst.depth_mm, share })
+    }
+}
+
+/// Keeps a path unless it is shorter than it is wide.
+fn push(paths: &mut Vec<Path>, path: Path) {
+    let Some(first) = path.vertices.first() else { return };
+    let length: f64 = path.vertices.windows(2).map(|p| (p[1].at - p[0].at).norm()).sum();
+    let least = if path.closed { 3 } else { 2 };
+    if path.vertices.len() >= least && length > first.width_mm {
+        paths.push(path);
+    }
+}
+
+/// The maximal cyclic runs of indices with the given value; one run of all where there is no other value.
+fn runs(values: &[bool], value: bool) -> Vec<Vec<usize>> {
+    let n = values.len();
+    let Some(break_at) = values.iter().position(|&v| v != value) else {
+        return if n == 0 { Vec::new() } else { vec![(0..n).collect()] };
+    };
+    let mut found: Vec<Vec<usize>> = Vec::new();
+    let mut inside = false;
+    for i in (0..n).map(|i| (break_at + i) % n) {
+        match (values[i] == value, inside) {
+            (true, false) => found.push(vec![i]),
+            (true, true) => found.last_mut().expect("a run was begun").push(i),
+            _ => {}
+        }
+        inside = values[i] == value;
+    }
+    found
+}
+
+/// The state per step of a closed walk that costs least, each change of state costing `flip` (Viterbi). The walk begins where the choice
+/// is clearest, and ends in the same state.
+fn cheapest_walk(costs: &[Vec<f64>], flip: f64) -> Vec<usize> {
+    let best_of = |row: &[f64]| (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0);
+    let single: Vec<usize> = costs.iter().map(|row| best_of(row)).collect();
+    if single.windows(2).all(|p| p[0] == p[1]) {
+        return single;
+    }
+    let margin = |i: usize| {
+        let row = &costs[i];
+        let others = (0..row.len()).filter(|&s| s != single[i]).map(|s| row[s]);
+        others.fold(f64::INFINITY, f64::min) - row[single[i]]
+    };
+    let n = costs.len();
+    let start = (0..n).max_by(|&a, &b| margin(a).total_cmp(&margin(b))).unwrap_or(0);
+    let forced = single[start];
+    let n_states = costs[start].len();
+    let mut total = vec![f64::INFINITY; n_states];
+    total[forced] = 0.0;
+    let mut back = Vec::with_capacity(n);
+    for step in 1..=n {
+        let cheapest = best_of(&total);
+        let row = &costs[(start + step) % n];
+        let from: Vec<usize> =
+            (0..n_states).map(|s| if total[s] <= total[cheapest] + flip { s } else { cheapest }).collect();
+        total = (0..n_states)
+            .map(|s| total[from[s]] + row[s] + if from[s] == s { 0.0 } else { flip })
+            .collect();
+        back.push(from);
+    }
+    let mut states = vec![forced; n];
+    let mut state = forced;
+    for step in (1..n).rev() {
+        state = back[step][state];
+        states[(start + step) % n] = state;
+    }
+    states
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_dips_do_not_change_the_state() {
+        let cost = |best: usize| if best == 0 { vec![0.0, 0.1] } else { vec![0.1, 0.0] };
+        let mut states = [0; 40];
+        states[10] = 1;
+        (20..35).for_each(|i| states[i] = 1);
+        let costs: Vec<Vec<f64>> = states.iter().map(|&s| cost(s)).collect();
+        let walk = cheapest_walk(&costs, 0.3);
+        assert_eq!(walk[10], 0);
+        assert!(walk[20..35].iter().all(|&s| s == 1));
+        assert!(walk[..20].iter().chain(&walk[35..]).all(|&s| s == 0));
+    }
+
+    #[test]
+    fn runs_wrap_around_the_end() {
+        let values = [true, false, false, true, true];
+        assert_eq!(runs(&values, true), [vec![3, 4, 0]]);
+        assert_eq!(runs(&values, false), [vec![1, 2]]);
+        assert_eq!(runs(&[true; 3], true), [vec![0, 1, 2]]);
+        assert!(runs(&[true; 3], false).is_empty());
+    }
+}

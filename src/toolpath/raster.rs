@@ -1,0 +1,173 @@
+//! Parallel lines through what the perimeters leave, joined to zigzags.
+//!
+//! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are joined along the border where the joint
+//! stays inside, so that a piece is one path where its shape allows. The direction alternates from layer to layer.
+//!
+//! Not done: floors and roofs of sparse fill, bridging.
+
+use super::BeadKind;
+use super::fill::{FillParams, Path, Role, Vertex};
+use crate::geom::{Contour, Point2, Region, Vector2};
+
+/// Shortest line worth printing, mm.
+const SHORTEST_MM: f64 = 0.1;
+/// Chord tolerance of the inset border, mm.
+const TOLERANCE_MM: f64 = 2e-3;
+
+/// The raster of a layer: `percent` of the rest, in the direction `angle_rad`.
+pub(super) fn raster(rest: &Region, params: &FillParams, percent: f64, angle_rad: f64) -> Vec<Path> {
+    if rest.is_empty() || percent <= 0.0 {
+        return Vec::new();
+    }
+    let pitch = params.pitch_mm();
+    let inset = rest.offset(-pitch / 2.0, TOLERANCE_MM);
+    let is_solid = percent >= 99.9;
+    let rows = Rows { params, pitch_mm: pitch * 100.0 / percent.min(100.0), is_solid, angle_rad };
+    inset.islands().iter().flat_map(|piece| rows.fill(piece)).collect()
+}
+
+struct Rows<'a> {
+    params: &'a FillParams,
+    pitch_mm: f64,
+    is_solid: bool,
+    angle_rad: f64,
+}
+
+/// The part of a row inside the piece.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    from: f64,
+    to: f64,
+    used: bool,
+}
+
+impl Rows<'_> {
+    fn fill(&self, piece: &Region) -> Vec<Path> {
+        let turn = nalgebra::Rotation2::new(-self.angle_rad);
+        let turned = Region::new(
+            piece.contours.iter().map(|c| Contour::new(c.points.iter().map(|p| turn * p).collect())).collect(),
+        );
+        let Some(bounds) = turned.bounds() else { return Vec::new() };
+        // The outermost rows would only touch a round border.
+        let margin = 0.02 * self.pitch_mm.min(bounds.size().y);
+        let (low, high) = (bounds.min.y + margin, bounds.max.y - margin);
+        let n_gaps = ((high - low) / self.pitch_mm).round();
+        let pitch = if self.is_solid && n_gaps >= 1.0 { (high - low) / n_gaps } else { self.pitch_mm };
+        // Sparse rows lie on one grid for all layers, so that they stand on each other.
+        let start = if self.is_solid { low } else { (low / pitch).ceil() * pitch };
+        let mut rows = Vec::new();
+        let mut y = start;
+        while y <= high + 1e-9 {
+            rows.push((y, spans(&turned, y)));
+            y += pitch;
+        }
+        let width_mm = if self.is_solid {
+            (pitch + self.params.model.overlap_mm()).min(1.5 * self.params.width_mm)
+        } else {
+            self.params.width_mm
+        };
+        let zigzags = join(&mut rows, pitch, &turned);
+        let back = turn.inverse();
+        let path = |points: Vec<Point2>| Path {
+            kind: if self.is_solid { BeadKind::SolidInfill } else { BeadKind::InternalInfill },
+            role: Role::Raster,
+            closed: false,
+            vertices: points
+                .into_iter()
+                .map(|p| Vertex { at: back * p, width_mm, room_mm: 0.0 })
+                .collect(),
+        };
+        zigzags.into_iter().map(path).collect()
+    }
+}
+
+/// The parts of the horizontal line at `y` that lie inside.
+fn spans(region: &Region, y: f64) -> Vec<Span> {
+    let crosses = |(a, b): (Point2, Point2)| {
+        ((a.y > y) != (b.y > y)).then(|| a.x + (b.x - a.x) * (y - a.y) / (b.y - a.y))
+    };
+    let mut x: Vec<f64> = region.contours.iter().flat_map(Contour::edges).filter_map(crosses).collect();
+    x.sort_by(f64::total_cmp);
+    let pairs = x.chunks_exact(2).filter(|p| p[1] - p[0] > SHORTEST_MM);
+    pairs.map(|p| Span { from: p[0], to: p[1], used: false }).collect()
+}
+
+/// Walks the rows to and fro, from one span to one above it that overlaps, until there is none.
+fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<Point2>> {
+    let mut paths = Vec::new();
+    for first in 0..rows.len() {
+        while let Some(idx) = rows[first].1.iter().position(|s| !s.used) {
+            let mut path = Vec::new();
+            let mut at = Some((first, idx));
+            let mut forward = true;
+            while let Some((row, idx)) = at {
+                let (y, span) = (rows[row].0, &mut rows[row].1[idx]);
+                span.used = true;
+                let (from, to) = if forward { (span.from, span.to) } else { (span.to, span.from) };
+                path.extend([Point2::new(from, y), Point2::new(to, y)]);
+                let (low, high) = (span.from, span.to);
+                forward = !forward;
+                at = rows.get(row + 1).and_then(|(y_next, spans)| {
+                    let next = spans.iter().position(|s| {
+                        let start = Point2::new(if forward { s.from } else { s.to }, *y_next);
+                        let end = Point2::new(to, y);
+                        let near = (start - end).norm() < 3.0 * pitch;
+                        !s.used && s.from < high && s.to > low && near && stays_inside(region, end, start)
+                    });
+                    next.map(|i| (row + 1, i))
+                });
+            }
+            paths.push(path);
+        }
+    }
+    paths
+}
+
+/// Whether the middle of a short joint lies inside, or at most a hair outside.
+fn stays_inside(region: &Region, a: Point2, b: Point2) -> bool {
+    let middle = nalgebra::center(&a, &b);
+    let inward = Vector2::new(b.y - a.y, a.x - b.x).normalize() * 0.05;
+    region.contains(middle) || region.contains(middle + inward) || region.contains(middle - inward)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::BeadShape;
+    use crate::toolpath::flow::BeadModel;
+
+    const PARAMS: FillParams = FillParams {
+        model: BeadModel::new(BeadShape::Rectangle, 0.2),
+        width_mm: 0.45,
+        limits_mm: [0.3, 0.8],
+        perimeters: 1,
+    };
+
+    fn length(paths: &[Path]) -> f64 {
+        let steps = |p: &Path| p.vertices.windows(2).map(|v| (v[1].at - v[0].at).norm()).sum::<f64>();
+        paths.iter().map(steps).sum()
+    }
+
+    #[test]
+    fn solid_square_is_one_zigzag_of_its_volume() {
+        let square = [(0., 0.), (9., 0.), (9., 9.), (0., 9.)].map(|(x, y)| Point2::new(x, y));
+        let square = Region::new(vec![Contour::new(square.to_vec())]);
+        for angle in [0.0, std::f64::consts::FRAC_PI_2] {
+            let paths = raster(&square, &PARAMS, 100.0, angle);
+            assert_eq!(paths.len(), 1);
+            let volume = length(&paths) * paths[0].vertices[0].width_mm;
+            assert!((volume / 81.0 - 1.0).abs() < 0.03, "{volume}");
+        }
+    }
+
+    #[test]
+    fn sparse_fill_takes_its_share() {
+        let disk = Region::new(vec![Contour::circle(Point2::new(50.0, 50.0), 10.0, 200)]);
+        let solid = length(&raster(&disk, &PARAMS, 100.0, 0.3));
+        let sparse = raster(&disk, &PARAMS, 20.0, 0.3);
+        assert!(sparse.iter().all(|p| p.kind == BeadKind::InternalInfill));
+        let share = length(&sparse) / solid;
+        assert!((0.17..0.32).contains(&share), "{share}");
+        assert!(raster(&disk, &PARAMS, 0.0, 0.3).is_empty());
+    }
+}

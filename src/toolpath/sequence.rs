@@ -1,0 +1,238 @@
+//! The order of the beads, the places of their seams, and the travels between them.
+//!
+//! Islands follow each other by nearness; in an island come the loops at the lumen, at the outer skin, the loops inside, the raster. A loop at the lumen begins at a
+//! place that wanders around the circumference from layer to layer by a fixed irrational share, so that seams never stack to a ridge and
+//! never repeat; its first millimetre fraction leads in from the wall, and its end stops short by as much material. Every other path
+//! begins at its vertex nearest to the nozzle.
+
+use super::fill::{FillParams, Path, Role, Vertex};
+use super::travel::{Net, Travel};
+use super::{Bead, BeadPoint};
+use crate::geom::{Point2, Vector2, Vector3};
+
+/// Share of the circumference by which seams wander from layer to layer: the golden ratio to the power of -4, about 4 mm on a carotid. Far enough that neighbouring
+/// seams do not touch, near enough for short travels.
+const SEAM_STEP: f64 = 0.145_898_033_750_315_46;
+/// Shortest lead-in, mm.
+const SHORTEST_LEAD_MM: f64 = 0.03;
+/// Most of its width by which a loop stops short of its begin: its ends are round and still meet.
+const MOST_GAP: f64 = 0.25;
+/// Largest change of width from one segment to the next before the segment is divided, mm.
+const WIDTH_STEP_MM: f64 = 0.012;
+
+/// Beads and the travels that lead to them.
+#[derive(Debug, Default)]
+pub(super) struct Sequence {
+    pub(super) beads: Vec<Bead>,
+    pub(super) travels: Vec<Travel>,
+    /// Where the nozzle is.
+    pub(super) at: Option<Point2>,
+}
+
+/// Puts the paths of a layer in order, beginning at `at`.
+pub(super) fn sequence(
+    mut paths: Vec<Path>,
+    net: &Net,
+    params: &FillParams,
+    layer: usize,
+    at: Option<Point2>,
+) -> Sequence {
+    let mut sequence = Sequence { at, ..Sequence::default() };
+    let islands: Vec<usize> = paths.iter().map(|p| net.island_near(p.vertices[0].at)).collect();
+    let mut open: Vec<(usize, Path)> = islands.into_iter().zip(paths.drain(..)).collect();
+    while let Some(island) = nearest_island(&open, sequence.at) {
+        let (mut here, rest): (Vec<_>, Vec<_>) = open.into_iter().partition(|(i, _)| *i == island);
+        open = rest;
+        let mut n_lumens = 0;
+        while let Some(next) = next_path(&here, sequence.at) {
+            let (_, path) = here.swap_remove(next);
+            let begin = if path.role == Role::Lumen && path.closed {
+                n_lumens += 1;
+                seam(&path.vertices, layer, n_lumens)
+            } else {
+                nearest_vertex(&path, sequence.at).0
+            };
+            sequence.lay(&path, begin, net, params);
+        }
+    }
+    sequence
+}
+
+fn nearest_island(open: &[(usize, Path)], at: Option<Point2>) -> Option<usize> {
+    let distance = |p: &Path| nearest_vertex(p, at).1;
+    open.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1))).map(|(island, _)| *island)
+}
+
+/// The nearest path of the first role that is left.
+fn next_path(open: &[(usize, Path)], at: Option<Point2>) -> Option<usize> {
+    (0..open.len()).min_by(|&a, &b| {
+        let key = |i: usize| (open[i].1.role, nearest_vertex(&open[i].1, at).1);
+        let (a, b) = (key(a), key(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+    })
+}
+
+/// Index and distance of the vertex at which a path may best begin: any of a loop, the ends of others.
+fn nearest_vertex(path: &Path, at: Option<Point2>) -> (usize, f64) {
+    let n = path.vertices.len();
+    let Some(at) = at else { return (0, 0.0) };
+    let distance = |i: usize| (path.vertices[i].at - at).norm();
+    let step = if path.closed { 1 } else { (n - 1).max(1) };
+    let nearest = (0..n).step_by(step).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
+    (nearest, distance(nearest))
+}
+
+/// Where a loop at the lumen begins: so far around from its easternmost vertex as the layer says.
+fn seam(vertices: &[Vertex], layer: usize, nth: usize) -> usize {
+    let n = vertices.len();
+    let east = (0..n).max_by(|&a, &b| vertices[a].at.x.total_cmp(&vertices[b].at.x)).unwrap_or(0);
+    let step = |i: usize| (vertices[(i + 1) % n].at - vertices[i % n].at).norm();
+    let around: f64 = (0..n).map(step).sum();
+    let mut left = around * (layer as f64 * SEAM_STEP + nth as f64 * 0.5).fract();
+    let mut i = east;
+    while left > step(i) && i < east + n {
+        left -= step(i);
+        i += 1;
+    }
+    i % n
+}
+
+impl Sequence {
+    fn lay(&mut self, path: &Path, begin: usize, net: &Net, params: &FillParams) {
+        let vertices = unrolled(path, begin);
+        let vertices = if path.closed && path.role == Role::Lumen { led_in(vertices, params) } else { vertices };
+        let (first, last) = (vertices[0].at, vertices[vertices.len() - 1].at);
+        self.travels.push(self.at.map(|at| net.travel(at, first)).unwrap_or_default());
+        self.beads.push(Bead { kind: path.kind, points: bead_points(&vertices) });
+        self.at = Some(last);
+    }
+}
+
+/// The vertices in printing order; a loop's first one again at the end.
+fn unrolled(path: &Path, begin: usize) -> Vec<Vertex> {
+    let mut vertices = path.vertices.clone();
+    if path.closed {
+        vertices.rotate_left(begin);
+        vertices.push(vertices[0]);
+    } else if begin > 0 {
+        vertices.reverse();
+    }
+    vertices
+}
+
+/// Begins a loop with a narrow lead-in out of the wall, as long as the bead itself reaches into it, and ends it short by the same material.
+fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
+    let begin = vertices[0];
+    let width_mm = params.limits_mm[0].min(begin.width_mm);
+    let model = params.model;
+    let lead_mm = begin.room_mm - model.pitch_mm(width_mm) / 2.0;
+    if lead_mm < SHORTEST_LEAD_MM {
+        return vertices;
+    }
+    let along = (vertices[1].at - vertices[vertices.len() - 2].at).normalize();
+    let into_wall = Vector2::new(-along.y, along.x);
+    let gap = lead_mm * model.area_mm2(width_mm) / model.area_mm2(begin.width_mm);
+    shorten(&mut vertices, gap.min(MOST_GAP * begin.width_mm));
+    vertices.insert(0, Vertex { at: begin.at + into_wall * lead_mm, width_mm, room_mm: 0.0 });
+    // The width of a segment is the mean of its ends': a second vertex at the same place makes the lead-in's its own.
+    vertices.insert(1, Vertex { at: begin.at, width_mm, room_mm: begin.room_mm });
+    vertices
+}
+
+/// Takes `gap_mm` off the end of a line.
+fn shorten(vertices: &mut Vec<Vertex>, mut gap_mm: f64) {
+    while vertices.len() > 2 {
+        let n = vertices.len();
+        let (from, to) = (vertices[n - 2], vertices[n - 1]);
+        let length = (to.at - from.at).norm();
+        if length > gap_mm + 1e-3 {
+            vertices[n - 1].at = to.at - (to.at - from.at) * (gap_mm / length);
+            return;
+        }
+        gap_mm -= length;
+        vertices.pop();
+        if gap_mm <= 0.0 {
+            return;
+        }
+    }
+}
+
+/// Widths of segments from widths at vertices; segments along which the width changes much are divided.
+pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
+    let mut points: Vec<BeadPoint> = Vec::with_capacity(vertices.len());
+    for pair in vertices.windows(2) {
+        let (a, b) = (pair[0], pair[1]);
+        let change = b.width_mm - a.width_mm;
+        let length = (b.at - a.at).norm();
+        if length < 1e-6 {
+            continue;
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let n = (change.abs() / WIDTH_STEP_MM).ceil().clamp(1.0, (length / 0.05).max(1.0)) as usize;
+        points.extend((0..n).map(|i| BeadPoint {
+            at: a.at + (b.at - a.at) * (i as f64 / n as f64),
+            width_mm: a.width_mm + change * (i as f64 + 0.5) / n as f64,
+        }));
+    }
+    let width_mm = points.last().map_or(vertices[0].width_mm, |p| p.width_mm);
+    points.push(BeadPoint { at: vertices[vertices.len() - 1].at, width_mm });
+    points
+}
+
+/// The path with as few vertices as keep centre line and edges within the tolerance.
+pub(super) fn simplified(path: Path, tolerance_mm: f64) -> Path {
+    let mut vertices = path.vertices;
+    if path.closed {
+        vertices.push(vertices[0]);
+    }
+    let with_width = |v: &Vertex| Vector3::new(v.at.x, v.at.y, v.width_mm / 2.0);
+    let points: Vec<Vector3> = vertices.iter().map(with_width).collect();
+    let mut kept: Vec<Vertex> =
+        super::simplify::keep(&points, tolerance_mm).into_iter().map(|i| vertices[i]).collect();
+    if path.closed {
+        kept.pop();
+    }
+    Path { vertices: kept, ..path }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn vertices(points: &[(f64, f64)]) -> Vec<Vertex> {
+        let vertex = |&(x, y): &(f64, f64)| Vertex { at: Point2::new(x, y), width_mm: 0.5, room_mm: 0.25 };
+        points.iter().map(vertex).collect()
+    }
+
+    #[test]
+    fn seams_spread_over_the_circumference() {
+        let circle = crate::geom::Contour::circle(Point2::origin(), 3.0, 100);
+        let loop_of: Vec<(f64, f64)> = circle.points.iter().map(|p| (p.x, p.y)).collect();
+        let loop_of = vertices(&loop_of);
+        let mut hits = [0; 10];
+        (0..690).for_each(|layer| hits[seam(&loop_of, layer, 1) / 10] += 1);
+        assert!(hits.iter().all(|&h| (60..=78).contains(&h)), "{hits:?}");
+        for layer in 0..50 {
+            let (a, b) = (seam(&loop_of, layer, 1), seam(&loop_of, layer + 1, 1));
+            let apart = (loop_of[a].at - loop_of[b].at).norm();
+            assert!(apart > 2.0, "layers {layer} and the next: {apart} mm");
+        }
+    }
+
+    #[test]
+    fn shortening_takes_exactly_the_gap() {
+        let mut line = vertices(&[(0., 0.), (1., 0.), (1.05, 0.), (1.1, 0.)]);
+        shorten(&mut line, 0.3);
+        assert!((line[line.len() - 1].at.x - 0.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn widths_change_in_small_steps() {
+        let mut line = vertices(&[(0., 0.), (1., 0.)]);
+        line[1].width_mm = 0.6;
+        let points = bead_points(&line);
+        assert_eq!(points.len(), 10);
+        let volume: f64 = points.windows(2).map(|p| p[0].width_mm * (p[1].at - p[0].at).norm()).sum();
+        assert!((volume - 0.55).abs() < 1e-12);
+    }
+}
