@@ -29,9 +29,8 @@ mod travel;
 pub use flow::BeadModel;
 pub use travel::Travel;
 
-use crate::gcode;
 use crate::geom::{Point2, Region, RigidTransform};
-use crate::profile::Profile;
+use crate::profile::{BeadShape, Profile};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
@@ -274,10 +273,16 @@ fn draft(
 }
 
 fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
+    let [narrowest, widest] = profile.machine.extrusion_width_mm;
+    // A rounded bead is never narrower than it is high.
+    let narrowest = match profile.print.bead_shape {
+        BeadShape::Rectangle => narrowest,
+        BeadShape::Stadium => narrowest.max(height_mm),
+    };
     FillParams {
         model: BeadModel::new(profile.print.bead_shape, height_mm),
         width_mm: profile.print.extrusion_width_mm,
-        limits_mm: profile.machine.extrusion_width_mm,
+        limits_mm: [narrowest, widest.max(narrowest)],
         perimeters: profile.print.perimeters.max(1) as usize,
     }
 }
@@ -358,10 +363,6 @@ fn check(profile: &Profile) -> Result<(), Error> {
         let limits = format!("a width within machine.extrusion_width_mm, {narrowest} to {widest} mm");
         return fault("print.extrusion_width_mm", print.extrusion_width_mm.to_string(), &limits);
     }
-    if print.bead_shape == crate::profile::BeadShape::Stadium && machine.layer_height_mm[1] > narrowest {
-        let limit = format!("at most the narrowest bead, {narrowest} mm: a rounded bead is wider than high");
-        return fault("machine.layer_height_mm", machine.layer_height_mm[1].to_string(), &limit);
-    }
     if !(0.0..=100.0).contains(&print.infill_percent) {
         return fault("print.infill_percent", print.infill_percent.to_string(), "0 to 100");
     }
@@ -372,9 +373,6 @@ fn check(profile: &Profile) -> Result<(), Error> {
         if !(0.0..=100.0).contains(&value) {
             return fault(field, value.to_string(), "0 to 100 mm");
         }
-    }
-    if let Some(unknown) = gcode::unknown_placeholder(profile) {
-        return fault("scripts", unknown, gcode::PLACEHOLDERS);
     }
     Ok(())
 }

@@ -1,0 +1,403 @@
+//! Beads against the material they are to fill, on bodies with closed forms.
+
+use super::*;
+use crate::gcode;
+use crate::geom::Contour;
+use crate::profile;
+use crate::progress::CancelToken;
+use crate::slice::analytic::{Tube, Tubes};
+use crate::slice::{GridParams, grid, slice_solid};
+use crate::solid::Sectioned;
+use proptest::prelude::*;
+
+/// Grid step of the comparison, mm.
+const STEP_MM: f64 = 0.02;
+
+fn reference() -> Profile {
+    profile::builtin("reference").unwrap()
+}
+
+fn layers_of(body: &dyn Sectioned) -> Vec<Layer> {
+    let params = GridParams { layer_mm: 0.2, height_limits_mm: [0.05, 0.32] };
+    let [low, high] = body.z_range_mm();
+    let planes: Vec<f64> = (0..).map(|k| low + 1.5 + 3.0 * f64::from(k)).take_while(|&z| z < high).collect();
+    let grid = grid(&planes, [low, high], &params).unwrap();
+    slice_solid(body, &grid, 1e-3, &Task::quiet()).unwrap()
+}
+
+fn planned(body: &dyn Sectioned, profile: &Profile) -> Planned {
+    plan(&layers_of(body), profile, &Task::quiet()).unwrap()
+}
+
+/// How a layer's beads cover its material.
+#[derive(Debug)]
+struct Cover {
+    iou: f64,
+    overlap: f64,
+    gap: f64,
+    volume_ratio: f64,
+}
+
+/// Rasterises capsules of each segment's width, as the outside check does.
+fn cover(layer: &LayerPaths, profile: &Profile) -> Cover {
+    let bounds = layer.material.bounds().unwrap().grown(0.3);
+    let size = bounds.size() / STEP_MM;
+    let (n_cols, n_rows) = (size.x as usize + 1, size.y as usize + 1);
+    let centre = |col: usize, row: usize| {
+        bounds.min + nalgebra::Vector2::new(col as f64 + 0.5, row as f64 + 0.5) * STEP_MM
+    };
+    let mut count = vec![0u8; n_cols * n_rows];
+    for bead in layer.beads.iter().filter(|b| b.kind != BeadKind::SkirtBrim) {
+        let mut own = vec![false; n_cols * n_rows];
+        for pair in bead.points.windows(2) {
+            let (a, b, radius) = (pair[0].at, pair[1].at, pair[0].width_mm / 2.0);
+            let low = (a.coords.inf(&b.coords) - bounds.min.coords).add_scalar(-radius) / STEP_MM;
+            let high = (a.coords.sup(&b.coords) - bounds.min.coords).add_scalar(radius) / STEP_MM;
+            for row in low.y.max(0.0) as usize..=(high.y as usize).min(n_rows - 1) {
+                for col in low.x.max(0.0) as usize..=(high.x as usize).min(n_cols - 1) {
+                    let p = centre(col, row);
+                    let foot = crate::geom::distance::nearest_on_segment(p, a, b);
+                    own[row * n_cols + col] |= (foot - p).norm() <= radius;
+                }
+            }
+        }
+        count.iter_mut().zip(own).for_each(|(c, o)| *c += u8::from(o));
+    }
+    let index = crate::geom::SegmentIndex::try_new(&layer.material.contours).unwrap();
+    let (mut both, mut either, mut covered, mut wanted, mut twice) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for row in 0..n_rows {
+        for col in 0..n_cols {
+            let (c, m) = (count[row * n_cols + col], index.contains(centre(col, row)));
+            both += f64::from(u8::from(c > 0 && m));
+            either += f64::from(u8::from(c > 0 || m));
+            covered += f64::from(u8::from(c > 0));
+            wanted += f64::from(u8::from(m));
+            twice += f64::from(u8::from(c > 1));
+        }
+    }
+    let volume = gcode::volume_mm3(layer, profile);
+    Cover {
+        iou: both / either,
+        overlap: twice / covered,
+        gap: 1.0 - both / wanted,
+        volume_ratio: volume / (layer.material.area_mm2() * layer.slot.height_mm),
+    }
+}
+
+#[test]
+fn ring_is_filled_without_gap_and_overlap() {
+    let profile = reference();
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]), &profile);
+    assert!(planned.warnings.is_empty(), "{:?}", planned.warnings);
+    for layer in &planned.paths.layers {
+        let cover = cover(layer, &profile);
+        assert!(cover.iou > 0.997 && cover.overlap < 0.005 && cover.gap < 0.002, "{cover:?}");
+        assert!((cover.volume_ratio - 1.0).abs() < 0.003, "{cover:?}");
+    }
+}
+
+#[test]
+fn slanted_wall_of_varying_thickness_is_filled() {
+    let profile = reference();
+    let tubes = vec![Tube { slope: [0.8, 0.0], ..Tube::upright(0.0, 3.0) }];
+    let mut layers = layers_of(&Tubes::new(tubes, 1.0, [0.0, 1.0]));
+    // The lumen moved off the centre: 0.7 to 1.5 mm.
+    for layer in &mut layers {
+        let outer = Contour::circle(Point2::new(0.4, 0.0), 4.1, 150);
+        let inner = Contour::circle(Point2::new(0.0, 0.0), 3.0, 130);
+        layer.material = Region::new(vec![outer, inner.reversed()]);
+        layer.lumen = Region::new(vec![inner]);
+    }
+    let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
+    for layer in &planned.paths.layers {
+        let cover = cover(layer, &profile);
+        assert!(cover.iou > 0.993 && cover.overlap < 0.006 && cover.gap < 0.005, "{cover:?}");
+        assert!((cover.volume_ratio - 1.0).abs() < 0.005, "{cover:?}");
+    }
+}
+
+#[test]
+fn merging_tubes_are_filled_at_every_height() {
+    let profile = reference();
+    let planned = planned(&Tubes::merging([0.0, 20.0]), &profile);
+    let covers: Vec<Cover> = planned.paths.layers.iter().step_by(4).map(|l| cover(l, &profile)).collect();
+    let mean = covers.iter().map(|c| c.iou).sum::<f64>() / covers.len() as f64;
+    let worst = covers.iter().map(|c| c.iou).fold(1.0, f64::min);
+    assert!(mean > 0.99 && worst > 0.97, "mean {mean}, worst {worst}");
+}
+
+#[test]
+fn cast_is_filled_by_perimeters_and_raster() {
+    let profile = reference();
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 4.0)], 0.0, [0.0, 1.0]), &profile);
+    for layer in &planned.paths.layers {
+        let cover = cover(layer, &profile);
+        assert!(cover.iou > 0.98 && (cover.volume_ratio - 1.0).abs() < 0.02, "{cover:?}");
+        assert!(layer.beads.iter().any(|b| b.kind == BeadKind::SolidInfill));
+    }
+    let angle = |l: &LayerPaths| {
+        let raster = l.beads.iter().find(|b| b.kind == BeadKind::SolidInfill).unwrap();
+        let along = raster.points[3].at - raster.points[2].at;
+        along.x * along.y > 0.0
+    };
+    assert_ne!(angle(&planned.paths.layers[0]), angle(&planned.paths.layers[1]));
+}
+
+#[test]
+fn thin_wall_gets_one_bead_in_its_middle() {
+    let profile = reference();
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.5, [0.0, 0.6]), &profile);
+    for layer in &planned.paths.layers {
+        assert_eq!(layer.beads.len(), 1);
+        let cover = cover(layer, &profile);
+        assert!(cover.iou > 0.993 && (cover.volume_ratio - 1.0).abs() < 0.005, "{cover:?}");
+    }
+}
+
+#[test]
+fn stadium_beads_reach_both_skins() {
+    let mut profile = reference();
+    profile.print.bead_shape = BeadShape::Stadium;
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.4]), &profile);
+    for layer in &planned.paths.layers {
+        let cover = cover(layer, &profile);
+        assert!(cover.iou > 0.997 && cover.gap < 0.002, "{cover:?}");
+        // Rounded sides at both skins: pi/4 of a square of the height is missing at each.
+        let missing = 0.2 * (1.0 - std::f64::consts::FRAC_PI_4) / 1.0;
+        assert!((cover.volume_ratio - 1.0 + missing).abs() < 0.004, "{cover:?}");
+    }
+}
+
+#[test]
+fn part_is_only_moved_centred_and_stands_on_the_bed() {
+    let body = Tubes::new(vec![Tube { slope: [0.3, 0.1], ..Tube::upright(50.0, 3.0) }], 1.0, [-7.0, 5.0]);
+    let layers = layers_of(&body);
+    let planned = plan(&layers, &reference(), &Task::quiet()).unwrap();
+    let all = planned.paths.layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).unwrap();
+    assert!((nalgebra::center(&all.min, &all.max) - Point2::new(100.0, 100.0)).norm() < 1e-9);
+    let moved = planned.paths.bed_from_stack.apply(crate::geom::Point3::new(0.0, 0.0, -7.0));
+    assert!(moved.z.abs() < 1e-9);
+    for (layer, paths) in layers.iter().zip(&planned.paths.layers) {
+        let top = layer.slot.z_mid_mm + layer.slot.height_mm / 2.0 + 7.0;
+        assert!((paths.z_mm - top).abs() < 1e-9);
+        let p = layer.material.contours[0].points[0];
+        let on_bed = planned.paths.bed_from_stack.apply(crate::geom::Point3::new(p.x, p.y, 0.0)).xy();
+        assert!((paths.material.contours[0].points[0] - on_bed).norm() < 1e-9);
+    }
+}
+
+use crate::geom::Bounds2;
+
+fn all_points(planned: &Planned) -> impl Iterator<Item = Point2> + '_ {
+    planned.paths.layers.iter().flat_map(|l| {
+        let beads = l.beads.iter().flat_map(|b| b.points.iter().map(|p| p.at));
+        beads.chain(l.travels.iter().flat_map(|t| t.via.iter().copied()))
+    })
+}
+
+#[test]
+fn everything_stays_inside_the_bed_and_skirt_that_would_not_is_left_out() {
+    let mut profile = profile::builtin("marlin").unwrap();
+    let body = Tubes::merging([0.0, 4.0]);
+    let inside = |planned: &Planned, profile: &Profile| {
+        let [x, y, _] = profile.machine.bed_mm;
+        all_points(planned).all(|p| p.x >= 0.2 && p.y >= 0.2 && p.x <= x - 0.2 && p.y <= y - 0.2)
+    };
+    let with_skirt = planned(&body, &profile);
+    assert!(inside(&with_skirt, &profile) && with_skirt.warnings.is_empty());
+    let skirts = |p: &Planned| p.paths.layers[0].beads.iter().filter(|b| b.kind == BeadKind::SkirtBrim).count();
+    assert!(skirts(&with_skirt) >= 2);
+    let size = layers_of(&body).iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).unwrap().size();
+    (profile.machine.bed_mm[0], profile.machine.bed_mm[1]) = (size.x + 1.0, size.y + 1.0);
+    let tight = planned(&body, &profile);
+    assert!(inside(&tight, &profile));
+    assert_eq!(skirts(&tight), 0);
+    assert_eq!(tight.warnings[0].code, "toolpath.adhesion_outside_bed");
+}
+
+#[test]
+fn brim_surrounds_the_first_layer_only() {
+    let mut profile = reference();
+    profile.print.brim_mm = 2.0;
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]), &profile);
+    let brim = |l: &LayerPaths| l.beads.iter().filter(|b| b.kind == BeadKind::SkirtBrim).count();
+    assert_eq!(brim(&planned.paths.layers[0]), 5);
+    assert!(planned.paths.layers[1..].iter().all(|l| brim(l) == 0));
+}
+
+#[test]
+fn travels_stay_in_the_wall_of_a_single_tube() {
+    let tube = Tube { slope: [0.4, 0.0], ..Tube::upright(0.0, 3.0) };
+    let planned = planned(&Tubes::new(vec![tube], 1.0, [0.0, 12.0]), &reference());
+    assert!(planned.paths.layers.iter().flat_map(|l| &l.travels).all(|t| !t.leaves_material));
+}
+
+#[test]
+fn loops_at_the_lumen_begin_inside_the_wall() {
+    let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 3.0]), &reference());
+    for layer in &planned.paths.layers {
+        let index = crate::geom::SegmentIndex::try_new(&layer.lumen.contours).unwrap();
+        let begin = |b: &Bead| index.nearest(b.points[0].at).distance_mm;
+        let nearest = layer.beads.iter().map(begin).fold(f64::INFINITY, f64::min);
+        assert!(nearest > 0.3, "begins {nearest} mm from the lumen");
+    }
+}
+
+#[test]
+fn compensations_move_the_outline_by_what_they_say() {
+    let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.4]);
+    let lumen_radius = |profile: &Profile, layer: usize| {
+        let planned = planned(&body, profile);
+        let hole = planned.paths.layers[layer].material.contours.iter().find(|c| !c.is_ccw()).unwrap().clone();
+        (-hole.signed_area_mm2() / std::f64::consts::PI).sqrt()
+    };
+    let outer_radius = |profile: &Profile, layer: usize| {
+        let planned = planned(&body, profile);
+        let outer = planned.paths.layers[layer].material.contours.iter().find(|c| c.is_ccw()).unwrap().clone();
+        (outer.signed_area_mm2() / std::f64::consts::PI).sqrt()
+    };
+    let plain = reference();
+    let mut changed = plain.clone();
+    changed.print.hole_compensation_mm = 0.1;
+    assert!((lumen_radius(&changed, 1) - lumen_radius(&plain, 1) - 0.1).abs() < 2e-3);
+    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-4);
+    let mut changed = plain.clone();
+    changed.print.first_layer_compensation_mm = 0.1;
+    assert!((outer_radius(&changed, 0) - outer_radius(&plain, 0) + 0.1).abs() < 2e-3);
+    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-9);
+    let mut changed = plain.clone();
+    changed.filament.shrinkage_percent = 2.0;
+    assert!((outer_radius(&changed, 1) * 0.98 - outer_radius(&plain, 1)).abs() < 1e-6);
+}
+
+#[test]
+fn same_input_gives_the_same_bytes_on_any_number_of_threads() {
+    let layers = layers_of(&Tubes::merging([0.0, 6.0]));
+    let profile = profile::builtin("marlin").unwrap();
+    let job = || {
+        let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
+        gcode::write(&planned.paths, &profile, &gcode::Header::default())
+    };
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(job);
+    let three = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(job);
+    assert!(one == three && one == job());
+}
+
+#[test]
+fn each_fault_is_named() {
+    let layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]));
+    let fault = |profile: &Profile| plan(&layers, profile, &Task::quiet()).unwrap_err();
+    assert_eq!(plan(&[], &reference(), &Task::quiet()), Err(Error::Empty));
+    let mut small = reference();
+    small.machine.bed_mm = [5.0, 200.0, 250.0];
+    let text = fault(&small).to_string();
+    assert!(text.contains("8.0 x 8.0 x 1.0") && text.contains("5.0 x 200.0 x 250.0"), "{text}");
+    let thin = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.12, [0.0, 1.0]));
+    let text = plan(&thin, &reference(), &Task::quiet()).unwrap_err().to_string();
+    assert!(text.contains("0.120 mm thin in layer 0 at z 0.10"), "{text}");
+    let mut profile = reference();
+    profile.print.extrusion_width_mm = 2.0;
+    assert!(fault(&profile).to_string().contains("print.extrusion_width_mm is 2"));
+    let mut profile = reference();
+    profile.machine.extrusion_width_mm = [0.5, 0.3];
+    assert!(fault(&profile).to_string().contains("machine.extrusion_width_mm"));
+    let mut profile = reference();
+    profile.print.infill_percent = f64::NAN;
+    assert!(fault(&profile).to_string().contains("print.infill_percent"));
+    let mut profile = reference();
+    profile.print.brim_mm = -1.0;
+    assert!(fault(&profile).to_string().contains("print.brim_mm"));
+    let mut profile = reference();
+    profile.filament.shrinkage_percent = 100.0;
+    assert!(fault(&profile).to_string().contains("filament.shrinkage_percent"));
+    let token = CancelToken::default();
+    token.cancel();
+    let stopped = plan(&layers, &reference(), &Task::new(&|_, _| {}, token));
+    assert_eq!(stopped, Err(Error::Cancelled(Cancelled)));
+}
+
+#[test]
+fn specks_are_left_out_and_reported() {
+    let mut layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]));
+    layers[2].material.contours.push(Contour::circle(Point2::new(8.0, 0.0), 0.03, 12));
+    let planned = plan(&layers, &reference(), &Task::quiet()).unwrap();
+    assert!(planned.warnings.iter().any(|w| w.code == "toolpath.lost_feature"), "{:?}", planned.warnings);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn any_ring_is_filled_near_its_volume(inner in 0.8..6.0f64, wall in 0.62..2.6f64, shift in 0.0..0.3f64) {
+        let profile = reference();
+        let mut layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.2]));
+        let lumen = Contour::circle(Point2::new(shift * wall, 0.0), inner, 140);
+        let outer = Contour::circle(Point2::origin(), inner + wall, 160);
+        layers[0].material = Region::new(vec![outer, lumen.reversed()]);
+        layers[0].lumen = Region::new(vec![lumen]);
+        let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
+        let cover = cover(&planned.paths.layers[0], &profile);
+        prop_assert!(cover.iou > 0.96, "{cover:?}");
+        prop_assert!((cover.volume_ratio - 1.0).abs() < 0.03, "{cover:?}");
+    }
+
+    #[test]
+    fn ragged_outlines_never_make_it_panic(radii in prop::collection::vec(0.2..5.0f64, 3..60), hole in 0.0..0.9f64) {
+        let n = radii.len() as f64;
+        let star = |share: f64| {
+            let at = |(i, r): (usize, &f64)| {
+                let (sin, cos) = (std::f64::consts::TAU * i as f64 / n).sin_cos();
+                Point2::new(r * share * cos, r * share * sin)
+            };
+            Contour::new(radii.iter().enumerate().map(at).collect())
+        };
+        let mut layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.2]));
+        let mut contours = vec![star(1.0)];
+        if hole > 0.2 {
+            contours.push(star(hole).reversed());
+        }
+        layers[0].material = Region::new(contours);
+        layers[0].lumen = Region::default();
+        let planned = plan(&layers, &reference(), &Task::quiet());
+        if let Ok(planned) = planned {
+            for bead in planned.paths.layers.iter().flat_map(|l| &l.beads) {
+                prop_assert!(bead.points.len() >= 2);
+                prop_assert!(bead.points.iter().all(|p| p.at.x.is_finite() && p.width_mm > 0.0 && p.width_mm < 2.0));
+            }
+        }
+    }
+}
+
+/// Writes jobs and their sections for the outside check: `LUMENFAB_JOBS=DIR cargo test --release --lib jobs_for -- --ignored`, then
+/// `gcode_check.py DIR/NAME.gcode --sections DIR/NAME.sections.json --bead rect`.
+#[test]
+#[ignore = "writes files for a check outside of the test runner"]
+fn jobs_for_the_outside_check() {
+    let Some(dir) = std::env::var_os("LUMENFAB_JOBS").map(std::path::PathBuf::from) else {
+        println!("skipped: LUMENFAB_JOBS names no directory");
+        return;
+    };
+    let bodies: [(&str, Tubes); 4] = [
+        ("ring", Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 12.0])),
+        ("slanted", Tubes::new(vec![Tube { slope: [0.5, 0.1], ..Tube::upright(0.0, 3.0) }], 1.0, [0.0, 12.0])),
+        ("merging", Tubes::merging([0.0, 21.0])),
+        ("cast", Tubes::new(vec![Tube::upright(0.0, 3.5)], 0.0, [0.0, 6.0])),
+    ];
+    for (name, body) in bodies {
+        let layers = layers_of(&body);
+        let profile = reference();
+        let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
+        let text = gcode::write(&planned.paths, &profile, &gcode::Header::default());
+        std::fs::write(dir.join(format!("{name}.gcode")), text).unwrap();
+        let planes: Vec<serde_json::Value> = planned
+            .paths
+            .layers
+            .iter()
+            .map(|l| {
+                let z_mm = l.z_mm - l.slot.height_mm / 2.0;
+                serde_json::json!({ "z_mm": z_mm, "contours": l.material.contours })
+            })
+            .collect();
+        let sections = serde_json::json!({ "units": "mm", "frame": "bed", "planes": planes });
+        std::fs::write(dir.join(format!("{name}.sections.json")), sections.to_string()).unwrap();
+    }
+}
