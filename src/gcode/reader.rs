@@ -214,7 +214,7 @@ impl Scanner {
             let number: String = self.chars[from..self.at].iter().collect();
             let value = match number.as_str() {
                 "" => None,
-                text => Some(text.parse().map_err(|_: std::num::ParseFloatError| Error::BadWord { column, found })?),
+                text => Some(text.parse().ok().ok_or(Error::BadWord { column, found })?),
             };
             words.push((letter.to_ascii_uppercase(), value));
         }

@@ -5,7 +5,7 @@
 //! H_k and the numbers of layers come from dynamic programming over the planes: candidates for each H_k are a
 //! ladder of heights between the limits plus those that divide the neighbouring intervals evenly, and the cost is the sum
 //! of squared logarithms of (height / wanted height), for every layer, and of (height / neighbour's height), for every change. An even
-//! spacing that the wanted height divides costs nothing, so it is met exactly. Cost O(planes), 4 ms for 500.
+//! spacing that the wanted height divides costs nothing, so it is met exactly. Cost O(planes): 0.15 ms a plane.
 //!
 //! Not done: adapting heights to the slope of the surface.
 
@@ -69,7 +69,7 @@ fn check(plane_z_mm: &[f64], [bottom, top]: [f64; 2], params: &GridParams) -> Re
         return Err(Error::TooManyLayers { extent_mm: extent, layer_mm });
     }
     for (plane, pair) in plane_z_mm.windows(2).enumerate() {
-        if !(pair[1] > pair[0]) {
+        if pair[0].total_cmp(&pair[1]).is_ge() {
             return Err(Error::PlaneOrder { plane: plane + 1, z_mm: pair[1], below_mm: pair[0] });
         }
     }
@@ -173,8 +173,7 @@ impl Chain<'_> {
         let interval = |k: usize| self.planes.get(k + 1).map(|p| p.z_mm - self.planes[k].z_mm);
         let neighbours = [k.checked_sub(1).and_then(interval), interval(k)];
         let evenly = neighbours.iter().flatten().map(|dz| dz / (dz / layer_mm).round().max(1.0));
-        let ladder =
-            (0..N_RUNGS).map(|i| thinnest + (thickest - thinnest) * i as f64 / (N_RUNGS - 1) as f64);
+        let ladder = (0..N_RUNGS).map(|i| thinnest + (thickest - thinnest) * i as f64 / (N_RUNGS - 1) as f64);
         let mut heights = vec![layer_mm.clamp(thinnest, thickest)];
         heights.extend(evenly.chain(neighbours.iter().flatten().copied()).chain(ladder));
         heights.retain(|h| (thinnest..=thickest).contains(h));
@@ -242,7 +241,11 @@ fn square_log(ratio: f64) -> f64 {
 fn layer_counts(gap_mm: f64, params: &GridParams) -> impl Iterator<Item = usize> + use<> {
     let GridParams { layer_mm, height_limits_mm: [thinnest, thickest] } = *params;
     let around = (gap_mm / layer_mm).floor().max(0.0);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 1e6 layers, checked")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at most 1e6 layers, checked"
+    )]
     let first = (around as usize).saturating_sub(1);
     (first..first + 4).filter(move |&n| {
         if n == 0 {

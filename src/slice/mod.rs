@@ -105,7 +105,9 @@ pub enum Error {
         layer_mm: f64,
     },
     /// Planes must ascend.
-    #[error("CT plane {plane} at z {z_mm} mm does not lie above its predecessor at {below_mm} mm; sort the planes")]
+    #[error(
+        "CT plane {plane} at z {z_mm} mm does not lie above its predecessor at {below_mm} mm; sort the planes"
+    )]
     PlaneOrder {
         /// The plane, counted from 0.
         plane: usize,

@@ -9,7 +9,11 @@ use crate::profile::Profile;
 const TOLERANCE_MM: f64 = 0.01;
 
 /// Skirt and brim around the material of the first layer, from the outside inward. What would leave the bed is left out, and said so.
-pub(super) fn loops(material: &Region, profile: &Profile, params: &FillParams) -> (Vec<Path>, Option<Warning>) {
+pub(super) fn loops(
+    material: &Region,
+    profile: &Profile,
+    params: &FillParams,
+) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
     let outlines = material.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
@@ -41,8 +45,7 @@ pub(super) fn loops(material: &Region, profile: &Profile, params: &FillParams) -
 
 fn path(contour: &Contour, width_mm: f64) -> Path {
     let contour = simplify::contour(contour, TOLERANCE_MM);
-    let vertices =
-        contour.points.iter().map(|&at| Vertex { at, width_mm, room_mm: 0.0 }).collect();
+    let vertices = contour.points.iter().map(|&at| Vertex { at, width_mm, room_mm: 0.0 }).collect();
     Path { kind: BeadKind::SkirtBrim, role: Role::Outer, closed: true, vertices }
 }
 

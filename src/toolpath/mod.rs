@@ -247,8 +247,17 @@ fn draft(
 ) -> Result<Draft, Error> {
     let params = fill_params(profile, slot.height_mm);
     let material = without_dust(material, params.width_mm);
-    let mut draft =
-        Draft { slot, material, lumen, params, adhesion: vec![], paths: vec![], net: None, thin: None, lost: vec![] };
+    let mut draft = Draft {
+        slot,
+        material,
+        lumen,
+        params,
+        adhesion: vec![],
+        paths: vec![],
+        net: None,
+        thin: None,
+        lost: vec![],
+    };
     let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
         return Ok(draft);
     };
@@ -357,7 +366,11 @@ fn check(profile: &Profile) -> Result<(), Error> {
     let (machine, print) = (&profile.machine, &profile.print);
     let [narrowest, widest] = machine.extrusion_width_mm;
     if !(narrowest > 0.05 && narrowest <= widest && widest < 10.0) {
-        return fault("machine.extrusion_width_mm", format!("{:?}", [narrowest, widest]), "0.05 < narrowest <= widest < 10");
+        return fault(
+            "machine.extrusion_width_mm",
+            format!("{:?}", [narrowest, widest]),
+            "0.05 < narrowest <= widest < 10",
+        );
     }
     if !(narrowest..=widest).contains(&print.extrusion_width_mm) {
         let limits = format!("a width within machine.extrusion_width_mm, {narrowest} to {widest} mm");
@@ -367,9 +380,15 @@ fn check(profile: &Profile) -> Result<(), Error> {
         return fault("print.infill_percent", print.infill_percent.to_string(), "0 to 100");
     }
     if !(0.0..10.0).contains(&profile.filament.shrinkage_percent) {
-        return fault("filament.shrinkage_percent", profile.filament.shrinkage_percent.to_string(), "0 to 10");
+        return fault(
+            "filament.shrinkage_percent",
+            profile.filament.shrinkage_percent.to_string(),
+            "0 to 10",
+        );
     }
-    for (field, value) in [("print.brim_mm", print.brim_mm), ("print.skirt_distance_mm", print.skirt_distance_mm)] {
+    for (field, value) in
+        [("print.brim_mm", print.brim_mm), ("print.skirt_distance_mm", print.skirt_distance_mm)]
+    {
         if !(0.0..=100.0).contains(&value) {
             return fault(field, value.to_string(), "0 to 100 mm");
         }

@@ -23,7 +23,8 @@ pub(super) struct Placement {
 /// Finds the place of the layers on the bed.
 pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Error> {
     let bed = profile.machine.bed_mm;
-    let bounds = layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).ok_or(Error::Empty)?;
+    let bounds =
+        layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).ok_or(Error::Empty)?;
     let bottom = layers[0].slot.z_mid_mm - layers[0].slot.height_mm / 2.0;
     let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
     let scale = 1.0 / (1.0 - profile.filament.shrinkage_percent / 100.0);

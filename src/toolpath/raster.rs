@@ -11,6 +11,9 @@ use crate::geom::{Contour, Point2, Region, Vector2};
 
 /// Shortest line worth printing, mm.
 const SHORTEST_MM: f64 = 0.1;
+/// Distance of the lines' ends from the border, in pitches. Half a pitch would leave the corners beside the round ends empty; here what is
+/// missing beside them and what is too much at them are equal, so the volume is right.
+const END_INSET: f64 = 0.4;
 /// Chord tolerance of the inset border, mm.
 const TOLERANCE_MM: f64 = 2e-3;
 
@@ -20,7 +23,7 @@ pub(super) fn raster(rest: &Region, params: &FillParams, percent: f64, angle_rad
         return Vec::new();
     }
     let pitch = params.pitch_mm();
-    let inset = rest.offset(-pitch / 2.0, TOLERANCE_MM);
+    let inset = rest.offset(-END_INSET * pitch, TOLERANCE_MM);
     let is_solid = percent >= 99.9;
     let rows = Rows { params, pitch_mm: pitch * 100.0 / percent.min(100.0), is_solid, angle_rad };
     inset.islands().iter().flat_map(|piece| rows.fill(piece)).collect()
@@ -45,11 +48,15 @@ impl Rows<'_> {
     fn fill(&self, piece: &Region) -> Vec<Path> {
         let turn = nalgebra::Rotation2::new(-self.angle_rad);
         let turned = Region::new(
-            piece.contours.iter().map(|c| Contour::new(c.points.iter().map(|p| turn * p).collect())).collect(),
+            piece
+                .contours
+                .iter()
+                .map(|c| Contour::new(c.points.iter().map(|p| turn * p).collect()))
+                .collect(),
         );
         let Some(bounds) = turned.bounds() else { return Vec::new() };
-        // The outermost rows would only touch a round border.
-        let margin = 0.02 * self.pitch_mm.min(bounds.size().y);
+        // The outermost rows keep half a pitch from the border, as far as the piece is high enough.
+        let margin = ((0.5 - END_INSET) * self.params.pitch_mm()).min(0.45 * bounds.size().y);
         let (low, high) = (bounds.min.y + margin, bounds.max.y - margin);
         let n_gaps = ((high - low) / self.pitch_mm).round();
         let pitch = if self.is_solid && n_gaps >= 1.0 { (high - low) / n_gaps } else { self.pitch_mm };
@@ -72,10 +79,7 @@ impl Rows<'_> {
             kind: if self.is_solid { BeadKind::SolidInfill } else { BeadKind::InternalInfill },
             role: Role::Raster,
             closed: false,
-            vertices: points
-                .into_iter()
-                .map(|p| Vertex { at: back * p, width_mm, room_mm: 0.0 })
-                .collect(),
+            vertices: points.into_iter().map(|p| Vertex { at: back * p, width_mm, room_mm: 0.0 }).collect(),
         };
         zigzags.into_iter().map(path).collect()
     }
@@ -151,7 +155,7 @@ mod tests {
     #[test]
     fn solid_square_is_one_zigzag_of_its_volume() {
         let square = [(0., 0.), (9., 0.), (9., 9.), (0., 9.)].map(|(x, y)| Point2::new(x, y));
-        let square = Region::new(vec![Contour::new(square.to_vec())]);
+        let square = Region::new(vec![Contour::new(square.to_vec()).resampled(60)]);
         for angle in [0.0, std::f64::consts::FRAC_PI_2] {
             let paths = raster(&square, &PARAMS, 100.0, angle);
             assert_eq!(paths.len(), 1);

@@ -5,7 +5,7 @@
 //! never repeat; its first millimetre fraction leads in from the wall, and its end stops short by as much material. Every other path
 //! begins at its vertex nearest to the nozzle.
 
-use super::fill::{FillParams, Path, Role, Vertex};
+use super::fill::{FillParams, Path, Role, Vertex, shorten};
 use super::travel::{Net, Travel};
 use super::{Bead, BeadPoint};
 use crate::geom::{Point2, Vector2, Vector3};
@@ -100,7 +100,8 @@ fn seam(vertices: &[Vertex], layer: usize, nth: usize) -> usize {
 impl Sequence {
     fn lay(&mut self, path: &Path, begin: usize, net: &Net, params: &FillParams) {
         let vertices = unrolled(path, begin);
-        let vertices = if path.closed && path.role == Role::Lumen { led_in(vertices, params) } else { vertices };
+        let vertices =
+            if path.closed && path.role == Role::Lumen { led_in(vertices, params) } else { vertices };
         let (first, last) = (vertices[0].at, vertices[vertices.len() - 1].at);
         self.travels.push(self.at.map(|at| net.travel(at, first)).unwrap_or_default());
         self.beads.push(Bead { kind: path.kind, points: bead_points(&vertices) });
@@ -137,24 +138,6 @@ fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
     // The width of a segment is the mean of its ends': a second vertex at the same place makes the lead-in's its own.
     vertices.insert(1, Vertex { at: begin.at, width_mm, room_mm: begin.room_mm });
     vertices
-}
-
-/// Takes `gap_mm` off the end of a line.
-fn shorten(vertices: &mut Vec<Vertex>, mut gap_mm: f64) {
-    while vertices.len() > 2 {
-        let n = vertices.len();
-        let (from, to) = (vertices[n - 2], vertices[n - 1]);
-        let length = (to.at - from.at).norm();
-        if length > gap_mm + 1e-3 {
-            vertices[n - 1].at = to.at - (to.at - from.at) * (gap_mm / length);
-            return;
-        }
-        gap_mm -= length;
-        vertices.pop();
-        if gap_mm <= 0.0 {
-            return;
-        }
-    }
 }
 
 /// Widths of segments from widths at vertices; segments along which the width changes much are divided.
@@ -217,13 +200,6 @@ mod tests {
             let apart = (loop_of[a].at - loop_of[b].at).norm();
             assert!(apart > 2.0, "layers {layer} and the next: {apart} mm");
         }
-    }
-
-    #[test]
-    fn shortening_takes_exactly_the_gap() {
-        let mut line = vertices(&[(0., 0.), (1., 0.), (1.05, 0.), (1.1, 0.)]);
-        shorten(&mut line, 0.3);
-        assert!((line[line.len() - 1].at.x - 0.8).abs() < 1e-12);
     }
 
     #[test]

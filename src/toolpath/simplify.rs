@@ -44,7 +44,8 @@ mod tests {
 
     #[test]
     fn straight_runs_lose_their_inner_vertices() {
-        let square = Contour::new([(0., 0.), (4., 0.), (4., 4.), (0., 4.)].map(|(x, y)| Point2::new(x, y)).into());
+        let square =
+            Contour::new([(0., 0.), (4., 0.), (4., 4.), (0., 4.)].map(|(x, y)| Point2::new(x, y)).into());
         assert_eq!(contour(&square.resampled(64), 1e-6).len(), 4);
     }
 

@@ -137,7 +137,11 @@ impl Probe<'_> {
             if length <= 0.0 {
                 continue;
             }
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a bed's size at most")]
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a bed's size at most"
+            )]
             let n = ((length / PIECE_MM).ceil() as usize).max(1);
             let along = (b - a) / length;
             for i in 0..n {

@@ -38,11 +38,16 @@ struct Cover {
     volume_ratio: f64,
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "cells of a small grid")]
+fn cell(steps: f64) -> usize {
+    steps.max(0.0) as usize
+}
+
 /// Rasterises capsules of each segment's width, as the outside check does.
 fn cover(layer: &LayerPaths, profile: &Profile) -> Cover {
     let bounds = layer.material.bounds().unwrap().grown(0.3);
     let size = bounds.size() / STEP_MM;
-    let (n_cols, n_rows) = (size.x as usize + 1, size.y as usize + 1);
+    let (n_cols, n_rows) = (cell(size.x) + 1, cell(size.y) + 1);
     let centre = |col: usize, row: usize| {
         bounds.min + nalgebra::Vector2::new(col as f64 + 0.5, row as f64 + 0.5) * STEP_MM
     };
@@ -53,8 +58,8 @@ fn cover(layer: &LayerPaths, profile: &Profile) -> Cover {
             let (a, b, radius) = (pair[0].at, pair[1].at, pair[0].width_mm / 2.0);
             let low = (a.coords.inf(&b.coords) - bounds.min.coords).add_scalar(-radius) / STEP_MM;
             let high = (a.coords.sup(&b.coords) - bounds.min.coords).add_scalar(radius) / STEP_MM;
-            for row in low.y.max(0.0) as usize..=(high.y as usize).min(n_rows - 1) {
-                for col in low.x.max(0.0) as usize..=(high.x as usize).min(n_cols - 1) {
+            for row in cell(low.y)..=cell(high.y).min(n_rows - 1) {
+                for col in cell(low.x)..=cell(high.x).min(n_cols - 1) {
                     let p = centre(col, row);
                     let foot = crate::geom::distance::nearest_on_segment(p, a, b);
                     own[row * n_cols + col] |= (foot - p).norm() <= radius;
@@ -111,7 +116,7 @@ fn slanted_wall_of_varying_thickness_is_filled() {
     let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
     for layer in &planned.paths.layers {
         let cover = cover(layer, &profile);
-        assert!(cover.iou > 0.993 && cover.overlap < 0.006 && cover.gap < 0.005, "{cover:?}");
+        assert!(cover.iou > 0.996 && cover.overlap < 0.01 && cover.gap < 0.002, "{cover:?}");
         assert!((cover.volume_ratio - 1.0).abs() < 0.005, "{cover:?}");
     }
 }
@@ -132,7 +137,7 @@ fn cast_is_filled_by_perimeters_and_raster() {
     let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 4.0)], 0.0, [0.0, 1.0]), &profile);
     for layer in &planned.paths.layers {
         let cover = cover(layer, &profile);
-        assert!(cover.iou > 0.98 && (cover.volume_ratio - 1.0).abs() < 0.02, "{cover:?}");
+        assert!(cover.iou > 0.985 && (cover.volume_ratio - 1.0).abs() < 0.02, "{cover:?}");
         assert!(layer.beads.iter().any(|b| b.kind == BeadKind::SolidInfill));
     }
     let angle = |l: &LayerPaths| {
@@ -205,9 +210,11 @@ fn everything_stays_inside_the_bed_and_skirt_that_would_not_is_left_out() {
     };
     let with_skirt = planned(&body, &profile);
     assert!(inside(&with_skirt, &profile) && with_skirt.warnings.is_empty());
-    let skirts = |p: &Planned| p.paths.layers[0].beads.iter().filter(|b| b.kind == BeadKind::SkirtBrim).count();
+    let skirts =
+        |p: &Planned| p.paths.layers[0].beads.iter().filter(|b| b.kind == BeadKind::SkirtBrim).count();
     assert!(skirts(&with_skirt) >= 2);
-    let size = layers_of(&body).iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).unwrap().size();
+    let size =
+        layers_of(&body).iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).unwrap().size();
     (profile.machine.bed_mm[0], profile.machine.bed_mm[1]) = (size.x + 1.0, size.y + 1.0);
     let tight = planned(&body, &profile);
     assert!(inside(&tight, &profile));
@@ -248,12 +255,14 @@ fn compensations_move_the_outline_by_what_they_say() {
     let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.4]);
     let lumen_radius = |profile: &Profile, layer: usize| {
         let planned = planned(&body, profile);
-        let hole = planned.paths.layers[layer].material.contours.iter().find(|c| !c.is_ccw()).unwrap().clone();
+        let hole =
+            planned.paths.layers[layer].material.contours.iter().find(|c| !c.is_ccw()).unwrap().clone();
         (-hole.signed_area_mm2() / std::f64::consts::PI).sqrt()
     };
     let outer_radius = |profile: &Profile, layer: usize| {
         let planned = planned(&body, profile);
-        let outer = planned.paths.layers[layer].material.contours.iter().find(|c| c.is_ccw()).unwrap().clone();
+        let outer =
+            planned.paths.layers[layer].material.contours.iter().find(|c| c.is_ccw()).unwrap().clone();
         (outer.signed_area_mm2() / std::f64::consts::PI).sqrt()
     };
     let plain = reference();
@@ -294,7 +303,7 @@ fn each_fault_is_named() {
     assert!(text.contains("8.0 x 8.0 x 1.0") && text.contains("5.0 x 200.0 x 250.0"), "{text}");
     let thin = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.12, [0.0, 1.0]));
     let text = plan(&thin, &reference(), &Task::quiet()).unwrap_err().to_string();
-    assert!(text.contains("0.120 mm thin in layer 0 at z 0.10"), "{text}");
+    assert!(text.contains("0.119 mm thin in layer 0 at z 0.10"), "{text}");
     let mut profile = reference();
     profile.print.extrusion_width_mm = 2.0;
     assert!(fault(&profile).to_string().contains("print.extrusion_width_mm is 2"));
@@ -373,12 +382,15 @@ proptest! {
 #[ignore = "writes files for a check outside of the test runner"]
 fn jobs_for_the_outside_check() {
     let Some(dir) = std::env::var_os("LUMENFAB_JOBS").map(std::path::PathBuf::from) else {
-        println!("skipped: LUMENFAB_JOBS names no directory");
+        eprintln!("skipped: LUMENFAB_JOBS names no directory");
         return;
     };
     let bodies: [(&str, Tubes); 4] = [
         ("ring", Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 12.0])),
-        ("slanted", Tubes::new(vec![Tube { slope: [0.5, 0.1], ..Tube::upright(0.0, 3.0) }], 1.0, [0.0, 12.0])),
+        (
+            "slanted",
+            Tubes::new(vec![Tube { slope: [0.5, 0.1], ..Tube::upright(0.0, 3.0) }], 1.0, [0.0, 12.0]),
+        ),
         ("merging", Tubes::merging([0.0, 21.0])),
         ("cast", Tubes::new(vec![Tube::upright(0.0, 3.5)], 0.0, [0.0, 6.0])),
     ];

@@ -232,7 +232,8 @@ fn nearest_sample(samples: &[super::skin::Sample], edge_idx: usize, at: Point2) 
 fn island_of(contours: &[Contour]) -> Vec<usize> {
     let area: Vec<f64> = contours.iter().map(Contour::signed_area_mm2).collect();
     let owner = |c: usize| {
-        let outers = (0..contours.len()).filter(|&o| area[o] > 0.0 && contours[o].contains(contours[c].points[0]));
+        let outers =
+            (0..contours.len()).filter(|&o| area[o] > 0.0 && contours[o].contains(contours[c].points[0]));
         outers.min_by(|&a, &b| area[a].total_cmp(&area[b])).unwrap_or(c)
     };
     (0..contours.len()).map(|c| if area[c] > 0.0 { c } else { owner(c) }).collect()
@@ -268,10 +269,8 @@ mod tests {
         assert!(!travel.leaves_material);
         let way: Vec<Point2> = [a].into_iter().chain(travel.via).chain([b]).collect();
         assert!(way.len() > 3);
-        let outside: f64 = way
-            .windows(2)
-            .map(|p| (p[1] - p[0]).norm() - length_inside(&ring, p[0], p[1]))
-            .sum();
+        let outside: f64 =
+            way.windows(2).map(|p| (p[1] - p[0]).norm() - length_inside(&ring, p[0], p[1])).sum();
         assert!(outside < 1e-9, "{outside} mm outside");
         let length: f64 = way.windows(2).map(|p| (p[1] - p[0]).norm()).sum();
         assert!(length < 11.5, "{length} mm for half a turn");
