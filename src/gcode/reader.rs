@@ -3,7 +3,9 @@
 //! A line is `[N number] command words [*checksum] [; comment]`. Comments in parentheses are skipped. Words may stand with or without blanks
 //! between them, letters in either case. `M117` and its like carry text in place of words: it is kept as it stands.
 
+use std::borrow::Cow;
 use std::fmt;
+use std::str::FromStr;
 
 /// What a line asks the printer to do.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,8 +104,7 @@ pub fn parse(line: &str) -> Result<Line, Error> {
     let comment = comment.map(str::to_owned);
     let (code, checksum) = split_checksum(code);
     let code = without_parentheses(code);
-    let mut scanner = Scanner { chars: code.chars().collect(), at: 0 };
-    scanner.skip_blanks();
+    let mut scanner = Scanner::new(&code);
     let number = scanner.line_number();
     let command = scanner.command()?;
     Ok(Line { number, command, checksum, comment })
@@ -123,100 +124,99 @@ fn split_checksum(code: &str) -> (&str, Option<u8>) {
     after.trim().parse().map_or((code, None), |sum| (before, Some(sum)))
 }
 
-fn without_parentheses(code: &str) -> String {
+fn without_parentheses(code: &str) -> Cow<'_, str> {
+    if !code.contains('(') {
+        return Cow::Borrowed(code);
+    }
     let mut inside = false;
     let keep = |c: &char| {
         let was_inside = inside;
         inside = *c == '(' || (inside && *c != ')');
         !inside && !was_inside
     };
-    code.chars().filter(keep).collect()
+    Cow::Owned(code.chars().filter(keep).collect())
 }
 
-struct Scanner {
-    chars: Vec<char>,
-    at: usize,
+/// The part of a line that is not yet read.
+struct Scanner<'a> {
+    whole: &'a str,
+    rest: &'a str,
 }
 
-impl Scanner {
-    fn peek(&self) -> Option<char> {
-        self.chars.get(self.at).copied()
+impl<'a> Scanner<'a> {
+    fn new(whole: &'a str) -> Self {
+        Self { whole, rest: whole.trim_start() }
     }
 
-    fn skip_blanks(&mut self) {
-        while self.peek().is_some_and(char::is_whitespace) {
-            self.at += 1;
-        }
+    fn column(&self) -> usize {
+        self.whole[..self.whole.len() - self.rest.len()].chars().count() + 1
     }
 
-    fn rest(&self) -> String {
-        self.chars[self.at..].iter().collect::<String>().trim_end().to_owned()
+    fn found(&self) -> String {
+        self.rest.trim_end().to_owned()
     }
 
-    fn digits(&mut self) -> Option<u64> {
-        let from = self.at;
-        while self.peek().is_some_and(|c| c.is_ascii_digit()) {
-            self.at += 1;
-        }
-        self.chars[from..self.at].iter().collect::<String>().parse().ok()
+    fn letter(&mut self) -> Option<char> {
+        let letter = self.rest.chars().next().filter(char::is_ascii_alphabetic)?;
+        self.rest = &self.rest[1..];
+        Some(letter.to_ascii_uppercase())
+    }
+
+    /// The longest run of bytes of a kind.
+    fn take(&mut self, wanted: impl Fn(u8) -> bool) -> &'a str {
+        let n = self.rest.bytes().take_while(|&b| wanted(b)).count();
+        let (taken, rest) = self.rest.split_at(n);
+        self.rest = rest;
+        taken
+    }
+
+    fn digits<T: FromStr>(&mut self) -> Option<T> {
+        self.take(|b| b.is_ascii_digit()).parse().ok()
     }
 
     fn line_number(&mut self) -> Option<u64> {
-        let from = self.at;
-        if !self.peek()?.eq_ignore_ascii_case(&'N') {
-            return None;
-        }
-        self.at += 1;
-        let number = self.digits();
-        if number.is_none() {
-            self.at = from;
-        }
-        self.skip_blanks();
+        let before = self.rest;
+        let number = self.letter().filter(|&l| l == 'N').and_then(|_| self.digits());
+        self.rest = if number.is_some() { self.rest.trim_start() } else { before };
         number
     }
 
     fn command(&mut self) -> Result<Option<Command>, Error> {
-        self.skip_blanks();
-        let Some(letter) = self.peek().map(|c| c.to_ascii_uppercase()) else { return Ok(None) };
-        let (column, found) = (self.at + 1, self.rest());
-        let no_command = || Error::NoCommand { column, found: found.clone() };
-        if !matches!(letter, 'G' | 'M' | 'T') {
-            return Err(no_command());
+        if self.rest.is_empty() {
+            return Ok(None);
         }
-        self.at += 1;
-        let code = self.digits().and_then(|n| u32::try_from(n).ok()).ok_or_else(no_command)?;
+        let no_command = Self { ..*self };
+        let no_command = || Error::NoCommand { column: no_command.column(), found: no_command.found() };
+        let letter = self.letter().filter(|l| matches!(l, 'G' | 'M' | 'T')).ok_or_else(no_command)?;
+        let code = self.digits().ok_or_else(no_command)?;
         let mut subcode = None;
-        if self.peek() == Some('.') {
-            self.at += 1;
-            subcode = self.digits().and_then(|n| u32::try_from(n).ok());
+        if let Some(rest) = self.rest.strip_prefix('.') {
+            self.rest = rest;
+            subcode = self.digits();
         }
-        if TEXT_COMMANDS.contains(&(letter, code)) {
-            self.skip_blanks();
-            return Ok(Some(Command { letter, code, subcode, words: vec![], text: Some(self.rest()) }));
-        }
-        Ok(Some(Command { letter, code, subcode, words: self.words()?, text: None }))
+        let (words, text) = if TEXT_COMMANDS.contains(&(letter, code)) {
+            (Vec::new(), Some(self.rest.trim().to_owned()))
+        } else {
+            (self.words()?, None)
+        };
+        Ok(Some(Command { letter, code, subcode, words, text }))
     }
 
     fn words(&mut self) -> Result<Vec<(char, Option<f64>)>, Error> {
-        let mut words = Vec::new();
+        let mut words = Vec::with_capacity(5);
         loop {
-            self.skip_blanks();
-            let Some(letter) = self.peek() else { return Ok(words) };
-            let (column, found) = (self.at + 1, self.rest());
-            if !letter.is_ascii_alphabetic() {
-                return Err(Error::BadWord { column, found });
+            self.rest = self.rest.trim_start();
+            if self.rest.is_empty() {
+                return Ok(words);
             }
-            self.at += 1;
-            let from = self.at;
-            while self.peek().is_some_and(|c| c.is_ascii_digit() || matches!(c, '.' | '-' | '+')) {
-                self.at += 1;
-            }
-            let number: String = self.chars[from..self.at].iter().collect();
-            let value = match number.as_str() {
+            let before = Self { ..*self };
+            let bad_word = || Error::BadWord { column: before.column(), found: before.found() };
+            let letter = self.letter().ok_or_else(bad_word)?;
+            let value = match self.take(|b| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+')) {
                 "" => None,
-                text => Some(text.parse().ok().ok_or(Error::BadWord { column, found })?),
+                number => Some(number.parse().ok().ok_or_else(bad_word)?),
             };
-            words.push((letter.to_ascii_uppercase(), value));
+            words.push((letter, value));
         }
     }
 }
