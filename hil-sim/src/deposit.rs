@@ -119,7 +119,7 @@ impl Deposit {
     /// A move starts; the index of the layer that begins with it, if one does.
     pub fn begin(&mut self, block: &Block) -> Option<usize> {
         let pushes = self.net_mm + block.to[3] - block.from[3] > self.most_mm + LEAST_FILAMENT_MM;
-        if pushes && is_level(block) { self.layers.visit(block.to[2]) } else { None }
+        if pushes && is_level(block) { self.layers.visit(block.to[2] + self.shift_mm[2]) } else { None }
     }
 
     /// A move has been driven from `block.from` to `block.to`.
@@ -148,7 +148,8 @@ impl Deposit {
 
     fn leak(&self, block: &Block, t_s: f64, hotend_c: f64) -> Laid {
         let area = self.leak_share * self.last_area_mm2;
-        let near = self.layers.top_mm().is_some_and(|top| block.to[2] < top + LEAK_REACH_MM);
+        let near =
+            self.layers.top_mm().is_some_and(|top| block.to[2] + self.shift_mm[2] < top + LEAK_REACH_MM);
         if area > 0.0 && near && is_level(block) {
             self.bead([block.from, block.to], area, t_s, hotend_c)
         } else {

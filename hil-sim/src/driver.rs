@@ -32,6 +32,8 @@ const QUIET: Duration = Duration::from_millis(500);
 const FLUSH: Duration = Duration::from_millis(500);
 /// Events dealt with before the terminal is looked at again.
 const EVENTS_AT_ONCE: usize = 256;
+/// A pseudo-terminal gives at most a little more than this at a time, bytes.
+const PIECE: usize = 4000;
 /// A host that leaves this much unread is not served until it reads, bytes.
 const UNREAD: usize = 1 << 16;
 
@@ -99,10 +101,11 @@ impl Session {
         let mut last = wall();
         while !(stop.load(Ordering::Relaxed) || once && self.left && self.printer.is_plugged()) {
             self.plug(&mut ready)?;
-            self.exchange().map_err(|error| Error::io("serve", &self.link, error))?;
+            self.exchange().map_err(|error| Error::io("read", &self.link, error))?;
             let now = wall();
             self.pass_time(now.duration_since(last));
             last = now;
+            self.flush_output().map_err(|error| Error::io("write", &self.link, error))?;
             self.write_record(now)?;
             // A simulator that serves one program has nothing to wait for when that is gone.
             if once && rustix::process::getppid() != parent {
@@ -125,7 +128,7 @@ impl Session {
         Ok(())
     }
 
-    /// Waits, reads and writes.
+    /// Waits and reads.
     fn exchange(&mut self) -> std::io::Result<()> {
         let timeout = self.timeout();
         let Some(pty) = &self.pty else { return pause(timeout) };
@@ -143,18 +146,23 @@ impl Session {
             self.left = false;
             self.printer.host_arrived();
         }
-        if unsent < UNREAD && !self.printer.is_holding_back() {
-            self.read()?;
-        }
-        self.flush_output()
+        let room = unsent < UNREAD && !self.printer.is_holding_back();
+        if seen.hung_up || seen.readable && room { self.read(seen.hung_up) } else { Ok(()) }
     }
 
-    fn read(&mut self) -> std::io::Result<()> {
+    /// Reads what is there; to the end if the host has left.
+    fn read(&mut self, to_the_end: bool) -> std::io::Result<()> {
         let mut n = 0;
         let mut gone = false;
         while let (Some(pty), false, true) = (&self.pty, gone, n < self.buffer.len()) {
             match pty.read(&mut self.buffer[n..])? {
-                Read::Bytes(more) => n += more,
+                Read::Bytes(more) => {
+                    n += more;
+                    // A piece that is not full was all there was; asking again would only cost time.
+                    if more < PIECE && !to_the_end {
+                        break;
+                    }
+                }
                 Read::Nothing => break,
                 Read::HungUp => gone = true,
             }

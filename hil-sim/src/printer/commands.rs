@@ -183,22 +183,21 @@ impl Printer {
     }
 
     fn pause(&mut self, command: &Command<'_>) -> Outcome {
-        if !command.argument.is_empty() {
-            let text = [b"echo:", command.argument].concat();
-            self.say_bytes(&text);
+        let default: &[u8] = if command.code == 0 { b"M0 Stop" } else { b"M1 Stop" };
+        if command.argument.is_empty() {
+            self.prompt = default.to_vec();
+        } else {
+            self.prompt = command.argument.to_vec();
+            self.say_bytes(&[b"echo:", command.argument].concat());
         }
         let ms = command.value(b'P').map(|ms| ms / 1000.0);
         let seconds = command.value(b'S').or(ms).filter(|&s| s > 0.0).unwrap_or(f64::INFINITY);
         Outcome::Wait(Wait::Drain(After::User(seconds)))
     }
 
-    /// Prompts, as the head of the queue words them.
-    fn prompt(&mut self) {
-        let command = self.queue.front().cloned().unwrap_or_default();
-        let parsed = gcode::parse(&command);
-        let default: &[u8] = if parsed.code == 0 { b"M0 Stop" } else { b"M1 Stop" };
-        let text = if parsed.argument.is_empty() { default } else { parsed.argument };
-        self.say_bytes(&[b"//action:prompt_begin ", text].concat());
+    fn tell_prompt(&mut self) {
+        let begin = [b"//action:prompt_begin ", self.prompt.as_slice()].concat();
+        self.say_bytes(&begin);
         self.say("//action:prompt_button Continue");
         self.say("//action:prompt_show");
     }
@@ -235,7 +234,7 @@ impl Printer {
                 Outcome::Done
             }
             After::User(seconds) => {
-                self.prompt();
+                self.tell_prompt();
                 self.state("paused-for-user", String::new());
                 Outcome::Wait(Wait::User { until_s: self.now_s + seconds })
             }

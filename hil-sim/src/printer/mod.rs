@@ -158,6 +158,8 @@ pub struct Printer {
     next_busy_s: f64,
     next_check_s: f64,
     lines_from_host: u64,
+    /// What M0 asks the user.
+    prompt: Vec<u8>,
     record_commands: bool,
     events: Vec<Event>,
     summary: Summary,
@@ -196,6 +198,7 @@ impl Printer {
             next_busy_s: 0.0,
             next_check_s: 0.0,
             lines_from_host: 0,
+            prompt: Vec::new(),
             record_commands,
             events: Vec::new(),
             summary: Summary::default(),
@@ -427,7 +430,10 @@ impl Printer {
                 self.receiver.clear();
             } else if !self.is_silent() {
                 moved |= self.fetch();
-                moved |= self.work();
+                // A line may have brought a fault.
+                if self.life == Life::Running && !self.is_silent() {
+                    moved |= self.work();
+                }
             }
             if !moved {
                 return;
