@@ -1,0 +1,348 @@
+//! Commands, one after the other, with the firmware's answers.
+
+use super::{After, HeatWait, HeaterName, Printer, Wait};
+use crate::{
+    gcode::{self, Command},
+    whole,
+};
+
+/// A heater is at its target within this, °C.
+const WINDOW_C: f64 = 1.0;
+/// How long it must be there, s.
+const RESIDENCY_S: f64 = 10.0;
+/// Homing takes this long per axis besides the way, s.
+const HOMING_BUMP_S: f64 = 2.5;
+
+/// How far a command has come.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Outcome {
+    /// `ok` is due.
+    Done,
+    /// It has given its own `ok`.
+    Answered,
+    /// It is not done yet.
+    Wait(Wait),
+}
+
+impl Printer {
+    /// Begins the command in `line`.
+    pub(super) fn execute(&mut self, line: &[u8]) -> Outcome {
+        let command = gcode::parse(line);
+        let outcome = match command.letter {
+            b'G' => self.execute_g(&command),
+            b'M' => self.execute_m(&command),
+            b'T' if command.code == 0 => Outcome::Done,
+            b'T' => self.tell(&format!("echo:T{} Invalid extruder", command.code)),
+            _ => self.unknown(&command),
+        };
+        match outcome {
+            // Most moves find room at once.
+            Outcome::Wait(wait) => self.go_on(wait),
+            done => done,
+        }
+    }
+
+    fn tell(&mut self, text: &str) -> Outcome {
+        self.say(text);
+        Outcome::Done
+    }
+
+    fn unknown(&mut self, command: &Command<'_>) -> Outcome {
+        self.summary.unknown_commands += 1;
+        let mut reply = b"echo:Unknown command: \"".to_vec();
+        reply.extend_from_slice(command.text);
+        reply.push(b'"');
+        self.say_bytes(&reply);
+        Outcome::Done
+    }
+
+    fn execute_g(&mut self, command: &Command<'_>) -> Outcome {
+        match command.code {
+            0 | 1 => return self.linear_move(command),
+            2 | 3 => return self.arc_move(command, command.code == 2),
+            4 => {
+                let ms = command.value(b'P').map(|ms| ms / 1000.0);
+                let seconds = command.value(b'S').or(ms).unwrap_or(0.0).max(0.0);
+                return Outcome::Wait(Wait::Drain(After::Dwell(seconds)));
+            }
+            21 => {}
+            28 => return Outcome::Wait(Wait::Drain(After::Home(axes_to_home(command)))),
+            90 => self.motion.relative = [false; 4],
+            91 => self.motion.relative = [true; 4],
+            92 => self.motion.set_position(command),
+            _ => return self.unknown(command),
+        }
+        Outcome::Done
+    }
+
+    fn execute_m(&mut self, command: &Command<'_>) -> Outcome {
+        match command.code {
+            0 | 1 => return self.pause(command),
+            // Handled elsewhere, or of no effect here: motors on, print timer, progress, debug flags, message, time-outs.
+            17 | 31 | 73 | 75..=77 | 85 | 108 | 111 | 117 | 300 | 301 | 304 | 501 | 502 | 876 | 999 => {}
+            18 | 84 => return Outcome::Wait(Wait::Drain(After::MotorsOff)),
+            82 => self.motion.relative[3] = false,
+            83 => self.motion.relative[3] = true,
+            92 => set_axes(command, &mut self.motion.steps_per_mm),
+            104 => self.set_heater(HeaterName::Hotend, command),
+            105 => {
+                let text = format!("ok{}", self.temperatures());
+                self.say(&text);
+                return Outcome::Answered;
+            }
+            106 => self.fan = whole::to_u8(command.value(b'S').unwrap_or(255.0)),
+            107 => self.fan = 0,
+            109 => return self.heat(HeaterName::Hotend, command),
+            110 => self.set_line_number(command),
+            112 => {
+                self.say("echo:M112 Shutdown");
+                self.kill();
+            }
+            113 => self.keepalive_s = command.value(b'S').unwrap_or(self.keepalive_s).clamp(0.0, 60.0),
+            114 => return self.tell(&self.position_text()),
+            115 => self.tell_firmware(),
+            118 => self.say_bytes(command.argument),
+            119 => self.tell_endstops(),
+            140 => self.set_heater(HeaterName::Bed, command),
+            155 => {
+                self.report_interval_s = command.value(b'S').unwrap_or(0.0).clamp(0.0, 60.0);
+                self.next_report_s = self.now_s + self.report_interval_s;
+            }
+            190 => return self.heat(HeaterName::Bed, command),
+            201 => set_axes(command, &mut self.motion.limits.max_acceleration),
+            203 => set_axes(command, &mut self.motion.limits.max_speed),
+            204 => self.set_accelerations(command),
+            205 => {
+                if let Some(deviation) = command.value(b'J').filter(|&j| j > 0.0) {
+                    self.motion.limits.junction_deviation = deviation;
+                }
+            }
+            211 => self.motion.soft_endstops = command.value(b'S').is_none_or(|s| s != 0.0),
+            220 => self.motion.feedrate_percent = percent(command, self.motion.feedrate_percent),
+            221 => self.motion.flow_percent = percent(command, self.motion.flow_percent),
+            302 => self.set_cold_extrusion(command),
+            400 => return Outcome::Wait(Wait::Drain(After::Nothing)),
+            410 => self.quick_stop(),
+            500 => return self.tell("Error:EEPROM disabled"),
+            503 => self.tell_settings(),
+            _ => return self.unknown(command),
+        }
+        Outcome::Done
+    }
+
+    fn set_line_number(&mut self, command: &Command<'_>) {
+        if let Some(number) = command.value(b'N') {
+            self.receiver.last_line = whole::to_i64(number);
+        }
+    }
+
+    fn set_accelerations(&mut self, command: &Command<'_>) {
+        let limits = &mut self.motion.limits;
+        let positive = |letter| command.value(letter).filter(|&a| a > 0.0);
+        let both = positive(b'S');
+        limits.print_acceleration = positive(b'P').or(both).unwrap_or(limits.print_acceleration);
+        limits.travel_acceleration = positive(b'T').or(both).unwrap_or(limits.travel_acceleration);
+        limits.retract_acceleration = positive(b'R').unwrap_or(limits.retract_acceleration);
+    }
+
+    fn set_cold_extrusion(&mut self, command: &Command<'_>) {
+        if let Some(least_c) = command.value(b'S') {
+            self.motion.min_extrusion_c = least_c;
+        }
+        match command.value(b'P') {
+            Some(allowed) if allowed != 0.0 => self.motion.min_extrusion_c = f64::NEG_INFINITY,
+            Some(_) => self.motion.min_extrusion_c = self.profile.min_extrusion_c,
+            None => {}
+        }
+    }
+
+    fn set_target(&mut self, heater: HeaterName, target_c: f64) {
+        let heater = &mut self.heaters[heater as usize];
+        heater.set_target(self.now_s, target_c);
+        let detail = format!("{} {:.1}", heater.model.id, heater.target_c);
+        self.next_check_s = self.next_check_s.max(self.now_s);
+        self.state("target", detail);
+    }
+
+    fn set_heater(&mut self, heater: HeaterName, command: &Command<'_>) {
+        if let Some(target_c) = command.value(b'S') {
+            self.set_target(heater, target_c);
+        }
+    }
+
+    /// M109, M190: `S` waits only while heating, `R` also while cooling.
+    fn heat(&mut self, heater: HeaterName, command: &Command<'_>) -> Outcome {
+        let both_ways = command.value(b'R');
+        let Some(target_c) = command.value(b'S').or(both_ways) else { return Outcome::Done };
+        self.set_target(heater, target_c);
+        let hot = self.heaters[heater as usize].reading_c(self.now_s) >= target_c - WINDOW_C;
+        if hot && both_ways.is_none() || target_c <= 0.0 {
+            return Outcome::Done;
+        }
+        Outcome::Wait(Wait::Heat(HeatWait { heater, next_tick_s: self.now_s + 1.0, reached_s: None }))
+    }
+
+    fn pause(&mut self, command: &Command<'_>) -> Outcome {
+        let default: &[u8] = if command.code == 0 { b"M0 Stop" } else { b"M1 Stop" };
+        if command.argument.is_empty() {
+            self.prompt = default.to_vec();
+        } else {
+            self.prompt = command.argument.to_vec();
+            self.say_bytes(&[b"echo:", command.argument].concat());
+        }
+        let ms = command.value(b'P').map(|ms| ms / 1000.0);
+        let seconds = command.value(b'S').or(ms).filter(|&s| s > 0.0).unwrap_or(f64::INFINITY);
+        Outcome::Wait(Wait::Drain(After::User(seconds)))
+    }
+
+    fn tell_prompt(&mut self) {
+        let begin = [b"//action:prompt_begin ", self.prompt.as_slice()].concat();
+        self.say_bytes(&begin);
+        self.say("//action:prompt_button Continue");
+        self.say("//action:prompt_show");
+    }
+
+    /// Looks whether what a command waits for has come.
+    pub(super) fn go_on(&mut self, wait: Wait) -> Outcome {
+        match wait {
+            Wait::Moves if self.plan_pending() => Outcome::Done,
+            Wait::Moves => Outcome::Wait(Wait::Moves),
+            Wait::Drain(after) => self.drained(after),
+            Wait::Until { t_s, home } if t_s <= self.now_s => {
+                self.arrive_home(home);
+                Outcome::Done
+            }
+            Wait::User { until_s } if until_s <= self.now_s => Outcome::Done,
+            Wait::Heat(heat) => self.heated(heat),
+            other => Outcome::Wait(other),
+        }
+    }
+
+    fn drained(&mut self, after: After) -> Outcome {
+        self.planner.release(self.now_s);
+        if self.planner.depth() > 0 {
+            return Outcome::Wait(Wait::Drain(after));
+        }
+        let until = |t_s: f64, home| Outcome::Wait(Wait::Until { t_s, home });
+        match after {
+            After::Nothing => Outcome::Done,
+            After::Dwell(seconds) => until(self.now_s + seconds, [false; 3]),
+            After::Home(axes) => until(self.now_s + self.homing_s(axes), axes),
+            After::MotorsOff => {
+                self.motion.homed = [false; 3];
+                self.state("motors-off", String::new());
+                Outcome::Done
+            }
+            After::User(seconds) => {
+                self.tell_prompt();
+                self.state("paused-for-user", String::new());
+                Outcome::Wait(Wait::User { until_s: self.now_s + seconds })
+            }
+        }
+    }
+
+    fn homing_s(&self, axes: [bool; 3]) -> f64 {
+        let motion = &self.motion;
+        let way = |axis: usize| {
+            if motion.homed[axis] { motion.native()[axis] } else { self.profile.bed_mm[axis] / 2.0 }
+        };
+        (0..3)
+            .filter(|&axis| axes[axis])
+            .map(|axis| HOMING_BUMP_S + way(axis).max(0.0) / self.profile.homing_mm_s[axis])
+            .sum()
+    }
+
+    fn arrive_home(&mut self, axes: [bool; 3]) {
+        if axes == [false; 3] {
+            return;
+        }
+        self.motion.arrive_home(axes);
+        for axis in (0..3).filter(|&axis| axes[axis]) {
+            self.deposit.shift_mm[axis] = 0.0;
+        }
+        self.state("homed", self.position_text());
+        let position = self.position_text();
+        self.say(&position);
+    }
+
+    /// One look a second, told to the host.
+    fn heated(&mut self, mut heat: HeatWait) -> Outcome {
+        if self.now_s < heat.next_tick_s {
+            return Outcome::Wait(Wait::Heat(heat));
+        }
+        heat.next_tick_s = self.now_s + 1.0;
+        let heater = &self.heaters[heat.heater as usize];
+        let near = (heater.reading_c(self.now_s) - heater.target_c).abs() <= WINDOW_C;
+        heat.reached_s = if near { heat.reached_s.or(Some(self.now_s)) } else { None };
+        let left_s = heat.reached_s.map(|since| RESIDENCY_S - (self.now_s - since));
+        if left_s.is_some_and(|left| left <= 0.0) {
+            self.state("heated", format!("{:.1}", self.heaters[heat.heater as usize].target_c));
+            return Outcome::Done;
+        }
+        let left = left_s.map_or_else(|| "?".to_owned(), |left| format!("{:.0}", (left - 1.0).max(0.0)));
+        let text = format!("{} W:{left}", self.temperatures());
+        self.say(&text);
+        Outcome::Wait(Wait::Heat(heat))
+    }
+
+    fn tell_firmware(&mut self) {
+        let dialect = self.profile.dialect;
+        self.say(&format!(
+            "{} MACHINE_TYPE:{} EXTRUDER_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff",
+            dialect.firmware, self.profile.name
+        ));
+        for capability in dialect.capabilities {
+            self.say(capability);
+        }
+    }
+
+    fn tell_endstops(&mut self) {
+        self.say("Reporting endstop status");
+        let at = self.driven();
+        for (axis, name) in ["x_min", "y_min", "z_min"].into_iter().enumerate() {
+            let hit = self.motion.homed[axis] && at[axis] <= 0.0;
+            self.say(&format!("{name}: {}", if hit { "TRIGGERED" } else { "open" }));
+        }
+        self.say(&format!("filament: {}", if self.filament_out { "open" } else { "TRIGGERED" }));
+    }
+
+    fn tell_settings(&mut self) {
+        let limits = self.motion.limits;
+        let axes = |v: [f64; 4]| format!("X{:.2} Y{:.2} Z{:.2} E{:.2}", v[0], v[1], v[2], v[3]);
+        let lines = [
+            "echo:; Steps per unit:".to_owned(),
+            format!("echo: M92 {}", axes(self.motion.steps_per_mm)),
+            "echo:; Max feedrates (units/s):".to_owned(),
+            format!("echo: M203 {}", axes(limits.max_speed)),
+            "echo:; Max Acceleration (units/s2):".to_owned(),
+            format!("echo: M201 {}", axes(limits.max_acceleration)),
+            "echo:; Acceleration (units/s2) (P<print-accel> R<retract-accel> T<travel-accel>):".to_owned(),
+            format!(
+                "echo: M204 P{:.2} R{:.2} T{:.2}",
+                limits.print_acceleration, limits.retract_acceleration, limits.travel_acceleration
+            ),
+            "echo:; Advanced (J<junc_dev>):".to_owned(),
+            format!("echo: M205 J{:.3}", limits.junction_deviation),
+        ];
+        for line in lines {
+            self.say(&line);
+        }
+    }
+}
+
+fn axes_to_home(command: &Command<'_>) -> [bool; 3] {
+    let named = [b'X', b'Y', b'Z'].map(|letter| command.seen(letter));
+    if named == [false; 3] { [true; 3] } else { named }
+}
+
+fn set_axes(command: &Command<'_>, values: &mut [f64; 4]) {
+    for (axis, letter) in [b'X', b'Y', b'Z', b'E'].into_iter().enumerate() {
+        if let Some(value) = command.value(letter).filter(|&value| value > 0.0) {
+            values[axis] = value;
+        }
+    }
+}
+
+fn percent(command: &Command<'_>, before: f64) -> f64 {
+    command.value(b'S').map_or(before, |percent| percent.clamp(1.0, 999.0))
+}

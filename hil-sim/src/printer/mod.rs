@@ -1,0 +1,684 @@
+//! The machine: a pure state machine from bytes and simulated time to bytes and events.
+//!
+//! Contract. Hand in what the host wrote with [`Printer::receive`]; let time pass with [`Printer::advance_to`] (a clock
+//! from outside) or [`Printer::step`] (to the next event, as fast as possible); take what the printer says from
+//! [`Printer::output`] and what happened from [`Printer::take_events`]. [`Printer::pace`] tells whether there is
+//! anything to wait for.
+//!
+//! As in the firmware, one command is executed at a time and answers `ok` when it is done; a move is done when it is in the
+//! planner. While a command waits, further lines are read until the command queue is full. Commands themselves take no
+//! time; moves, waits and the wire do.
+//!
+//! Not done: SD card, several extruders, bed levelling, firmware retraction, EEPROM.
+
+mod commands;
+mod faults;
+mod motion;
+mod replies;
+#[cfg(test)]
+mod tests;
+
+use crate::{
+    deposit::{Deposit, Laid},
+    event::{Event, Summary},
+    planner::{Block, Planner, Position},
+    profile::Profile,
+    receive::{Emergency, Received, Receiver},
+    spec::{Armed, FaultSpec, Progress},
+    thermal::Heater,
+    wire::{Incoming, Outgoing},
+};
+use motion::Motion;
+use std::collections::VecDeque;
+
+/// The firmware looks at its heaters this often, s.
+const CHECK_S: f64 = 1.0;
+/// Above this, what the wire waits for is a delay that the host is to notice, s.
+const NOTICEABLE_S: f64 = 0.25;
+
+/// What a simulated printer is made from.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The machine.
+    pub profile: Profile,
+    /// Speed of the wire; none: flow-controlled, takes no time.
+    pub baud: Option<u32>,
+    /// What goes wrong.
+    pub faults: Vec<FaultSpec>,
+    /// Of the faults.
+    pub seed: u64,
+    /// Whether every command is an event (beads and faults always are).
+    pub record_commands: bool,
+}
+
+/// Whether time has to pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Nothing waits: the clock may stand still.
+    Idle,
+    /// A command or the wire waits: the clock may jump.
+    Work,
+    /// The host is to notice the time: an outage, a late line, a wait for the user.
+    RealTime,
+}
+
+/// Hotend or bed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum HeaterName {
+    Hotend = 0,
+    Bed = 1,
+}
+
+/// What the command at the head of the queue waits for.
+#[derive(Debug, Clone, PartialEq)]
+enum Wait {
+    /// Room in the planner for the moves it consists of.
+    Moves,
+    /// The end of all moves; then something else.
+    Drain(After),
+    /// A moment, then perhaps the axes are home.
+    Until { t_s: f64, home: [bool; 3] },
+    /// A temperature.
+    Heat(HeatWait),
+    /// The user, perhaps not beyond a moment.
+    User { until_s: f64 },
+}
+
+/// What comes when all moves have ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum After {
+    Nothing,
+    Dwell(f64),
+    Home([bool; 3]),
+    MotorsOff,
+    User(f64),
+}
+
+/// M109 or M190.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct HeatWait {
+    heater: HeaterName,
+    next_tick_s: f64,
+    /// Since when it has been at its target.
+    reached_s: Option<f64>,
+}
+
+/// Whether the firmware lives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Life {
+    Off,
+    Running,
+    Killed,
+}
+
+/// What happens next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Due {
+    BlockEnd,
+    Wire,
+    Wait,
+    Fault,
+    Check,
+    Report,
+    Busy,
+    BlockStart,
+}
+
+/// A simulated printer.
+#[derive(Debug)]
+pub struct Printer {
+    profile: Profile,
+    seed: u64,
+    now_s: f64,
+    incoming: Incoming,
+    outgoing: Outgoing,
+    receiver: Receiver,
+    queue: VecDeque<Vec<u8>>,
+    wait: Option<Wait>,
+    life: Life,
+    /// Until then it neither reads nor answers.
+    silent_until_s: f64,
+    /// Until then there is no port.
+    unplugged_until_s: f64,
+    planner: Planner,
+    motion: Motion,
+    heaters: [Heater; 2],
+    fan: u8,
+    deposit: Deposit,
+    faults: Vec<Armed>,
+    /// Lasting faults and when they end.
+    lasting: Vec<(f64, FaultSpec)>,
+    filament_out: bool,
+    clogged_share: f64,
+    /// By how much the next request to send again is off.
+    resend_error: Option<i64>,
+    report_interval_s: f64,
+    next_report_s: f64,
+    keepalive_s: f64,
+    next_busy_s: f64,
+    next_check_s: f64,
+    lines_from_host: u64,
+    /// What M0 asks the user.
+    prompt: Vec<u8>,
+    record_commands: bool,
+    events: Vec<Event>,
+    summary: Summary,
+}
+
+impl Printer {
+    /// A printer without power; [`Self::host_arrived`] turns it on.
+    #[must_use]
+    pub fn new(options: Options) -> Self {
+        let Options { profile, baud, faults, seed, record_commands } = options;
+        let armed = faults.into_iter().zip(0..).map(|(spec, index)| Armed::new(spec, seed, index)).collect();
+        Self {
+            now_s: 0.0,
+            seed,
+            incoming: Incoming::new(baud),
+            outgoing: Outgoing::new(baud),
+            receiver: Receiver::new(profile.rx_ring_bytes, profile.line_bytes, profile.dialect.numbering),
+            queue: VecDeque::new(),
+            wait: None,
+            life: Life::Off,
+            silent_until_s: 0.0,
+            unplugged_until_s: 0.0,
+            planner: Planner::new(profile.planner_blocks),
+            motion: Motion::new(&profile),
+            heaters: profile.heaters.map(|model| Heater::new(model, profile.ambient_c)),
+            fan: 0,
+            deposit: Deposit::new(&profile),
+            faults: armed,
+            lasting: Vec::new(),
+            filament_out: false,
+            clogged_share: 0.0,
+            resend_error: None,
+            report_interval_s: 0.0,
+            next_report_s: 0.0,
+            keepalive_s: 2.0,
+            next_busy_s: 0.0,
+            next_check_s: 0.0,
+            lines_from_host: 0,
+            prompt: Vec::new(),
+            record_commands,
+            events: Vec::new(),
+            summary: Summary::default(),
+            profile,
+        }
+    }
+
+    /// Simulated time, s.
+    #[must_use]
+    pub const fn now_s(&self) -> f64 {
+        self.now_s
+    }
+
+    /// Whether there is a port for the host to open.
+    #[must_use]
+    pub fn is_plugged(&self) -> bool {
+        self.now_s >= self.unplugged_until_s
+    }
+
+    /// Whether it does not listen: no bytes need be taken from the host.
+    #[must_use]
+    pub fn is_holding_back(&self) -> bool {
+        self.incoming.bytes_under_way() > 4096
+    }
+
+    /// A host has opened the port: a printer that is off or has stopped for good starts.
+    pub fn host_arrived(&mut self) {
+        self.state("host-arrived", String::new());
+        if self.life != Life::Running {
+            self.reset();
+        }
+    }
+
+    /// The host has closed the port: what is under way either way is lost.
+    pub fn host_left(&mut self) {
+        self.state("host-left", String::new());
+        self.incoming.clear(self.now_s);
+        self.outgoing.clear(self.now_s);
+    }
+
+    /// The host has written `bytes`.
+    pub fn receive(&mut self, bytes: &[u8]) {
+        if self.is_plugged() && self.life != Life::Off {
+            for line in self.incoming.take_lines(bytes) {
+                self.send_line_to_printer(line);
+            }
+        }
+        self.settle();
+    }
+
+    /// What the printer has said and the wire has carried; take away what was passed on.
+    pub const fn output(&mut self) -> &mut Vec<u8> {
+        self.outgoing.ready()
+    }
+
+    /// What has happened since the last call.
+    pub fn take_events(&mut self) -> std::vec::Drain<'_, Event> {
+        self.events.drain(..)
+    }
+
+    /// Whether time has to pass.
+    #[must_use]
+    pub fn pace(&self) -> Pace {
+        let outage = [self.silent_until_s, self.unplugged_until_s];
+        if outage.iter().any(|&until| until > self.now_s && until.is_finite()) {
+            return Pace::RealTime;
+        }
+        let wire_s = self.wire_s();
+        let late = wire_s.is_some_and(|t| t - self.now_s > NOTICEABLE_S);
+        match self.wait {
+            _ if self.is_silent() => Pace::Idle,
+            Some(Wait::User { .. }) => Pace::RealTime,
+            Some(_) => Pace::Work,
+            None if late => Pace::RealTime,
+            None if wire_s.is_some() => Pace::Work,
+            None => Pace::Idle,
+        }
+    }
+
+    /// Whether moves are planned that nobody waits for.
+    #[must_use]
+    pub fn has_moves(&self) -> bool {
+        self.planner.depth() > 0
+    }
+
+    /// Lets time pass to the next event and deals with it; false if there is none.
+    pub fn step(&mut self) -> bool {
+        let Some((t_s, due)) = self.next_due() else { return false };
+        self.now_s = self.now_s.max(t_s);
+        self.deal_with(due);
+        true
+    }
+
+    /// Lets time pass to `t_s`.
+    pub fn advance_to(&mut self, t_s: f64) {
+        while let Some((event_s, due)) = self.next_due() {
+            // A move that starts only now may still be followed by one that is received now.
+            if event_s > t_s || (event_s >= t_s && due == Due::BlockStart) {
+                break;
+            }
+            self.now_s = self.now_s.max(event_s);
+            self.deal_with(due);
+        }
+        self.now_s = self.now_s.max(t_s);
+        self.settle();
+    }
+
+    /// When the next event comes, where one does without anything received.
+    #[must_use]
+    pub fn next_event_s(&self) -> Option<f64> {
+        self.next_due().map(|due| due.0)
+    }
+
+    fn is_silent(&self) -> bool {
+        self.silent_until_s > self.now_s
+    }
+
+    /// When the wire has something to deliver. What the full ring holds back is nothing to wait for.
+    fn wire_s(&self) -> Option<f64> {
+        let incoming = self.incoming.next_s().filter(|&t| t > self.now_s);
+        [incoming, self.outgoing.next_s()].into_iter().flatten().min_by(f64::total_cmp)
+    }
+
+    fn next_due(&self) -> Option<(f64, Due)> {
+        let alive = self.life == Life::Running && !self.is_silent();
+        let timers = [
+            (self.planner.next_end_s(), Due::BlockEnd),
+            (self.wire_s(), Due::Wire),
+            (self.wait_s().filter(|_| alive), Due::Wait),
+            (self.fault_s(), Due::Fault),
+            (
+                Some(self.next_check_s).filter(|_| alive && self.heaters.iter().any(Heater::is_guarded)),
+                Due::Check,
+            ),
+            (Some(self.next_report_s).filter(|_| alive && self.report_interval_s > 0.0), Due::Report),
+            (
+                Some(self.next_busy_s).filter(|_| alive && self.wait.is_some() && self.keepalive_s > 0.0),
+                Due::Busy,
+            ),
+            (self.planner.next_start_s(), Due::BlockStart),
+        ];
+        timers
+            .into_iter()
+            .filter_map(|(time, due)| Some((time?, due)))
+            .reduce(|first, other| if other.0 < first.0 { other } else { first })
+    }
+
+    /// When what the command waits for comes by itself.
+    fn wait_s(&self) -> Option<f64> {
+        match self.wait.as_ref()? {
+            Wait::Until { t_s, .. } => Some(*t_s),
+            Wait::Heat(heat) => Some(heat.next_tick_s),
+            Wait::User { until_s } => Some(*until_s).filter(|t| t.is_finite()),
+            Wait::Moves | Wait::Drain(_) => None,
+        }
+    }
+
+    fn deal_with(&mut self, due: Due) {
+        match due {
+            Due::BlockEnd => self.finish_block(),
+            Due::BlockStart => self.start_block(),
+            Due::Wire | Due::Wait => {}
+            Due::Fault => {
+                self.end_lasting();
+                self.strike_machine(false);
+            }
+            Due::Check => self.check_heaters(),
+            Due::Report => {
+                self.next_report_s = self.now_s + self.report_interval_s;
+                let text = self.temperatures();
+                self.say(&text);
+            }
+            Due::Busy => self.say_busy(),
+        }
+        self.settle();
+    }
+
+    fn say_busy(&mut self) {
+        self.next_busy_s = self.now_s + self.keepalive_s;
+        let user = matches!(self.wait, Some(Wait::User { .. }));
+        self.say(if user { "echo:busy: paused for user" } else { "echo:busy: processing" });
+    }
+
+    fn start_block(&mut self) {
+        let Some(block) = self.planner.start() else { return };
+        if let Some(layer) = self.deposit.begin(block) {
+            let z_mm = block.to[2] + self.deposit.shift_mm[2];
+            self.state("layer", format!("{layer} z {z_mm:.3}"));
+            self.strike_machine(false);
+        }
+    }
+
+    fn finish_block(&mut self) {
+        if let Some(block) = self.planner.finish() {
+            self.lay(&block);
+            let expected = matches!(self.wait, Some(Wait::Drain(_)));
+            self.summary.planner_dry += u64::from(self.planner.depth() == 0 && !expected);
+        }
+    }
+
+    /// A move, or the part of it that was driven, becomes material.
+    fn lay(&mut self, block: &Block) {
+        self.motion.driven = block.to;
+        self.summary.moves += 1;
+        let Some(profile) = block.profile else { return };
+        self.summary.moving_s += profile.duration_s().min(self.now_s - profile.start_s);
+        // A heater is in closed form since its last change, which is rarely after the start of the move under way.
+        let hotend_c = self.heaters[0].temperature_c(profile.start_s);
+        match self.deposit.finish(block, profile.start_s, hotend_c) {
+            Laid::Nothing => {}
+            Laid::Blob(volume) => self.summary.blob_mm3 += volume,
+            Laid::Bead(bead) => {
+                self.summary.beads += 1;
+                self.summary.deposited_mm3 += bead.volume_mm3;
+                self.events.push(Event::Bead(bead));
+            }
+        }
+    }
+
+    /// Everything that can happen now happens.
+    fn settle(&mut self) {
+        self.outgoing.advance(self.now_s);
+        loop {
+            let (mut moved, order) = self.incoming.deliver(self.now_s, &mut self.receiver);
+            if let Some(order) = order.filter(|_| self.profile.dialect.emergency_parser) {
+                self.emergency(order);
+            }
+            if self.life != Life::Running {
+                self.receiver.clear();
+            } else if !self.is_silent() {
+                moved |= self.fetch();
+                // A line may have brought a fault.
+                if self.life == Life::Running && !self.is_silent() {
+                    moved |= self.work();
+                }
+            }
+            if !moved {
+                return;
+            }
+        }
+    }
+
+    /// Reads lines while the command queue has room.
+    fn fetch(&mut self) -> bool {
+        let mut read = false;
+        while self.queue.len() < self.profile.command_slots
+            && self.life == Life::Running
+            && !self.is_silent()
+            && let Some(line) = self.receiver.next_line()
+        {
+            read = true;
+            self.summary.lines_received += 1;
+            match line {
+                Received::Command(text) => self.accept(text),
+                Received::Repeated(text) => {
+                    self.summary.repeated_lines += 1;
+                    self.record_refused(text, "repeated");
+                }
+                Received::Refused(text, reason) => {
+                    self.say(&format!("Error:{reason}{}", self.receiver.last_line));
+                    self.request_resend();
+                    self.record_refused(text, reason.trim_end_matches(", Last Line: "));
+                }
+            }
+            self.strike_machine(true);
+        }
+        read
+    }
+
+    fn accept(&mut self, text: Vec<u8>) {
+        if self.record_commands {
+            self.events.push(Event::Command { t_s: self.now_s, text: text.clone() });
+        }
+        if !self.profile.dialect.emergency_parser
+            && let Some(order) = early_order(&text)
+        {
+            self.emergency(order);
+        }
+        if self.life == Life::Running {
+            self.queue.push_back(text);
+            self.strike_spurious_resend();
+        }
+    }
+
+    fn record_refused(&mut self, text: Vec<u8>, reason: &'static str) {
+        if self.record_commands {
+            self.events.push(Event::Refused { t_s: self.now_s, text, reason });
+        }
+    }
+
+    fn request_resend(&mut self) {
+        let error = self.resend_error.take().unwrap_or(0);
+        let number = (self.receiver.last_line + 1 + error).max(0);
+        self.summary.resend_requests += 1;
+        self.say(&format!("{}{number}", self.profile.dialect.resend));
+        self.say("ok");
+    }
+
+    /// Goes on with the command at the head of the queue.
+    fn work(&mut self) -> bool {
+        let Some(mut text) = self.queue.front_mut().map(std::mem::take) else { return false };
+        let outcome = match self.wait.take() {
+            Some(wait) => self.go_on(wait),
+            None => {
+                self.next_busy_s = self.now_s + self.keepalive_s;
+                self.execute(&text)
+            }
+        };
+        // The command may have stopped or restarted the firmware.
+        let Some(front) = self.queue.front_mut() else { return true };
+        std::mem::swap(front, &mut text);
+        match outcome {
+            commands::Outcome::Wait(wait) => {
+                let over = matches!(wait, Wait::Until { t_s, .. } if t_s <= self.now_s);
+                self.wait = Some(wait);
+                over
+            }
+            commands::Outcome::Done => {
+                self.say_ok();
+                self.retire();
+                true
+            }
+            commands::Outcome::Answered => {
+                self.retire();
+                true
+            }
+        }
+    }
+
+    fn retire(&mut self) {
+        self.queue.pop_front();
+        self.summary.commands_executed += 1;
+    }
+
+    fn emergency(&mut self, order: Emergency) {
+        if self.life != Life::Running {
+            return;
+        }
+        match order {
+            Emergency::Continue => {
+                if matches!(self.wait, Some(Wait::Heat(_) | Wait::User { .. })) {
+                    self.wait = Some(Wait::Until { t_s: self.now_s, home: [false; 3] });
+                }
+            }
+            Emergency::Kill => {
+                self.say("echo:M112 Shutdown");
+                self.kill();
+            }
+            Emergency::QuickStop => self.quick_stop(),
+        }
+    }
+
+    /// Stops all motion where it is; planned moves are forgotten.
+    fn stop_motion(&mut self) {
+        if let Some(block) = self.planner.stop(self.now_s) {
+            self.lay(&block);
+        }
+        self.motion.pending.clear();
+    }
+
+    /// M410.
+    fn quick_stop(&mut self) {
+        self.stop_motion();
+        self.motion.take_position_from_motors();
+        self.state("stopped", self.position_text());
+    }
+
+    /// Stops for good.
+    fn kill(&mut self) {
+        for line in self.profile.dialect.halted {
+            self.say(line);
+        }
+        self.stop_motion();
+        self.heaters_off();
+        self.queue.clear();
+        self.wait = None;
+        self.receiver.clear();
+        self.life = Life::Killed;
+        self.state("killed", String::new());
+    }
+
+    /// Starts anew: all the firmware knew is gone; what lies on the bed stays, and so do axes and temperatures.
+    fn reset(&mut self) {
+        self.stop_motion();
+        self.heaters_off();
+        for axis in 0..3 {
+            self.deposit.shift_mm[axis] += self.motion.driven[axis];
+        }
+        self.motion = Motion::new(&self.profile);
+        self.planner = Planner::new(self.profile.planner_blocks);
+        self.planner.release(self.now_s);
+        self.queue.clear();
+        self.wait = None;
+        self.receiver.clear();
+        self.receiver.last_line = 0;
+        self.report_interval_s = 0.0;
+        self.keepalive_s = 2.0;
+        self.fan = 0;
+        self.silent_until_s = self.silent_until_s.min(self.now_s);
+        self.life = Life::Running;
+        self.state("booted", String::new());
+        for line in self.profile.dialect.boot {
+            self.say(line);
+        }
+    }
+
+    fn heaters_off(&mut self) {
+        for heater in &mut self.heaters {
+            heater.set_target(self.now_s, 0.0);
+        }
+    }
+
+    fn check_heaters(&mut self) {
+        self.next_check_s = self.now_s + CHECK_S;
+        let now_s = self.now_s;
+        let fault = self.heaters.iter_mut().find_map(|heater| Some((heater.check(now_s)?, heater.model.id)));
+        if let Some((fault, id)) = fault {
+            self.say(&format!("Error:{fault}, system stopped! Heater_ID: {id}"));
+            self.kill();
+        }
+    }
+
+    fn state(&mut self, state: &'static str, detail: String) {
+        self.events.push(Event::State { t_s: self.now_s, state, detail });
+    }
+
+    fn progress(&self) -> Progress {
+        Progress {
+            now_s: self.now_s,
+            lines: self.summary.lines_received,
+            layer: self.deposit.layers.current(),
+        }
+    }
+
+    /// What the run has come to so far.
+    #[must_use]
+    pub fn summary(&self) -> Summary {
+        let temperature = |heater: &Heater| [heater.temperature_c(self.now_s), heater.target_c];
+        Summary {
+            profile: self.profile.name.to_owned(),
+            seed: self.seed,
+            simulated_s: self.now_s,
+            overrun_bytes: self.incoming.overrun_bytes,
+            layers: self.deposit.layers.count() as u64,
+            filament_mm: self.deposit.net_mm,
+            last_state: self.state_name().to_owned(),
+            last_line: self.receiver.last_line,
+            position_mm: self.motion.position,
+            hotend_c: temperature(&self.heaters[0]),
+            bed_c: temperature(&self.heaters[1]),
+            ..self.summary.clone()
+        }
+    }
+
+    fn state_name(&self) -> &'static str {
+        match (self.life, &self.wait) {
+            (Life::Off, _) => "off",
+            (Life::Killed, _) => "killed",
+            _ if !self.is_plugged() => "unplugged",
+            _ if self.is_silent() => "silent",
+            (_, Some(Wait::Heat(_))) => "heating",
+            (_, Some(Wait::User { .. })) => "waiting-for-user",
+            (_, Some(_)) => "busy",
+            (_, None) if self.has_moves() => "moving",
+            (_, None) => "idle",
+        }
+    }
+
+    /// Where the motors are.
+    fn driven(&self) -> Position {
+        self.planner.position_at(self.now_s).unwrap_or(self.motion.driven)
+    }
+}
+
+/// The order in a line, for firmware that looks at lines rather than bytes.
+fn early_order(text: &[u8]) -> Option<Emergency> {
+    match text.get(..4)? {
+        b"M108" => Some(Emergency::Continue),
+        b"M112" => Some(Emergency::Kill),
+        b"M410" => Some(Emergency::QuickStop),
+        _ => None,
+    }
+}
