@@ -1,1 +1,2 @@
-//! (to be written)
+//! G-code lines to a printer.
+pub mod protocol;

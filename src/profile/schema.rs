@@ -227,7 +227,6 @@ fn as_number(value: &Value) -> Option<f64> {
     match *value {
         Value::Float(number) => Some(number),
         // TOML integers beyond 2^53 lie outside every range here, so the rounding does no harm.
-        #[expect(clippy::cast_precision_loss, reason = "see above")]
         Value::Integer(whole) => Some(whole as f64),
         _ => None,
     }

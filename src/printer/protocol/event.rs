@@ -1,0 +1,74 @@
+//! What the core tells its owner.
+
+use super::fault::Fault;
+use super::reply::Temperatures;
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// The printer answers, and numbers its lines from 0.
+    Connected,
+    /// New temperatures.
+    Temperatures(Temperatures),
+    /// The firmware's long command goes on; its own word.
+    Busy(String),
+    /// The printer wishes something (`//action:`).
+    Action(String),
+    /// A line that means nothing to the protocol: kept for the log.
+    Message(String),
+    /// Something went wrong on the wire and was put right.
+    Recovered(Recovery),
+    /// All lines sent so far are executed, no more will be sent until resumed.
+    Paused,
+    /// The job goes on.
+    Resumed,
+    /// Every line of the job was executed, and the firmware says so.
+    Finished,
+    /// The job was given up on request; the heaters are off, and the firmware says so.
+    Cancelled,
+    /// The job was given up. The heaters' state is as the fault tells.
+    Faulted(Fault),
+}
+
+/// What was put right.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Recovery {
+    /// The firmware refused a line; it and all after it are sent again.
+    Resent {
+        /// The line's number on the wire.
+        line: u64,
+    },
+    /// So many `ok` were lost.
+    LostOk {
+        /// How many.
+        count: u64,
+    },
+}
+
+/// What happened in a session, in numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Stats {
+    /// Numbered lines sent, repeats included.
+    pub n_lines_sent: u64,
+    /// How often the core went back to a refused line.
+    pub n_resends: u64,
+    /// Further requests for the same line, mostly echoes from lines on their way behind it.
+    pub n_echoes: u64,
+    /// Requests to send again that only one of two lines vouched for.
+    pub n_doubtful_resends: u64,
+    /// How often the firmware was asked where it is.
+    pub n_probes: u64,
+    /// `ok` that never came.
+    pub n_lost_oks: u64,
+    /// Damaged lines that the firmware took for commands of their own.
+    pub n_foreign_commands: u64,
+    /// Lines from the firmware that were not understood.
+    pub n_unknown_lines: u64,
+}
+
+/// How far the job is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Progress {
+    /// Lines of the job that the firmware has acknowledged.
+    pub n_lines_done: u64,
+}

@@ -1,0 +1,104 @@
+//! Why a print was given up.
+
+use std::time::Duration;
+
+/// The end of a print that the core could not go on with. Heaters-off is queued on every path here, except where
+/// there is nobody to send it to.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Fault {
+    /// The link is gone.
+    #[error("the link to the printer was lost; whether its heaters are on is unknown")]
+    LinkLost,
+    /// Nothing answers the greeting.
+    #[error("no printer answers{}", if *.is_garbled { ", but there is noise on the line" } else { "" })]
+    NoAnswer {
+        /// Whether unreadable bytes were heard.
+        is_garbled: bool,
+    },
+    /// It answers, but does not check line numbers.
+    #[error("the printer answers, but does not check line numbers as its profile says")]
+    NoLineNumbers,
+    /// The firmware started anew.
+    #[error("the printer restarted in the middle of the job")]
+    FirmwareReset,
+    /// The firmware stopped for good.
+    #[error("the printer stopped: {text}")]
+    Halted {
+        /// What it said.
+        text: String,
+    },
+    /// Nothing was heard any more.
+    #[error("the printer has been silent for {:.0} s; whether its heaters are on is unknown", after.as_secs_f64())]
+    Silent {
+        /// For how long.
+        after: Duration,
+    },
+    /// One command did not end.
+    #[error("{command:?} has not ended after {:.0} s", after.as_secs_f64())]
+    CommandTimeout {
+        /// The command.
+        command: String,
+        /// For how long it ran.
+        after: Duration,
+    },
+    /// The same line was asked for again and again.
+    #[error("line {line} could not be brought across in {tries} attempts")]
+    ResendLimit {
+        /// The line's number on the wire.
+        line: u64,
+        /// How often it was sent.
+        tries: u32,
+    },
+    /// A line was asked for that was never sent, or that is long done.
+    #[error("the printer asks for line {asked}, but only {oldest} to {newest} can be sent")]
+    LineUnavailable {
+        /// The line asked for.
+        asked: u64,
+        /// The oldest line kept.
+        oldest: u64,
+        /// The last line sent.
+        newest: u64,
+    },
+}
+
+impl Fault {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::LinkLost => "printer.link_lost",
+            Self::NoAnswer { .. } => "printer.no_answer",
+            Self::NoLineNumbers => "printer.no_line_numbers",
+            Self::FirmwareReset => "printer.firmware_reset",
+            Self::Halted { .. } => "printer.halted",
+            Self::Silent { .. } => "printer.silent",
+            Self::CommandTimeout { .. } => "printer.command_timeout",
+            Self::ResendLimit { .. } => "printer.resend_limit",
+            Self::LineUnavailable { .. } => "printer.line_unavailable",
+        }
+    }
+
+    /// What the operator should do next.
+    #[must_use]
+    pub const fn next_step(&self) -> &'static str {
+        match self {
+            Self::LinkLost => "check the cable and switch the printer off if it is hot",
+            Self::NoAnswer { is_garbled: true } => "check the baud rate of the profile",
+            Self::NoAnswer { is_garbled: false } => "check that the printer is on and that this is its port",
+            Self::NoLineNumbers => "choose the profile of the printer's firmware",
+            Self::FirmwareReset => "check the printer's power supply; the part cannot be continued safely",
+            Self::Halted { .. } => "look at the printer, put right what it reports, then reset it",
+            Self::Silent { .. } => "switch the printer off if it is hot, then check it and the cable",
+            Self::CommandTimeout { .. } => "look at the printer; heaters-off was sent",
+            Self::ResendLimit { .. } => {
+                "check the cable (shielding, length, mains nearby) or use a lower baud rate"
+            }
+            Self::LineUnavailable { .. } => "make sure that no other program uses the port, then print again",
+        }
+    }
+
+    /// Whether there is still somebody to send heaters-off to.
+    pub(super) const fn can_transmit(&self) -> bool {
+        !matches!(self, Self::LinkLost)
+    }
+}

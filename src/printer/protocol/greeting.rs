@@ -1,0 +1,139 @@
+//! The greeting: both sides agree that the last line was number 0, and the printer proves that it checks numbers.
+
+use super::{BUSY_INTERVAL, Core, Event, Fault, NextOk, Reply, ResendStyle, State, Timer};
+use crate::printer::protocol::wire::write_numbered;
+
+/// Where the greeting is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Greeting {
+    /// The board was reset; its `start` is awaited.
+    AwaitStart,
+    /// `M110 N0` was sent for the n-th time; its `ok` is awaited.
+    AwaitOk(u32),
+    /// A probe was sent; it must be refused with `Last Line: 0`.
+    AwaitProof(u32),
+}
+
+/// A number that is not the next one.
+const PROOF_NUMBER: u64 = 1000;
+
+impl Core {
+    pub(super) fn connect(&mut self) {
+        if self.config.firmware.reset_on_open {
+            self.state = State::Handshake(Greeting::AwaitStart);
+            self.timers.set(Timer::Handshake, self.now + self.config.boot);
+        } else {
+            self.greet(1);
+        }
+    }
+
+    /// Sends the greeting for the `tries`-th time. The line feed ends a half line that somebody left.
+    pub(super) fn greet(&mut self, tries: u32) {
+        self.timers.stop_all();
+        let mut text = "\n".to_owned();
+        if self.config.firmware.line_numbers {
+            write_numbered(&mut text, 0, "M110 N0");
+        } else {
+            text.push_str("M105\n");
+        }
+        self.urgent.push_back(text);
+        self.refused = None;
+        self.next_ok = NextOk::Acknowledges;
+        self.state = State::Handshake(Greeting::AwaitOk(tries));
+        self.timers.set(Timer::Handshake, self.now + self.config.response);
+    }
+
+    pub(super) fn greeting_reply(&mut self, greeting: Greeting, reply: Reply<'_>, line: &str) {
+        match (reply, greeting) {
+            (Reply::Start, Greeting::AwaitStart) => self.greet(1),
+            (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
+            // It is busy with what somebody else has left it: it answers when that is done.
+            (Reply::Busy(_), _) => {
+                self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
+            }
+            (Reply::Halted(text), _) => self.fail(Fault::Halted { text: text.to_owned() }),
+            (Reply::LineRefused { last, .. }, _) => self.refused = Some(last.0),
+            (Reply::Resend(number), Greeting::AwaitProof(tries)) => {
+                self.proof(tries, number.0);
+                self.next_ok = NextOk::EndsRefusal;
+            }
+            (Reply::Resend(_), Greeting::AwaitOk(tries)) => {
+                self.greet_again(tries);
+                self.next_ok = NextOk::EndsRefusal;
+            }
+            (Reply::Ok(_), Greeting::AwaitOk(tries)) => self.greeting_ok(tries),
+            (Reply::Temperatures(temperatures), _) => {
+                self.events.push_back(Event::Temperatures(temperatures))
+            }
+            (Reply::Unknown(_), _) => {
+                self.stats.n_unknown_lines += u64::from(line.contains('\u{fffd}'));
+                self.events.push_back(Event::Message(line.to_owned()));
+            }
+            _ => {}
+        }
+    }
+
+    fn greeting_ok(&mut self, tries: u32) {
+        if std::mem::take(&mut self.next_ok) != NextOk::Acknowledges {
+            return;
+        }
+        if !self.config.firmware.line_numbers {
+            self.connected();
+            return;
+        }
+        let mut probe = String::new();
+        write_numbered(&mut probe, PROOF_NUMBER, "M105");
+        self.urgent.push_back(probe);
+        self.state = State::Handshake(Greeting::AwaitProof(tries));
+        self.timers.set(Timer::Handshake, self.now + self.config.response);
+    }
+
+    fn proof(&mut self, tries: u32, number: u64) {
+        let last = self.refused.take();
+        let agrees = self.config.firmware.resend_style == ResendStyle::Rs || last == Some(0);
+        if agrees && number == 1 {
+            self.connected();
+        } else {
+            self.greet_again(tries);
+        }
+    }
+
+    fn connected(&mut self) {
+        self.timers.stop_all();
+        self.next_ok =
+            if self.config.firmware.line_numbers { NextOk::EndsRefusal } else { NextOk::Acknowledges };
+        self.refused = None;
+        self.state = State::Idle;
+        self.stats.n_unknown_lines = 0;
+        self.events.push_back(Event::Connected);
+    }
+
+    pub(super) fn greeting_timeout(&mut self) {
+        match self.state {
+            State::Handshake(Greeting::AwaitStart) => self.greet(1),
+            State::Handshake(Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => {
+                self.greet_again(tries)
+            }
+            _ => {}
+        }
+    }
+
+    fn greet_again(&mut self, tries: u32) {
+        if tries < self.max_greetings() {
+            self.greet(tries + 1);
+        } else if matches!(self.state, State::Handshake(Greeting::AwaitProof(_))) {
+            self.fail(Fault::NoLineNumbers);
+        } else {
+            self.fail(Fault::NoAnswer { is_garbled: self.stats.n_unknown_lines > 0 });
+        }
+    }
+
+    /// Enough to outlast a board that boots, and a few more.
+    fn max_greetings(&self) -> u32 {
+        let during_boot = self.config.boot.as_secs_f64() / self.config.response.as_secs_f64();
+        // Both are checked by the profile: the quotient is far below the limit of the type.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]
+        let during_boot = during_boot.ceil() as u32;
+        8 + during_boot
+    }
+}

@@ -1,0 +1,569 @@
+//! The conversation with a firmware of the Marlin family, as a pure state machine: no port, no clock, no thread.
+//!
+//! **Contract.** After every `handle_*` call, drain [`Core::poll_transmit`] and [`Core::poll_event`] until they are
+//! empty; then [`Core::poll_timeout`] is the moment at which [`Core::handle_timeout`] is due. Time never runs back.
+//!
+//! # Method
+//!
+//! Lines are numbered and carry a checksum, and the firmware accepts them in order only. So each is executed exactly
+//! once as long as (1) the text of a number never changes, (2) a line asked for again can be sent again, and (3) at
+//! the end the firmware itself names the last number. Everything else, also which `ok` is for which line, is flow
+//! control and may be wrong for a while. What makes it hard is that every answer may be lost, damaged or doubled:
+//!
+//! - **Refusals** come twice, as `Error:..., Last Line: N` and as `Resend: N+1`. Only where both agree does the core go back.
+//!   Else it asks.
+//! - **Asking (the probe)** is a numbered line far ahead, which cannot be accepted: its refusal names the last line that
+//!   was. (Repeating an old line would not do: it may be answered by silence.) It is asked when nothing came for
+//!   [`Firmware::response_timeout_s`](crate::profile::Firmware::response_timeout_s), after anything doubtful, and at the end as the proof.
+//! - **A lost `ok`.** If the firmware has read everything but acknowledgements are missing, it may still be executing: a
+//!   firmware reads its port between commands, so it answers at most one probe for each command that it holds. One answer more than
+//!   its queue has slots, without any `ok` between, proves that nothing is left.
+//! - **Echoes.** Lines that were on their way behind a refused one are refused too, each with its own `Resend`, and each time the
+//!   receive buffer is emptied. So the refused line goes alone, once for each refusal, until it is acknowledged: copies too
+//!   many are passed over in silence.
+//! - **Foreign commands.** A line whose `N` was damaged runs as a command of its own (`Unknown command`); the `ok` that follows acknowledges no line of
+//!   ours.
+//!
+//! # Faults
+//!
+//! Each path to [`State::Faulted`] queues the profile's `safe` script (heaters off), unnumbered and twice, except where the link is
+//! gone. `start` in the middle of a job is a reset: the job is given up, never begun again.
+//!
+//! # Limits
+//!
+//! Firmware without line numbers gets one line at a time and no proof; what noise does to those lines is not found out.
+//! Memory is bounded: a few hundred lines of history.
+
+mod event;
+mod fault;
+mod greeting;
+mod lines;
+mod recovery;
+mod reply;
+#[cfg(test)]
+mod tests;
+mod time;
+mod wire;
+
+pub use event::{Event, Progress, Recovery, Stats};
+pub use fault::Fault;
+pub use greeting::Greeting;
+pub use lines::{LineSplitter, MAX_LINE_BYTES};
+pub use reply::{Acknowledgement, Heater, Refusal, Reply, Temperatures, parse};
+pub use time::{Instant, Timer};
+
+use crate::profile::{Profile, ResendStyle};
+use recovery::{NextOk, Probe, Rewind};
+use std::collections::VecDeque;
+use std::time::Duration;
+use time::Timers;
+use wire::{Origin, Wire};
+
+/// Job lines kept ready behind the one to be sent next.
+const QUEUE_AHEAD: u64 = 64;
+
+/// A firmware that is alive but executing says `busy` this often.
+const BUSY_INTERVAL: Duration = Duration::from_secs(2);
+
+/// How much longer than the interval `busy` may take.
+const BUSY_GRACE: Duration = Duration::from_millis(500);
+
+/// After going back the answer is expected soon: asking early costs nothing, waiting does.
+const REWOUND_PATIENCE: Duration = Duration::from_millis(250);
+
+/// Silence of so many response time-outs is a fault.
+const SILENCE_FACTOR: u32 = 15;
+
+/// A cancelled job's heaters-off must get through within this time.
+const CANCEL_LIMIT: Duration = Duration::from_secs(120);
+
+/// What the owner asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command<'a> {
+    /// The port is open: greet the printer.
+    Connect,
+    /// Begin a job.
+    Begin,
+    /// The next line of the job, without number, checksum or line end. Only while [`Core::wants_line`].
+    Line(&'a str),
+    /// The job has no more lines.
+    EndOfJob,
+    /// Send no more lines.
+    Pause,
+    /// Go on.
+    Resume,
+    /// Give the job up: stop the moves, heaters off.
+    Cancel,
+    /// Stop everything at once; the firmware needs a reset afterwards (M112).
+    EmergencyStop,
+}
+
+/// The command does not fit the state.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{command} is not possible while {state}")]
+pub struct Refused {
+    /// What was asked for.
+    pub command: &'static str,
+    /// What the core is doing.
+    pub state: &'static str,
+}
+
+/// What the core is doing. Going back to a refused line is not a state of its own: it happens in several of them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum State {
+    /// No port.
+    Disconnected,
+    /// Greeting the printer.
+    Handshake(Greeting),
+    /// Ready for a job.
+    Idle,
+    /// Lines are sent.
+    Streaming,
+    /// All lines are given; the proof that they are executed is awaited.
+    Finishing,
+    /// No more lines are sent; those in flight are awaited.
+    Pausing,
+    /// Nothing is in flight.
+    Paused,
+    /// The job was given up; the proof that the heaters are off is awaited.
+    Cancelling,
+    /// The job was given up because of a fault.
+    Faulted(Fault),
+}
+
+impl State {
+    /// What the core is doing, in words.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Disconnected => "disconnected",
+            Self::Handshake(_) => "greeting the printer",
+            Self::Idle => "idle",
+            Self::Streaming => "printing",
+            Self::Finishing => "finishing",
+            Self::Pausing => "pausing",
+            Self::Paused => "paused",
+            Self::Cancelling => "cancelling",
+            Self::Faulted(_) => "faulted",
+        }
+    }
+
+    const fn has_job(&self) -> bool {
+        matches!(self, Self::Streaming | Self::Finishing | Self::Pausing | Self::Paused | Self::Cancelling)
+    }
+}
+
+/// Bytes for the port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Line<'a> {
+    /// With line feed.
+    pub bytes: &'a [u8],
+}
+
+/// What the profile says, ready for use.
+#[derive(Debug, Clone)]
+struct Config {
+    firmware: crate::profile::Firmware,
+    response: Duration,
+    slow_command: Duration,
+    boot: Duration,
+    safe: Vec<String>,
+}
+
+/// The line whose acknowledgement is awaited.
+#[derive(Debug, Clone, Copy)]
+struct Oldest {
+    number: u64,
+    since: Instant,
+}
+
+/// The state machine; see the module.
+#[derive(Debug)]
+pub struct Core {
+    config: Config,
+    state: State,
+    wire: Wire,
+    /// Lines that go before all others.
+    urgent: VecDeque<String>,
+    /// The urgent line that was given out last.
+    out: String,
+    events: VecDeque<Event>,
+    timers: Timers,
+    now: Instant,
+    /// When something was heard last.
+    heard: Instant,
+    /// Since when the firmware owes a sign of progress.
+    quiet_since: Instant,
+    oldest: Option<Oldest>,
+    next_ok: NextOk,
+    /// The last line, as a refusal has named it; `Resend` must agree.
+    refused: Option<u64>,
+    rewind: Option<Rewind>,
+    probe: Option<Probe>,
+    /// `ok` with line numbers were seen: one without belongs to none of our lines.
+    is_advanced: bool,
+    n_emergencies_owed: u32,
+    stats: Stats,
+}
+
+impl Core {
+    /// A core for a printer of this profile.
+    #[must_use]
+    pub fn new(profile: &Profile) -> Self {
+        let firmware = profile.firmware.clone();
+        let config = Config {
+            response: Duration::from_secs_f64(firmware.response_timeout_s),
+            slow_command: Duration::from_secs_f64(firmware.slow_command_timeout_s),
+            boot: Duration::from_secs_f64(firmware.boot_timeout_s),
+            safe: profile.safe_gcode(),
+            firmware,
+        };
+        Self {
+            state: State::Disconnected,
+            wire: Wire::new(&config.firmware),
+            config,
+            urgent: VecDeque::new(),
+            out: String::new(),
+            events: VecDeque::new(),
+            timers: Timers::default(),
+            now: Instant::default(),
+            heard: Instant::default(),
+            quiet_since: Instant::default(),
+            oldest: None,
+            next_ok: NextOk::default(),
+            refused: None,
+            rewind: None,
+            probe: None,
+            is_advanced: false,
+            n_emergencies_owed: 0,
+            stats: Stats::default(),
+        }
+    }
+
+    /// What the core is doing.
+    #[must_use]
+    pub const fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// What happened so far, in numbers.
+    #[must_use]
+    pub const fn stats(&self) -> Stats {
+        self.stats
+    }
+
+    /// How far the job is.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        Progress { n_lines_done: self.wire.acked_job_lines() }
+    }
+
+    /// Whether the next line of the job may be given.
+    #[must_use]
+    pub fn wants_line(&self) -> bool {
+        self.state == State::Streaming && self.wire.unsent() < QUEUE_AHEAD
+    }
+
+    /// Takes one line from the firmware, without its line end.
+    pub fn handle_line(&mut self, now: Instant, line: &str) {
+        self.now = now;
+        self.heard = now;
+        let reply = parse(line);
+        match self.state {
+            State::Disconnected => {}
+            State::Faulted(_) => self.events.push_back(Event::Message(line.to_owned())),
+            State::Handshake(greeting) => self.greeting_reply(greeting, reply, line),
+            _ => self.session_reply(reply, line),
+        }
+        self.settle();
+    }
+
+    /// Takes a command of the owner.
+    ///
+    /// # Errors
+    /// The command does not fit the state; nothing has changed.
+    pub fn handle_command(&mut self, now: Instant, command: Command<'_>) -> Result<(), Refused> {
+        self.now = now;
+        match (command, &self.state) {
+            (Command::Connect, State::Disconnected) => self.connect(),
+            (Command::Begin, State::Idle) => self.begin(),
+            (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
+            (Command::EndOfJob, State::Streaming) => self.end_job(),
+            (Command::Pause, State::Streaming) => self.state = State::Pausing,
+            (Command::Pause, State::Pausing | State::Paused) => {}
+            (Command::Resume, State::Pausing | State::Paused) => {
+                self.state = State::Streaming;
+                self.events.push_back(Event::Resumed);
+            }
+            (Command::Resume, State::Streaming) | (Command::Cancel, State::Cancelling) => {}
+            (Command::Cancel, State::Idle | State::Handshake(_)) => {
+                self.state = State::Idle;
+                self.timers.stop_all();
+                self.events.push_back(Event::Cancelled);
+            }
+            (Command::Cancel, state) if state.has_job() => self.cancel(),
+            (Command::EmergencyStop, State::Disconnected) | (_, State::Faulted(_)) => {
+                return Err(self.refuse(command));
+            }
+            (Command::EmergencyStop, _) => {
+                self.fail(Fault::Halted { text: "emergency stop by the operator".to_owned() });
+                self.urgent.push_front("M112\n".to_owned());
+            }
+            _ => return Err(self.refuse(command)),
+        }
+        self.settle();
+        Ok(())
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        self.now = now;
+        while let Some(timer) = self.timers.expired(now) {
+            match timer {
+                Timer::Response => self.ask(),
+                Timer::Handshake => self.greeting_timeout(),
+                Timer::Silence => self.fail(Fault::Silent { after: now.since(self.heard_or_sent()) }),
+                Timer::Command => self.command_timeout(),
+            }
+        }
+        self.settle();
+    }
+
+    /// The port is gone.
+    pub fn handle_disconnect(&mut self, now: Instant) {
+        self.now = now;
+        if self.state.has_job() || matches!(self.state, State::Handshake(_)) {
+            self.fail(Fault::LinkLost);
+        } else if !matches!(self.state, State::Faulted(_)) {
+            self.state = State::Disconnected;
+            self.timers.stop_all();
+        }
+        self.urgent.clear();
+    }
+
+    /// Bytes for the port, if there are any.
+    pub fn poll_transmit(&mut self) -> Option<Line<'_>> {
+        if let Some(text) = self.urgent.pop_front() {
+            self.out = text;
+            return Some(Line { bytes: self.out.as_bytes() });
+        }
+        let streams = matches!(self.state, State::Streaming | State::Finishing | State::Cancelling);
+        let is_alone = self.rewind.is_some_and(|rewind| self.wire.next() > rewind.from);
+        if !streams || self.probe.is_some() || is_alone {
+            return None;
+        }
+        let was_idle = self.wire.in_flight() == 0;
+        if was_idle {
+            self.quiet_since = self.now;
+        }
+        self.wire.send_next()?;
+        self.stats.n_lines_sent += 1;
+        if was_idle {
+            self.track_oldest();
+            self.arm();
+        }
+        self.wire.last_sent().map(|text| Line { bytes: text.as_bytes() })
+    }
+
+    /// Something to tell, if there is anything.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// When [`Self::handle_timeout`] is due.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.timers.next()
+    }
+
+    fn refuse(&self, command: Command<'_>) -> Refused {
+        let command = match command {
+            Command::Connect => "connecting",
+            Command::Begin => "beginning a job",
+            Command::Line(_) => "sending a line",
+            Command::EndOfJob => "ending the job",
+            Command::Pause => "pausing",
+            Command::Resume => "resuming",
+            Command::Cancel => "cancelling",
+            Command::EmergencyStop => "an emergency stop",
+        };
+        Refused { command, state: self.state.name() }
+    }
+
+    fn begin(&mut self) {
+        self.state = State::Streaming;
+        let every_s = self.config.firmware.temperature_report_s;
+        if every_s > 0.0 {
+            self.wire.push(&format!("M155 S{}", every_s.ceil()), Origin::Host);
+        }
+    }
+
+    /// A numbered line after the last one of the job: without it a damaged number there would go unnoticed.
+    fn end_job(&mut self) {
+        self.state = State::Finishing;
+        self.wire.push("M400", Origin::Host);
+        if self.config.firmware.temperature_report_s > 0.0 {
+            self.wire.push("M155 S0", Origin::Host);
+        }
+    }
+
+    fn cancel(&mut self) {
+        self.state = State::Cancelling;
+        for emergency in ["M108\n", "M410\n"] {
+            self.urgent.push_back(emergency.to_owned());
+            self.n_emergencies_owed += 1;
+        }
+        self.wire.drop_unsent();
+        for line in &self.config.safe {
+            self.wire.push(line, Origin::Host);
+        }
+    }
+
+    /// Gives the job up, heaters off first.
+    fn fail(&mut self, fault: Fault) {
+        if matches!(self.state, State::Faulted(_)) {
+            return;
+        }
+        self.urgent.clear();
+        if fault.can_transmit() {
+            // The line feed ends whatever half line the firmware may hold.
+            self.urgent.push_back("\n".to_owned());
+            for line in self.config.safe.iter().chain(&self.config.safe) {
+                self.urgent.push_back(format!("{line}\n"));
+            }
+        }
+        self.timers.stop_all();
+        self.events.push_back(Event::Faulted(fault.clone()));
+        self.state = State::Faulted(fault);
+    }
+
+    fn session_reply(&mut self, reply: Reply<'_>, line: &str) {
+        match reply {
+            Reply::Ok(ok) => self.on_ok(ok),
+            Reply::Resend(number) => self.on_resend(number.0),
+            Reply::LineRefused { last, .. } => self.on_refusal(last.0),
+            Reply::Busy(what) => self.on_busy(what),
+            Reply::Wait => {
+                if self.wire.in_flight() > 0 {
+                    self.ask();
+                }
+            }
+            Reply::Temperatures(temperatures) => self.events.push_back(Event::Temperatures(temperatures)),
+            Reply::Start if self.state.has_job() => self.fail(Fault::FirmwareReset),
+            Reply::Start => self.greet(1),
+            Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
+            Reply::UnknownCommand(text) => self.on_unknown_command(text, line),
+            Reply::Action(action) => self.on_action(action),
+            Reply::Error(_) => self.events.push_back(Event::Message(line.to_owned())),
+            Reply::Unknown(_) => {
+                self.stats.n_unknown_lines += 1;
+                self.events.push_back(Event::Message(line.to_owned()));
+            }
+        }
+    }
+
+    fn on_busy(&mut self, what: &str) {
+        self.quiet_since = self.now + BUSY_INTERVAL;
+        if what.contains("user")
+            && let Some(oldest) = &mut self.oldest
+        {
+            // Somebody changes filament or reads a prompt: that may take the night.
+            oldest.since = self.now;
+        }
+        self.events.push_back(Event::Busy(what.to_owned()));
+    }
+
+    fn on_action(&mut self, action: &str) {
+        self.events.push_back(Event::Action(action.to_owned()));
+        let command = match action {
+            "pause" | "paused" => Command::Pause,
+            "resume" | "resumed" => Command::Resume,
+            "cancel" => Command::Cancel,
+            _ => return,
+        };
+        // The printer's own wish may come at any time; where it has no meaning there is nothing to do.
+        self.handle_command(self.now, command).ok();
+    }
+
+    fn command_timeout(&mut self) {
+        let command = self.wire.oldest_command().unwrap_or_default().to_owned();
+        let after = self.oldest.map_or(Duration::ZERO, |oldest| self.now.since(oldest.since));
+        self.fail(Fault::CommandTimeout { command, after });
+    }
+
+    /// Draws the conclusions from what has changed.
+    fn settle(&mut self) {
+        if self.rewind.is_some_and(|rewind| self.wire.acked() >= rewind.from) {
+            self.rewind = None;
+        }
+        let is_drained = self.wire.in_flight() == 0 && self.probe.is_none();
+        match self.state {
+            State::Pausing if is_drained => {
+                self.state = State::Paused;
+                self.events.push_back(Event::Paused);
+            }
+            State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
+            _ => {}
+        }
+        self.track_oldest();
+        self.arm();
+    }
+
+    fn track_oldest(&mut self) {
+        let number = self.wire.acked() + 1;
+        if self.wire.in_flight() == 0 {
+            self.oldest = None;
+        } else if self.oldest.is_none_or(|oldest| oldest.number != number) {
+            self.oldest = Some(Oldest { number, since: self.now });
+        }
+    }
+
+    /// Sets the session's timers anew from what is owed.
+    fn arm(&mut self) {
+        if !self.state.has_job() || (self.oldest.is_none() && self.probe.is_none()) {
+            if !matches!(self.state, State::Handshake(_)) {
+                self.timers.stop_all();
+            }
+            return;
+        }
+        let is_slow = self.wire.oldest_is_slow();
+        self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
+        let was_heard = self.oldest.is_none_or(|oldest| self.heard > oldest.since);
+        let silence = if is_slow && !was_heard {
+            self.config.slow_command
+        } else {
+            self.config.response * SILENCE_FACTOR
+        };
+        self.timers.set(Timer::Silence, self.heard_or_sent() + silence);
+        match self.oldest {
+            Some(oldest) => self.timers.set(Timer::Command, oldest.since + self.command_limit()),
+            None => self.timers.stop(Timer::Command),
+        }
+    }
+
+    fn command_limit(&self) -> Duration {
+        match self.state {
+            State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
+            _ => self.config.slow_command,
+        }
+    }
+
+    /// How long to wait for a sign of progress before asking.
+    fn patience(&self, is_slow: bool) -> Duration {
+        if let Some(probe) = &self.probe {
+            return self.config.response * (1 << (probe.tries.saturating_sub(1)).min(4));
+        }
+        if is_slow {
+            return self.config.response.max(BUSY_INTERVAL + BUSY_GRACE);
+        }
+        if self.rewind.is_some() {
+            return self.config.response.min(REWOUND_PATIENCE);
+        }
+        self.config.response
+    }
+
+    /// Since when the firmware could have said something.
+    fn heard_or_sent(&self) -> Instant {
+        self.oldest.map_or(self.heard, |oldest| oldest.since.max(self.heard))
+    }
+}

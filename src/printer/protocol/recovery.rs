@@ -1,0 +1,249 @@
+//! What is done about answers that are missing, damaged, doubled or not meant for us.
+
+use super::{Acknowledgement, Core, Event, Fault, Recovery, ResendStyle, State};
+
+/// A line that is refused so often in a row does not get through.
+const MAX_TRIES: u32 = 20;
+
+/// What the next `ok` means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum NextOk {
+    /// A line is done.
+    #[default]
+    Acknowledges,
+    /// It only ends a refusal.
+    EndsRefusal,
+    /// It ends a command that we never sent: one of our lines, damaged.
+    EndsForeignCommand,
+}
+
+/// The core went back to a line that was refused.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rewind {
+    /// That line.
+    pub(super) from: u64,
+    /// How often the core went back to it.
+    tries: u32,
+    /// How often it may.
+    max_tries: u32,
+}
+
+/// The firmware was asked for its last line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Probe {
+    /// How often, in this attempt.
+    pub(super) tries: u32,
+    /// Answers in a row that said "everything is read", without an `ok` between.
+    answers: u32,
+    /// Answers that could not be used.
+    garbled: u32,
+}
+
+impl Core {
+    /// Asks the firmware for its last line. No numbered line is sent until it answers: the refusal would take it along.
+    pub(super) fn ask(&mut self) {
+        match &mut self.probe {
+            Some(probe) => probe.tries += 1,
+            None => self.probe = Some(Probe { tries: 1, answers: 0, garbled: 0 }),
+        }
+        self.stats.n_probes += 1;
+        self.quiet_since = self.now;
+        // What was sent last may have lost its line feed.
+        let mut text = "\n".to_owned();
+        self.wire.write_probe(&mut text);
+        self.urgent.push_back(text);
+    }
+
+    /// Asks because an answer could not be used.
+    fn ask_in_doubt(&mut self) {
+        if let Some(probe) = &mut self.probe {
+            probe.garbled += 1;
+            if probe.garbled > MAX_TRIES {
+                let (line, tries) = (self.wire.next(), probe.garbled);
+                self.fail(Fault::ResendLimit { line, tries });
+                return;
+            }
+        }
+        self.ask();
+    }
+
+    pub(super) fn on_unknown_command(&mut self, text: &str, line: &str) {
+        if !self.wire.is_in_flight(text) {
+            self.next_ok = NextOk::EndsForeignCommand;
+        }
+        self.events.push_back(Event::Message(line.to_owned()));
+    }
+
+    pub(super) fn on_ok(&mut self, ok: Acknowledgement) {
+        if let Some(temperatures) = ok.temperatures {
+            self.events.push_back(Event::Temperatures(temperatures));
+        }
+        let lone_refusal = self.refused.take().is_some();
+        match std::mem::take(&mut self.next_ok) {
+            // The Resend between refusal and ok was lost.
+            NextOk::EndsRefusal if lone_refusal => self.ask_in_doubt(),
+            NextOk::EndsRefusal => {}
+            NextOk::EndsForeignCommand => {
+                self.stats.n_foreign_commands += 1;
+                if self.wire.in_flight() > 0 || self.probe.is_some() {
+                    self.ask_in_doubt();
+                }
+            }
+            NextOk::Acknowledges => self.acknowledge(ok),
+        }
+    }
+
+    fn acknowledge(&mut self, ok: Acknowledgement) {
+        if !self.config.firmware.line_numbers {
+            self.acknowledge_unnumbered(ok);
+            return;
+        }
+        let is_progress = match ok.line {
+            Some(number) => {
+                self.is_advanced = true;
+                self.wire.ack_through(number.0, ok.slots_free)
+            }
+            None if self.is_advanced => {
+                self.unnumbered_ok();
+                false
+            }
+            None => self.wire.ack_oldest(),
+        };
+        if is_progress {
+            self.quiet_since = self.now;
+            if let Some(probe) = &mut self.probe {
+                probe.answers = 0;
+            }
+        }
+    }
+
+    /// An `ok` without number where others have one: of an emergency command, or of a damaged line.
+    fn unnumbered_ok(&mut self) {
+        if self.n_emergencies_owed > 0 {
+            self.n_emergencies_owed -= 1;
+        } else if self.wire.in_flight() > 0 {
+            self.stats.n_foreign_commands += 1;
+            self.ask_in_doubt();
+        }
+    }
+
+    /// Without numbers the answer to M105 proves that all before it is done: answers come in order.
+    fn acknowledge_unnumbered(&mut self, ok: Acknowledgement) {
+        self.quiet_since = self.now;
+        if self.probe.is_some() && ok.temperatures.is_some() {
+            self.probe = None;
+            self.lost_oks();
+            self.complete();
+        } else {
+            self.wire.ack_oldest();
+        }
+    }
+
+    pub(super) fn on_refusal(&mut self, last: u64) {
+        self.refused = Some(last);
+        self.next_ok = NextOk::EndsRefusal;
+    }
+
+    pub(super) fn on_resend(&mut self, number: u64) {
+        self.next_ok = NextOk::EndsRefusal;
+        let agrees = match self.refused.take() {
+            Some(last) => last.checked_add(1) == Some(number),
+            None => self.config.firmware.resend_style == ResendStyle::Rs,
+        };
+        if !agrees || number == 0 {
+            self.stats.n_doubtful_resends += 1;
+            self.ask_in_doubt();
+            return;
+        }
+        self.on_last_line(number);
+    }
+
+    /// The firmware wants line `number` next, and both its answers say so.
+    fn on_last_line(&mut self, number: u64) {
+        if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
+            self.unavailable(number);
+        } else if number >= self.wire.next() {
+            self.wire.skip_to(number);
+            self.everything_read();
+        } else {
+            self.go_back(number);
+        }
+    }
+
+    /// Asks once more before it gives up: two answers might be damaged alike.
+    fn unavailable(&mut self, asked: u64) {
+        match self.probe {
+            Some(probe) if probe.garbled > 1 => {
+                let (oldest, newest) = (self.wire.oldest(), self.wire.next() - 1);
+                self.fail(Fault::LineUnavailable { asked, oldest, newest });
+            }
+            Some(_) => self.ask_in_doubt(),
+            None => {
+                self.ask();
+                self.probe = self.probe.map(|probe| Probe { garbled: 1, ..probe });
+            }
+        }
+    }
+
+    fn everything_read(&mut self) {
+        self.wire.all_read();
+        self.rewind = None;
+        self.quiet_since = self.now;
+        let Some(probe) = self.probe.take() else { return };
+        let answers = probe.answers + 1;
+        if self.wire.in_flight() > 0 && answers as usize <= self.config.firmware.command_slots {
+            self.ask();
+            self.probe = Some(Probe { tries: 1, answers, garbled: 0 });
+            return;
+        }
+        self.lost_oks();
+        self.complete();
+    }
+
+    fn lost_oks(&mut self) {
+        let count = self.wire.in_flight();
+        if count > 0 {
+            self.wire.all_acked();
+            self.stats.n_lost_oks += count;
+            self.events.push_back(Event::Recovered(Recovery::LostOk { count }));
+        }
+    }
+
+    /// The firmware has said that it has everything that was sent.
+    fn complete(&mut self) {
+        if self.wire.unsent() > 0 {
+            return;
+        }
+        match self.state {
+            State::Finishing => self.events.push_back(Event::Finished),
+            State::Cancelling => self.events.push_back(Event::Cancelled),
+            _ => return,
+        }
+        self.state = State::Idle;
+    }
+
+    /// Sends `number` again, alone until it is acknowledged, and once more for each refusal that names it. What was on
+    /// its way behind it is refused too, and each of these refusals empties the receive buffer: the copy sent after
+    /// the last one gets through, and a copy too many is passed over in silence.
+    fn go_back(&mut self, number: u64) {
+        self.probe = None;
+        let mut rewind = match self.rewind {
+            Some(rewind) if rewind.from == number => rewind,
+            _ => {
+                self.stats.n_resends += 1;
+                self.events.push_back(Event::Recovered(Recovery::Resent { line: number }));
+                let behind = u32::try_from(self.wire.next() - number).unwrap_or(u32::MAX);
+                Rewind { from: number, tries: 0, max_tries: behind.saturating_add(MAX_TRIES) }
+            }
+        };
+        self.stats.n_echoes += u64::from(rewind.tries > 0);
+        rewind.tries += 1;
+        self.rewind = Some(rewind);
+        if rewind.tries > rewind.max_tries {
+            self.fail(Fault::ResendLimit { line: number, tries: rewind.tries });
+            return;
+        }
+        self.wire.rewind(number);
+        self.quiet_since = self.now;
+    }
+}

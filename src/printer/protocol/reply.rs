@@ -1,0 +1,280 @@
+//! What a firmware says, parsed. Nothing here fails: what is not understood is [`Reply::Unknown`].
+
+use crate::units::LineNumber;
+use serde::Serialize;
+
+/// One line from the firmware.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reply<'a> {
+    /// A command is done (`ok`), with what the firmware adds to it.
+    Ok(Acknowledgement),
+    /// It wants this line again, and all after it.
+    Resend(LineNumber),
+    /// A numbered line was refused; the last one that was accepted.
+    LineRefused {
+        /// Why.
+        reason: Refusal,
+        /// The number of the last line accepted.
+        last: LineNumber,
+    },
+    /// A command takes its time.
+    Busy(&'a str),
+    /// It has nothing to do.
+    Wait,
+    /// Temperatures, unasked for or while heating.
+    Temperatures(Temperatures),
+    /// It has just started.
+    Start,
+    /// It has stopped for good.
+    Halted(&'a str),
+    /// An error that does not stop it.
+    Error(&'a str),
+    /// It did not know this command.
+    UnknownCommand(&'a str),
+    /// `//action:`, a wish of the printer's own buttons or sensors.
+    Action(&'a str),
+    /// Anything else.
+    Unknown(&'a str),
+}
+
+/// Why a numbered line was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// Its number is not the one after the last.
+    WrongNumber,
+    /// It was damaged: wrong or missing checksum.
+    Damaged,
+}
+
+/// What comes with `ok`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Acknowledgement {
+    /// The line it is for (`N`, ADVANCED_OK).
+    pub line: Option<LineNumber>,
+    /// Moves that the planner has room for (`P`).
+    pub planner_free: Option<u32>,
+    /// Lines that the command queue has room for (`B`).
+    pub slots_free: Option<u32>,
+    /// Temperatures (the answer to M105).
+    pub temperatures: Option<Temperatures>,
+}
+
+/// An actual and a target temperature, °C.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Heater {
+    /// What is measured, °C.
+    pub actual_c: f64,
+    /// What is asked for, °C; 0: off.
+    pub target_c: f64,
+}
+
+/// The heaters of a printer.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Temperatures {
+    /// The nozzle.
+    pub hotend: Option<Heater>,
+    /// The bed.
+    pub bed: Option<Heater>,
+}
+
+/// Parses one line, without its line end.
+#[must_use]
+pub fn parse(line: &str) -> Reply<'_> {
+    if let Some(rest) = line.strip_prefix("ok") {
+        if rest.is_empty() || rest.starts_with(' ') {
+            return Reply::Ok(acknowledgement(rest));
+        }
+        return Reply::Unknown(line);
+    }
+    resend(line).or_else(|| error(line)).unwrap_or_else(|| other(line))
+}
+
+fn other(line: &str) -> Reply<'_> {
+    let text = line.strip_prefix("echo:").unwrap_or(line).trim_start();
+    if let Some(rest) = text.strip_prefix("busy:") {
+        return Reply::Busy(rest.trim());
+    }
+    if let Some(rest) = text.strip_prefix("Unknown command:") {
+        return Reply::UnknownCommand(rest.trim().trim_matches('"'));
+    }
+    if let Some(rest) = line.strip_prefix("//action:") {
+        return Reply::Action(rest.trim());
+    }
+    match line {
+        "start" => Reply::Start,
+        "wait" => Reply::Wait,
+        _ => temperatures(line).map_or(Reply::Unknown(line), Reply::Temperatures),
+    }
+}
+
+fn resend(line: &str) -> Option<Reply<'_>> {
+    let rest = line.strip_prefix("Resend:").or_else(|| line.strip_prefix("rs "))?;
+    let digits = rest.trim();
+    let number = digits.strip_prefix('N').unwrap_or(digits).parse().ok()?;
+    Some(Reply::Resend(LineNumber(number)))
+}
+
+fn error(line: &str) -> Option<Reply<'_>> {
+    if let Some(rest) = line.strip_prefix("fatal:") {
+        return Some(Reply::Halted(rest.trim()));
+    }
+    let text = line.strip_prefix("Error:")?.trim();
+    if ["halted", "kill()", "system stopped"].iter().any(|word| text.contains(word)) {
+        return Some(Reply::Halted(text));
+    }
+    Some(refusal(text).unwrap_or(Reply::Error(text)))
+}
+
+fn refusal(text: &str) -> Option<Reply<'static>> {
+    let (why, last) = text.split_once("Last Line:")?;
+    let last = LineNumber(last.trim().parse().ok()?);
+    let why = why.to_ascii_lowercase();
+    let reason = if why.contains("checksum") { Refusal::Damaged } else { Refusal::WrongNumber };
+    Some(Reply::LineRefused { reason, last })
+}
+
+fn acknowledgement(rest: &str) -> Acknowledgement {
+    let mut ok = Acknowledgement::default();
+    if rest.contains(':') {
+        ok.temperatures = temperatures(rest);
+        return ok;
+    }
+    for word in rest.split_ascii_whitespace() {
+        let (letter, digits) = word.split_at(usize::from(word.is_char_boundary(1)));
+        match letter {
+            "N" => ok.line = digits.parse().ok().map(LineNumber),
+            "P" => ok.planner_free = digits.parse().ok(),
+            "B" => ok.slots_free = digits.parse().ok(),
+            _ => {}
+        }
+    }
+    ok
+}
+
+/// `T:19.38 /0.00 B:19.38 /0.00 @:0`: the first `T` or `T0` is the nozzle. Also `T:200 /200 W:?` while heating.
+fn temperatures(line: &str) -> Option<Temperatures> {
+    let line = line.trim_start();
+    if !line.starts_with(['T', 'B']) {
+        return None;
+    }
+    let mut out = Temperatures::default();
+    let mut words = line.split_ascii_whitespace().peekable();
+    while let Some(word) = words.next() {
+        let Some((name, actual)) = word.split_once(':') else { continue };
+        let Some(actual_c) = finite(actual) else { continue };
+        let target = words.next_if(|next| next.starts_with('/'));
+        let target_c = target.and_then(|t| finite(&t[1..])).unwrap_or(0.0);
+        let heater = Some(Heater { actual_c, target_c });
+        match name {
+            "T" => out.hotend = heater,
+            "T0" => out.hotend = out.hotend.or(heater),
+            "B" => out.bed = heater,
+            _ => {}
+        }
+    }
+    (out.hotend.is_some() || out.bed.is_some()).then_some(out)
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|value: &f64| value.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heater(actual_c: f64, target_c: f64) -> Option<Heater> {
+        Some(Heater { actual_c, target_c })
+    }
+
+    #[test]
+    fn ok_comes_plain_advanced_or_with_temperatures() {
+        assert_eq!(parse("ok"), Reply::Ok(Acknowledgement::default()));
+        let advanced = Acknowledgement {
+            line: Some(LineNumber(2)),
+            planner_free: Some(15),
+            slots_free: Some(3),
+            temperatures: None,
+        };
+        assert_eq!(parse("ok N2 P15 B3"), Reply::Ok(advanced));
+        assert_eq!(parse("ok P15 B3"), Reply::Ok(Acknowledgement { line: None, ..advanced }));
+        let Reply::Ok(ok) = parse("ok T:19.38 /0.00 B:20.00 /60.00 @:0 B@:0") else { panic!() };
+        let t = ok.temperatures.unwrap();
+        assert_eq!((t.hotend, t.bed), (heater(19.38, 0.0), heater(20.0, 60.0)));
+    }
+
+    #[test]
+    fn a_damaged_ok_is_not_one() {
+        for line in ["okN2", "oj", "o k", "kok", "ok\u{fffd}"] {
+            assert!(matches!(parse(line), Reply::Unknown(_)), "{line}");
+        }
+    }
+
+    #[test]
+    fn resend_is_understood_in_all_spellings() {
+        for line in ["Resend: 12", "Resend:12", "rs 12", "rs N12"] {
+            assert_eq!(parse(line), Reply::Resend(LineNumber(12)), "{line}");
+        }
+        assert!(matches!(parse("Resend: twelve"), Reply::Unknown(_)));
+        assert!(matches!(parse("Resend: 99999999999999999999999"), Reply::Unknown(_)));
+    }
+
+    #[test]
+    fn refusals_tell_the_last_line_and_the_reason() {
+        for (line, reason) in [
+            ("Error:checksum mismatch, Last Line: 2", Refusal::Damaged),
+            ("Error:No Checksum with line number, Last Line: 2", Refusal::Damaged),
+            ("Error:Line Number is not Last Line Number+1, Last Line: 2", Refusal::WrongNumber),
+        ] {
+            assert_eq!(parse(line), Reply::LineRefused { reason, last: LineNumber(2) });
+        }
+    }
+
+    #[test]
+    fn everything_that_stops_the_firmware_is_a_halt() {
+        for line in [
+            "Error:Printer halted. kill() called!",
+            "Error:Heating failed, system stopped! Heater_ID: E0",
+            "Error:Thermal Runaway, system stopped! Heater_ID: bed",
+            "Error:MAXTEMP triggered, system stopped! Heater_ID: 0",
+            "fatal:heater",
+        ] {
+            assert!(matches!(parse(line), Reply::Halted(_)), "{line}");
+        }
+        assert!(matches!(parse("Error:cold extrusion prevented"), Reply::Error(_)));
+    }
+
+    #[test]
+    fn what_the_firmware_says_of_itself_is_told_apart() {
+        assert_eq!(parse("start"), Reply::Start);
+        assert_eq!(parse("wait"), Reply::Wait);
+        assert_eq!(parse("echo:busy: processing"), Reply::Busy("processing"));
+        assert_eq!(parse("busy:heating"), Reply::Busy("heating"));
+        assert_eq!(parse("echo:Unknown command: \"FOO\""), Reply::UnknownCommand("FOO"));
+        assert_eq!(parse("//action:pause"), Reply::Action("pause"));
+        assert_eq!(parse("echo:wait"), Reply::Unknown("echo:wait"));
+        let Reply::Temperatures(t) = parse("T:180.10 /210.00 B:60.00 /60.00 @:127 B@:0 W:?") else {
+            panic!()
+        };
+        assert_eq!(t.hotend, heater(180.1, 210.0));
+        assert_eq!(parse("X:50.00 Y:50.00"), Reply::Unknown("X:50.00 Y:50.00"));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_text_parses(text in "\\PC{0,80}") {
+            let reply = parse(&text);
+            proptest::prop_assert_eq!(reply, reply);
+        }
+
+        #[test]
+        fn any_text_behind_a_known_word_parses(
+            head in "(ok|Resend:|rs|Error:|echo:|T:|B:|//action:|Error:x Last Line:)( )?",
+            tail in "[\\PC]{0,40}",
+        ) {
+            let line = format!("{head}{tail}");
+            let reply = parse(&line);
+            proptest::prop_assert_eq!(reply, reply);
+        }
+    }
+}

@@ -1,0 +1,4 @@
+mod firmware;
+mod noise;
+mod pair;
+mod states;

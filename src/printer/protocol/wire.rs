@@ -1,0 +1,397 @@
+//! The lines of a session: numbered, kept until they are certainly not asked for again, and sent no faster
+//! than the firmware can take them.
+//!
+//! A line that the firmware has not read lies in its serial receive buffer, and what does not fit there is
+//! lost. So the bytes that may lie there never exceed its size. With plain `ok` a line counts as read when it is
+//! acknowledged; ADVANCED_OK also tells how many lines the command queue holds, and those have left the buffer
+//! too. Room for one probe is always kept.
+
+use crate::profile::Firmware;
+use std::collections::VecDeque;
+use std::fmt::Write as _;
+
+/// Lines kept after their acknowledgement: an `ok` may have been taken for the wrong line, by a few.
+const HISTORY: u64 = 256;
+
+/// Numbers of probes lie this far ahead, so that no firmware can take them for the next line.
+const PROBE_AHEAD: u64 = 1000;
+
+/// Bytes of a probe with a seven-digit number, and of the line feed before it.
+const PROBE_BYTES: usize = 20;
+
+/// Why a line is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    Job,
+    Host,
+}
+
+#[derive(Debug)]
+struct Line {
+    /// As on the wire, with line feed.
+    text: String,
+    /// Bytes of all lines up to and with this one.
+    end: u64,
+    origin: Origin,
+    is_slow: bool,
+}
+
+/// Commands that may take minutes: homing, levelling, heating, waiting, and whatever asks the operator.
+const SLOW: &[&str] = &[
+    "G4", "G28", "G29", "G30", "G34", "M0", "M1", "M109", "M116", "M190", "M191", "M226", "M303", "M400",
+    "M600", "M701", "M702",
+];
+
+fn is_slow(command: &str) -> bool {
+    let word = command.split_ascii_whitespace().next().unwrap_or_default();
+    let bytes = word.as_bytes();
+    // The words of nearly all lines of a job.
+    !matches!(bytes, [b'G', b'0' | b'1']) && SLOW.contains(&word)
+}
+
+/// See the module. Numbers count from 1, after `M110 N0`.
+#[derive(Debug)]
+pub(super) struct Wire {
+    numbered: bool,
+    rx_bytes: u64,
+    command_slots: u64,
+    lines: VecDeque<Line>,
+    /// Number of the first of `lines`.
+    base: u64,
+    /// `end` of the line before `base`.
+    base_end: u64,
+    /// Last line acknowledged.
+    acked: u64,
+    /// Last line that has certainly left the receive buffer.
+    read: u64,
+    /// The line to be sent next.
+    next: u64,
+    /// The highest line that was ever sent.
+    highest: u64,
+    /// Job lines up to `base - 1` and up to `acked`.
+    base_job_lines: u64,
+    acked_job_lines: u64,
+    spare: Vec<String>,
+}
+
+impl Wire {
+    pub(super) fn new(firmware: &Firmware) -> Self {
+        Self {
+            numbered: firmware.line_numbers,
+            rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
+            command_slots: firmware.command_slots as u64,
+            lines: VecDeque::new(),
+            base: 1,
+            base_end: 0,
+            acked: 0,
+            read: 0,
+            next: 1,
+            highest: 0,
+            base_job_lines: 0,
+            acked_job_lines: 0,
+            spare: Vec::new(),
+        }
+    }
+
+    /// Appends a command.
+    pub(super) fn push(&mut self, command: &str, origin: Origin) {
+        let mut text = self.spare.pop().unwrap_or_default();
+        text.clear();
+        if self.numbered {
+            write_numbered(&mut text, self.queued() + 1, command);
+        } else {
+            text.push_str(command);
+            text.push('\n');
+        }
+        let end = self.end_of(self.queued()) + text.len() as u64;
+        self.lines.push_back(Line { text, end, origin, is_slow: is_slow(command) });
+    }
+
+    /// The last line appended.
+    pub(super) fn queued(&self) -> u64 {
+        self.base + self.lines.len() as u64 - 1
+    }
+
+    /// The next line to be sent.
+    pub(super) fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// The last line acknowledged.
+    pub(super) fn acked(&self) -> u64 {
+        self.acked
+    }
+
+    /// Lines sent and not acknowledged.
+    pub(super) fn in_flight(&self) -> u64 {
+        self.next - 1 - self.acked
+    }
+
+    /// Lines appended and not sent.
+    pub(super) fn unsent(&self) -> u64 {
+        self.queued() + 1 - self.next
+    }
+
+    /// The highest line that was ever sent.
+    pub(super) fn highest(&self) -> u64 {
+        self.highest
+    }
+
+    pub(super) fn acked_job_lines(&self) -> u64 {
+        self.acked_job_lines
+    }
+
+    /// The oldest line that can still be sent again.
+    pub(super) fn oldest(&self) -> u64 {
+        self.base
+    }
+
+    /// The next line, if there is one and the firmware has room for it; it counts as sent.
+    pub(super) fn send_next(&mut self) -> Option<&str> {
+        let number = self.next;
+        let line = self.lines.get(self.index(number)?)?;
+        let read = self.read.max(self.acked).min(number - 1);
+        let unread_bytes = line.end - self.end_of(read);
+        let is_alone = read == number - 1;
+        if !is_alone && (!self.numbered || unread_bytes > self.rx_bytes) {
+            return None;
+        }
+        self.next += 1;
+        self.highest = self.highest.max(number);
+        Some(&self.lines[self.index(number)?].text)
+    }
+
+    /// The line that was sent last.
+    pub(super) fn last_sent(&self) -> Option<&str> {
+        self.index(self.next - 1).map(|i| self.lines[i].text.as_str())
+    }
+
+    /// An `ok` for the oldest line in flight. False if there is none.
+    pub(super) fn ack_oldest(&mut self) -> bool {
+        if self.in_flight() == 0 {
+            return false;
+        }
+        self.ack_to(self.acked + 1);
+        true
+    }
+
+    /// An `ok` for line `number`, and how many slots of the command queue are free. False if it is not in flight.
+    pub(super) fn ack_through(&mut self, number: u64, slots_free: Option<u32>) -> bool {
+        if number <= self.acked || number >= self.next {
+            return false;
+        }
+        self.ack_to(number);
+        if let Some(free) = slots_free {
+            // The queue still holds the line that is acknowledged; the others in it come after.
+            let waiting = self.command_slots.saturating_sub(u64::from(free)).saturating_sub(1);
+            self.read = self.read.max((number + waiting).min(self.next - 1));
+        }
+        true
+    }
+
+    fn ack_to(&mut self, number: u64) {
+        for n in self.acked + 1..=number {
+            let is_job = self.index(n).is_some_and(|i| self.lines[i].origin == Origin::Job);
+            self.acked_job_lines += u64::from(is_job);
+        }
+        self.acked = number;
+        while self.base + HISTORY <= self.acked {
+            let Some(line) = self.lines.pop_front() else { break };
+            self.base += 1;
+            self.base_end = line.end;
+            self.base_job_lines += u64::from(line.origin == Origin::Job);
+            self.spare.push(line.text);
+        }
+    }
+
+    /// The firmware has accepted everything before `number` and nothing else: goes on there.
+    pub(super) fn rewind(&mut self, number: u64) {
+        self.next = number;
+        self.read = number - 1;
+        if self.acked > number - 1 {
+            self.acked = number - 1;
+            let n_before = self.index(number).unwrap_or(self.lines.len());
+            let jobs = self.lines.iter().take(n_before).filter(|line| line.origin == Origin::Job);
+            self.acked_job_lines = self.base_job_lines + jobs.count() as u64;
+        }
+    }
+
+    /// The firmware has accepted everything before `number`, which was sent before the core went back too far.
+    pub(super) fn skip_to(&mut self, number: u64) {
+        self.next = self.next.max(number.min(self.highest + 1));
+    }
+
+    /// The firmware has read every line sent.
+    pub(super) fn all_read(&mut self) {
+        self.read = self.next - 1;
+    }
+
+    /// The firmware has executed every line sent.
+    pub(super) fn all_acked(&mut self) {
+        if self.in_flight() > 0 {
+            self.ack_to(self.next - 1);
+        }
+    }
+
+    /// Drops the lines that were never sent. Those that were, even if they are to be sent again, keep their numbers
+    /// and texts: the firmware may have some of them already.
+    pub(super) fn drop_unsent(&mut self) {
+        let keep = self.index(self.highest + 1).unwrap_or(self.lines.len());
+        self.lines.truncate(keep);
+    }
+
+    /// The command of the oldest line in flight.
+    pub(super) fn oldest_command(&self) -> Option<&str> {
+        (self.in_flight() > 0).then(|| self.command(self.acked + 1)).flatten()
+    }
+
+    /// Whether the oldest line in flight may take minutes.
+    pub(super) fn oldest_is_slow(&self) -> bool {
+        self.in_flight() > 0 && self.index(self.acked + 1).is_some_and(|i| self.lines[i].is_slow)
+    }
+
+    /// Whether `text` is a command in flight, as the firmware may repeat it.
+    pub(super) fn is_in_flight(&self, text: &str) -> bool {
+        (self.acked + 1..self.next).any(|n| {
+            let whole = self.index(n).map(|i| self.lines[i].text.trim_end());
+            self.command(n) == Some(text) || whole == Some(text)
+        })
+    }
+
+    fn command(&self, number: u64) -> Option<&str> {
+        let text = self.lines.get(self.index(number)?)?.text.trim_end();
+        if !self.numbered {
+            return Some(text);
+        }
+        let (command, _) = text.rsplit_once('*')?;
+        command.split_once(' ').map(|(_, command)| command)
+    }
+
+    /// A numbered line that the firmware cannot accept: its refusal tells the last one that it did.
+    pub(super) fn write_probe(&self, out: &mut String) {
+        if self.numbered {
+            write_numbered(out, self.next.max(self.highest) + PROBE_AHEAD, "M105");
+        } else {
+            out.push_str("M105\n");
+        }
+    }
+
+    fn index(&self, number: u64) -> Option<usize> {
+        usize::try_from(number.checked_sub(self.base)?).ok().filter(|&i| i < self.lines.len())
+    }
+
+    fn end_of(&self, number: u64) -> u64 {
+        self.index(number).map_or(self.base_end, |i| self.lines[i].end)
+    }
+}
+
+/// Appends `N12 G1 X5*33` and a line feed: the checksum is the exclusive or of all bytes before the asterisk.
+pub(super) fn write_numbered(out: &mut String, number: u64, command: &str) {
+    let start = out.len();
+    write!(out, "N{number} {command}").expect("writing to a string cannot fail");
+    let checksum = out.as_bytes()[start..].iter().fold(0, |sum, byte| sum ^ byte);
+    writeln!(out, "*{checksum}").expect("writing to a string cannot fail");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wire() -> Wire {
+        let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        // Three lines of 12 or 13 bytes, and the probe.
+        firmware.rx_buffer_bytes = 20 + 3 * 13;
+        Wire::new(&firmware)
+    }
+
+    fn send_all(wire: &mut Wire) -> usize {
+        std::iter::from_fn(|| wire.send_next().map(str::len)).count()
+    }
+
+    #[test]
+    fn the_checksum_is_the_exclusive_or() {
+        let mut out = String::new();
+        write_numbered(&mut out, 3, "T0");
+        assert_eq!(out, "N3 T0*57\n");
+    }
+
+    #[test]
+    fn no_more_bytes_are_in_flight_than_the_buffer_holds() {
+        let mut wire = wire();
+        (0..8).for_each(|_| wire.push("G1 X1", Origin::Job));
+        assert_eq!(send_all(&mut wire), 3);
+        assert!(wire.ack_oldest());
+        assert_eq!(send_all(&mut wire), 1);
+    }
+
+    #[test]
+    fn lines_in_the_command_queue_do_not_count_as_in_the_buffer() {
+        let mut wire = wire();
+        (0..8).for_each(|_| wire.push("G1 X1", Origin::Job));
+        send_all(&mut wire);
+        // Of four slots one is free: the line acknowledged and two more are in the queue.
+        assert!(wire.ack_through(1, Some(1)));
+        assert_eq!(send_all(&mut wire), 3);
+        assert_eq!(wire.in_flight(), 5);
+    }
+
+    #[test]
+    fn a_line_longer_than_the_buffer_goes_alone() {
+        let mut wire = wire();
+        wire.push(&"X".repeat(90), Origin::Job);
+        wire.push("G1", Origin::Job);
+        assert_eq!(send_all(&mut wire), 1);
+    }
+
+    #[test]
+    fn unnumbered_lines_go_one_by_one() {
+        let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        firmware.line_numbers = false;
+        let mut wire = Wire::new(&firmware);
+        wire.push("G1", Origin::Job);
+        wire.push("G2", Origin::Job);
+        assert_eq!(wire.send_next(), Some("G1\n"));
+        assert_eq!(wire.send_next(), None);
+        wire.ack_oldest();
+        assert_eq!(wire.send_next(), Some("G2\n"));
+    }
+
+    #[test]
+    fn a_rewind_takes_back_acknowledgements() {
+        let mut wire = wire();
+        (0..8).for_each(|_| wire.push("G1 X1", Origin::Job));
+        send_all(&mut wire);
+        wire.ack_oldest();
+        wire.ack_oldest();
+        assert_eq!(wire.acked_job_lines(), 2);
+        wire.rewind(2);
+        assert_eq!((wire.acked(), wire.acked_job_lines(), wire.next()), (1, 1, 2));
+        assert!(wire.send_next().unwrap().starts_with("N2 "));
+    }
+
+    #[test]
+    fn lines_that_were_sent_once_keep_their_numbers() {
+        let mut wire = wire();
+        (0..8).for_each(|i| wire.push(&format!("G1 X{i}"), Origin::Job));
+        send_all(&mut wire);
+        wire.rewind(2);
+        wire.drop_unsent();
+        assert_eq!(wire.queued(), 3);
+        wire.push("M104 S0", Origin::Host);
+        assert_eq!(wire.command(3), Some("G1 X2"));
+        assert_eq!(wire.command(4), Some("M104 S0"));
+    }
+
+    #[test]
+    fn the_history_is_bounded_and_long_enough() {
+        let mut wire = wire();
+        for _ in 0..10_000 {
+            wire.push("G1 X1", Origin::Job);
+            assert!(wire.send_next().is_some() && wire.ack_oldest());
+        }
+        assert!(wire.lines.len() <= 257 && wire.spare.len() <= 1);
+        assert_eq!((wire.oldest(), wire.acked_job_lines()), (10_000 - 255, 10_000));
+        wire.rewind(wire.oldest());
+        assert_eq!(wire.acked_job_lines(), 10_000 - 256);
+    }
+}
