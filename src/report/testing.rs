@@ -174,6 +174,7 @@ fn plan(layer: &Layer, bed_from_stack: &RigidTransform) -> LayerPaths {
         slot: layer.slot,
         z_mm: bottom + 0.5 * layer.slot.height_mm,
         beads: (0..3).map(bead).collect(),
+        travels: Vec::new(),
         material: moved(&layer.material),
         lumen: moved(&layer.lumen),
     }
