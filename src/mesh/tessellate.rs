@@ -233,7 +233,12 @@ impl Mesher {
     /// Intervals of the slab's rows, so that the saddle's grid keeps the deflection.
     fn slab_rows(&self, slab: &Slab) -> usize {
         let at = |i: usize, j: usize| slab.saddle.at(i as f64 / 16.0, j as f64 / 16.0);
-        let sag = |a: Point3, b: Point3, c: Point3| (nalgebra::center(&a, &c) - b).norm();
+        // Across the chord: how fast the parameter runs along it does not matter.
+        let sag = |a: Point3, b: Point3, c: Point3| {
+            let along = (c - a).try_normalize(1e-12).unwrap_or_default();
+            let off = b - a;
+            (off - along * off.dot(&along)).norm()
+        };
         let mut worst: f64 = 0.0;
         for i in 0..=16 {
             for j in 1..16 {
@@ -242,9 +247,8 @@ impl Mesher {
             }
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        let n = (16.0 * (worst / (0.25 * ROW_SHARE * self.deflection_mm) / 4.0).sqrt())
-            .ceil()
-            .clamp(4.0, 96.0) as usize;
+        // A chord over one step sags a quarter as much; both directions add up.
+        let n = (16.0 * (worst / (2.0 * self.deflection_mm)).sqrt()).ceil().clamp(4.0, 64.0) as usize;
         n
     }
 

@@ -20,6 +20,8 @@ const EVENT_PLANES: usize = 3;
 /// of the interpolated patches agree with the field's; not so thin that the saddle degenerates.
 const SLAB_BELOW_MM: f64 = 0.3;
 const SLAB_ABOVE_MM: f64 = 0.15;
+/// The share of the way to the next plane that a slab may take.
+const SLAB_SHARE: f64 = 0.35;
 /// The radius that lengths in this file are stated for.
 const STATED_RADIUS_MM: f64 = 3.0;
 /// Virtual sections of a daughter above the apex, mm.
@@ -42,8 +44,9 @@ struct Branch {
 pub(super) trait Recipe: Sync {
     /// The field around an event seen along w = `sign` z; `None` where its contours are degenerate.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>>;
-    /// Whether branches that reach the first or last plane go on by half a plane interval.
-    fn extends_ends(&self) -> bool;
+    /// Whether the sections are measured: every one must be kept, and branches that reach the first or last plane
+    /// go on by half a plane interval. Sections that were computed may be left out where a slab needs the room.
+    fn is_measured(&self) -> bool;
 }
 
 /// Builds a skin.
@@ -62,7 +65,7 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
     for event in built {
         event.install(&mut strands, &mut slabs);
     }
-    if recipe.extends_ends() {
+    if recipe.is_measured() {
         branches.iter().zip(&mut strands).for_each(|(b, s)| extend_ends(graph, b, s));
     }
     skin(strands, slabs).map_err(Error::Spline)
@@ -159,6 +162,7 @@ impl Event {
         let source = recipe.source(&planes, sign).ok_or_else(|| fault(EventFault::NoApex))?;
         let mut event =
             Self { upward, parent, daughters, slabs: Vec::new(), sections: Vec::new(), n_between: 0 };
+        let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
         event.join_clusters(&*source, &planes).map_err(fault)?;
         Ok(event)
     }
@@ -186,8 +190,8 @@ impl Event {
             let last = clusters.len() == 2;
             let floor = if last { w_parent } else { apexes.get(k + 1).map_or(w_parent, |next| next.w) };
             let roof = clusters[x].w_top.min(clusters[y].w_top);
-            let below = (SLAB_BELOW_MM * unit).min(0.35 * (apex.w - floor));
-            let above = (SLAB_ABOVE_MM * unit).min(0.35 * (roof - apex.w));
+            let below = (SLAB_BELOW_MM * unit).min(SLAB_SHARE * (apex.w - floor));
+            let above = (SLAB_ABOVE_MM * unit).min(SLAB_SHARE * (roof - apex.w));
             if below < 1e-4 || above < 1e-4 {
                 return Err(EventFault::NoApex);
             }
@@ -271,6 +275,14 @@ impl Event {
             Part::Between(i) => first_between + i,
         };
         let sign = if self.upward { 1.0 } else { -1.0 };
+        for (joint, slab) in &self.slabs {
+            // Between the apex and a plane that was left out there may be sections of the other side.
+            let [waist, top] = slab.slab.w_mm;
+            strands[strand_of(joint.parent)].sections.retain(|(z, _)| sign * z <= waist);
+            for part in joint.daughters {
+                strands[strand_of(part)].sections.retain(|(z, _)| sign * z >= top);
+            }
+        }
         for (part, w, contour) in self.sections {
             strands[strand_of(part)].sections.push((sign * w, contour));
         }
@@ -287,6 +299,25 @@ impl Event {
             slabs.push(slab);
         }
     }
+}
+
+/// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be.
+fn with_room(source: &dyn EventSource, mut planes: EventPlanes) -> EventPlanes {
+    let unit = planes.mean_radius_mm() / STATED_RADIUS_MM;
+    let range = [planes.parents[0].w, planes.daughters[0].w];
+    let n = planes.daughters[0].contours.len();
+    let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| [i, j]));
+    let heights: Vec<f64> = pairs.filter_map(|pair| apex(source, pair, range)).map(|a| a.w).collect();
+    let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let room = |half_height: f64| half_height * unit / SLAB_SHARE;
+    while planes.parents.len() > 1 && lowest - planes.parents[0].w < room(SLAB_BELOW_MM) {
+        planes.parents.remove(0);
+    }
+    while planes.daughters.len() > 1 && planes.daughters[0].w - highest < room(SLAB_ABOVE_MM) {
+        planes.daughters.remove(0);
+    }
+    planes
 }
 
 /// The planes that an event looks at: those of the branch itself, no farther than its next event.

@@ -15,7 +15,7 @@ impl Recipe for Lumen {
         LobeSource::fit(planes).map(|s| Box::new(s) as Box<dyn EventSource>)
     }
 
-    fn extends_ends(&self) -> bool {
+    fn is_measured(&self) -> bool {
         true
     }
 }

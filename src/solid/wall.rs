@@ -230,7 +230,7 @@ impl Recipe for Wall {
         Some(Box::new(WallSource { wall: self, sign, anchors }))
     }
 
-    fn extends_ends(&self) -> bool {
+    fn is_measured(&self) -> bool {
         false
     }
 }
