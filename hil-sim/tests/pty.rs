@@ -83,9 +83,10 @@ impl Host {
     }
 
     fn answer(&mut self) -> String {
-        let mut line = String::new();
-        self.answers.read_line(&mut line).unwrap();
-        line.trim_end().to_owned()
+        // The echo of a damaged line may hold any byte.
+        let mut line = Vec::new();
+        self.answers.read_until(b'\n', &mut line).unwrap();
+        String::from_utf8_lossy(&line).trim_end().to_owned()
     }
 
     /// Answers up to and with the next `ok`.
