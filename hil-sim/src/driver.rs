@@ -9,7 +9,7 @@ use crate::{
     Error,
     event::Summary,
     printer::{Options, Pace, Printer},
-    pty::{Pty, Read, pause},
+    pty::{Pty, Read, Ready, pause},
     record::Recorder,
     scenario::Speed,
 };
@@ -99,12 +99,17 @@ impl Session {
     fn serve(&mut self, once: bool, stop: &AtomicBool, mut ready: impl FnMut(&Pty)) -> Result<(), Error> {
         let parent = rustix::process::getppid();
         let mut last = wall();
-        while !(stop.load(Ordering::Relaxed) || once && self.left && self.printer.is_plugged()) {
+        while !(stop.load(Ordering::Relaxed) || once && self.is_over()) {
             self.plug(&mut ready)?;
-            self.exchange().map_err(|error| Error::io("read", &self.link, error))?;
+            let seen = self.wait().map_err(|error| Error::io("wait for", &self.link, error))?;
+            // What has come while waiting came now, not when the waiting began.
             let now = wall();
             self.pass_time(now.duration_since(last));
             last = now;
+            self.exchange(seen).map_err(|error| Error::io("read", &self.link, error))?;
+            if self.speed == Speed::Max {
+                self.jump();
+            }
             self.flush_output().map_err(|error| Error::io("write", &self.link, error))?;
             self.write_record(now)?;
             // A simulator that serves one program has nothing to wait for when that is gone.
@@ -113,6 +118,11 @@ impl Session {
             }
         }
         Ok(())
+    }
+
+    /// Whether the user has left, other than because the cable is out for a while, or can never come back.
+    fn is_over(&self) -> bool {
+        self.left && self.printer.is_plugged() || self.printer.is_gone()
     }
 
     /// Port and link come and go with the printer's cable.
@@ -128,25 +138,36 @@ impl Session {
         Ok(())
     }
 
-    /// Waits and reads.
-    fn exchange(&mut self) -> std::io::Result<()> {
+    /// Waits for bytes, room to write, or time to pass.
+    fn wait(&mut self) -> std::io::Result<Ready> {
         let timeout = self.timeout();
-        let Some(pty) = &self.pty else { return pause(timeout) };
-        let unsent = self.printer.output().len();
-        let seen =
-            pty.wait(unsent > 0 && self.present, if self.present { timeout } else { Duration::ZERO })?;
+        let unsent = !self.printer.output().is_empty();
+        let nobody = Ready { readable: false, hung_up: true };
+        let Some(pty) = &self.pty else { return pause(timeout).map(|()| nobody) };
+        let seen = pty.wait(unsent && self.present, if self.present { timeout } else { Duration::ZERO })?;
         if seen.hung_up && !seen.readable && !self.present {
-            self.printer.output().clear();
-            return pause(timeout);
+            pause(timeout)?;
+        }
+        Ok(seen)
+    }
+
+    /// Notices hosts that come and go, and reads.
+    fn exchange(&mut self, seen: Ready) -> std::io::Result<()> {
+        if self.pty.is_none() {
+            return Ok(());
         }
         if !self.present {
+            if seen.hung_up && !seen.readable {
+                self.printer.output().clear();
+                return Ok(());
+            }
             // The host may still be setting up its side.
             pause(ABSENT)?;
             self.present = true;
             self.left = false;
             self.printer.host_arrived();
         }
-        let room = unsent < UNREAD && !self.printer.is_holding_back();
+        let room = self.printer.output().len() < UNREAD && !self.printer.is_holding_back();
         if seen.hung_up || seen.readable && room { self.read(seen.hung_up) } else { Ok(()) }
     }
 
@@ -206,20 +227,20 @@ impl Session {
 
     fn until_next_event(&self, factor: f64) -> Duration {
         let wait_s = self.printer.next_event_s().map_or(1.0, |t| (t - self.printer.now_s()) / factor);
-        Duration::from_secs_f64(wait_s.clamp(0.0002, 1.0))
+        Duration::from_secs_f64(wait_s.clamp(0.000_05, 1.0))
     }
 
+    /// Lets simulated time follow the clock, where it does.
     fn pass_time(&mut self, elapsed: Duration) {
-        let elapsed_s = elapsed.as_secs_f64();
-        match self.speed {
-            Speed::Times(factor) => self.printer.advance_to(elapsed_s.mul_add(factor, self.printer.now_s())),
-            Speed::Max if self.printer.pace() == Pace::RealTime => {
-                self.printer.advance_to(self.printer.now_s() + elapsed_s);
-            }
-            Speed::Max => self.jump(),
-        }
+        let factor = match self.speed {
+            Speed::Times(factor) => factor,
+            Speed::Max if self.printer.pace() == Pace::RealTime => 1.0,
+            Speed::Max => return,
+        };
+        self.printer.advance_to(elapsed.as_secs_f64().mul_add(factor, self.printer.now_s()));
     }
 
+    /// Lets simulated time jump from event to event while something waits.
     fn jump(&mut self) {
         for _ in 0..EVENTS_AT_ONCE {
             if self.printer.pace() != Pace::Work

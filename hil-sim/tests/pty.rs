@@ -40,7 +40,8 @@ impl Simulator {
         let dir = tempfile::tempdir().unwrap();
         let link = dir.path().join("printer");
         let process = program()
-            .args(["--profile", "reference", "--speed", "max", "--json", "--link"])
+            .args(if args.contains(&"--speed") { &[][..] } else { &["--speed", "max"] })
+            .args(["--profile", "reference", "--json", "--link"])
             .arg(&link)
             .arg("--record")
             .arg(dir.path().join("record"))
@@ -83,9 +84,10 @@ impl Host {
     }
 
     fn answer(&mut self) -> String {
-        let mut line = String::new();
-        self.answers.read_line(&mut line).unwrap();
-        line.trim_end().to_owned()
+        // The echo of a damaged line may hold any byte.
+        let mut line = Vec::new();
+        self.answers.read_until(b'\n', &mut line).unwrap();
+        String::from_utf8_lossy(&line).trim_end().to_owned()
     }
 
     /// Answers up to and with the next `ok`.
@@ -208,6 +210,29 @@ fn record_is_on_disk_within_a_second() {
     host.send("G28\nM105\n");
     host.until_ok();
     wait_for("the events", || simulator.record("events.jsonl").contains("\"M105\""));
+}
+
+#[test]
+fn dwell_takes_its_time_on_the_clock() {
+    let simulator = Simulator::start(&["--speed", "2", "--once"]);
+    let mut host = simulator.open();
+    host.send("M105\n");
+    host.until_ok();
+    // The simulator is in the middle of a wait when the command comes.
+    hil_sim::pty::pause(Duration::from_millis(150)).unwrap();
+    #[expect(clippy::disallowed_methods, reason = "the clock is what is tested")]
+    let start = std::time::Instant::now();
+    host.send("G4 P600\n");
+    host.until_ok();
+    assert!(start.elapsed() >= Duration::from_millis(300), "{:?}", start.elapsed());
+}
+
+#[test]
+fn vanished_port_ends_a_simulator_that_serves_one_user() {
+    let simulator = Simulator::start(&["--fault", "disconnect:line=1", "--once"]);
+    let mut host = simulator.open();
+    host.send("M107\n");
+    assert_eq!(simulator.end().0["last_state"], "unplugged");
 }
 
 #[test]

@@ -223,6 +223,7 @@ impl Printer {
         if self.planner.depth() > 0 {
             return Outcome::Wait(Wait::Drain(after));
         }
+        self.ran_dry = false;
         let until = |t_s: f64, home| Outcome::Wait(Wait::Until { t_s, home });
         match after {
             After::Nothing => Outcome::Done,

@@ -158,6 +158,8 @@ pub struct Printer {
     next_busy_s: f64,
     next_check_s: f64,
     lines_from_host: u64,
+    /// The last move ended with no other behind it and no command waiting for that.
+    ran_dry: bool,
     /// What M0 asks the user.
     prompt: Vec<u8>,
     record_commands: bool,
@@ -198,6 +200,7 @@ impl Printer {
             next_busy_s: 0.0,
             next_check_s: 0.0,
             lines_from_host: 0,
+            ran_dry: false,
             prompt: Vec::new(),
             record_commands,
             events: Vec::new(),
@@ -216,6 +219,12 @@ impl Printer {
     #[must_use]
     pub fn is_plugged(&self) -> bool {
         self.now_s >= self.unplugged_until_s
+    }
+
+    /// Whether the port has vanished for good.
+    #[must_use]
+    pub const fn is_gone(&self) -> bool {
+        self.unplugged_until_s == f64::INFINITY
     }
 
     /// Whether it does not listen: no bytes need be taken from the host.
@@ -394,8 +403,7 @@ impl Printer {
     fn finish_block(&mut self) {
         if let Some(block) = self.planner.finish() {
             self.lay(&block);
-            let expected = matches!(self.wait, Some(Wait::Drain(_)));
-            self.summary.planner_dry += u64::from(self.planner.depth() == 0 && !expected);
+            self.ran_dry = self.planner.depth() == 0 && !matches!(self.wait, Some(Wait::Drain(_)));
         }
     }
 

@@ -191,6 +191,7 @@ impl Printer {
             if self.planner.free() == 0 {
                 return false;
             }
+            self.summary.planner_dry += u64::from(std::mem::take(&mut self.ran_dry));
             self.planner.push(self.now_s, ends, speed, &self.motion.limits);
             self.motion.pending.pop_front();
             self.summary.peak_planner_depth =

@@ -353,6 +353,17 @@ fn clock_stands_still_while_only_unawaited_moves_remain() {
 }
 
 #[test]
+fn planner_that_runs_dry_between_moves_is_counted() {
+    let mut printer = ready(&[]);
+    let dry = |printer: &Printer| printer.summary().planner_dry;
+    ask(&mut printer, "G1 X10\nM400\nG1 X20\n");
+    assert_eq!(dry(&printer), 0);
+    printer.advance_to(printer.now_s() + 10.0);
+    ask(&mut printer, "G1 X30\n");
+    assert_eq!(dry(&printer), 1);
+}
+
+#[test]
 fn full_planner_lets_time_pass_by_whole_moves() {
     let mut printer = ready(&[]);
     let text: String = (1..=40).map(|i| format!("G1 X{i} F600\n")).collect();
