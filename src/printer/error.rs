@@ -1,0 +1,110 @@
+//! What can go wrong on the way to the printer, with a stable code and a next step for each.
+
+use super::job;
+use super::protocol::Fault;
+
+/// Why a port could not be opened.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PortProblem {
+    /// There is nothing by this name.
+    #[error("does not exist")]
+    Missing,
+    /// The user may not open it.
+    #[error("may not be opened by this user")]
+    NoRights,
+    /// Another program has it.
+    #[error("is in use by another program")]
+    Busy,
+    /// It is a file, a folder or a device of another kind.
+    #[error("is not a serial port")]
+    NotAPort,
+    /// The device behind it is gone or does not answer.
+    #[error("cannot be opened: {0}")]
+    Other(String),
+}
+
+/// A print that was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The job cannot be sent as it is.
+    #[error(transparent)]
+    Job(#[from] job::Error),
+    /// The port cannot be opened.
+    #[error("port {port} {problem}; {}", next_step_of(problem))]
+    Open {
+        /// The port.
+        port: String,
+        /// Why.
+        problem: PortProblem,
+    },
+    /// The port vanished while printing.
+    #[error(
+        "port {port} vanished during the print; whether the heaters are on is unknown: check the cable, and switch \
+         the printer off if it is hot"
+    )]
+    PortVanished {
+        /// The port.
+        port: String,
+    },
+    /// The print was given up.
+    #[error("printer on {port}: {fault}; {}", fault.next_step())]
+    Fault {
+        /// The port.
+        port: String,
+        /// Why.
+        fault: Fault,
+    },
+    /// Given up on request.
+    #[error("the print was cancelled; the heaters are off")]
+    Cancelled,
+    /// The simulated printer did not start or ended badly.
+    #[error("the simulated printer {problem}")]
+    Simulator {
+        /// What happened.
+        problem: String,
+    },
+}
+
+impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Job(error) => error.code(),
+            Self::Open { problem: PortProblem::Missing, .. } => "printer.port_missing",
+            Self::Open { problem: PortProblem::NoRights, .. } => "printer.port_no_rights",
+            Self::Open { problem: PortProblem::Busy, .. } => "printer.port_busy",
+            Self::Open { problem: PortProblem::NotAPort, .. } => "printer.not_a_port",
+            Self::Open { problem: PortProblem::Other(_), .. } => "printer.port_failed",
+            Self::PortVanished { .. } => "printer.port_vanished",
+            Self::Fault { fault, .. } => fault.code(),
+            Self::Cancelled => "printer.cancelled",
+            Self::Simulator { .. } => "printer.simulator",
+        }
+    }
+
+    /// What the operator should do next.
+    #[must_use]
+    pub const fn next_step(&self) -> &'static str {
+        match self {
+            Self::Job(_) => "correct the job, or choose the profile it was made for",
+            Self::Open { problem, .. } => next_step_of(problem),
+            Self::PortVanished { .. } => Fault::LinkLost.next_step(),
+            Self::Fault { fault, .. } => fault.next_step(),
+            Self::Cancelled => "take the part off the bed before the next print",
+            Self::Simulator { .. } => "run the simulator by hand to see what it says",
+        }
+    }
+}
+
+const fn next_step_of(problem: &PortProblem) -> &'static str {
+    match problem {
+        PortProblem::Missing => "check that the printer is on and connected, and the name of its port",
+        PortProblem::NoRights => {
+            "add the user to the group that owns the port (often dialout) and log in again"
+        }
+        PortProblem::Busy => "close the other program",
+        PortProblem::NotAPort => "give the path of a serial device, for example /dev/ttyUSB0",
+        PortProblem::Other(_) => "unplug the printer, plug it in again and check its port",
+    }
+}
