@@ -10,7 +10,12 @@ pub(super) type Rim = Vec<u32>;
 /// `downward`.
 pub(super) fn fill(mesh: &mut TriMesh, outer: &Rim, holes: &[Rim], downward: bool) -> Result<(), Error> {
     let line = |rim: &Rim| -> LineString<f64> {
-        rim.iter().map(|&v| { let p = mesh.vertices[v as usize]; Coord { x: p.x, y: p.y } }).collect()
+        rim.iter()
+            .map(|&v| {
+                let p = mesh.vertices[v as usize];
+                Coord { x: p.x, y: p.y }
+            })
+            .collect()
     };
     let polygon = Polygon::new(line(outer), holes.iter().map(line).collect());
     let raw = polygon.earcut_triangles_raw();

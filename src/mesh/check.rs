@@ -60,7 +60,12 @@ mod tests {
 
     fn tetrahedron() -> TriMesh {
         TriMesh {
-            vertices: vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.), Point3::new(0., 0., 1.)],
+            vertices: vec![
+                Point3::origin(),
+                Point3::new(1., 0., 0.),
+                Point3::new(0., 1., 0.),
+                Point3::new(0., 0., 1.),
+            ],
             triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
         }
     }

@@ -88,7 +88,13 @@ impl Mesher {
         Ok(rims)
     }
 
-    fn tube(&mut self, tube: &Tube, rings: &[SlabRings], flip: bool, rims: &mut Vec<RimAt>) -> Result<(), Error> {
+    fn tube(
+        &mut self,
+        tube: &Tube,
+        rings: &[SlabRings],
+        flip: bool,
+        rims: &mut Vec<RimAt>,
+    ) -> Result<(), Error> {
         let [low, high] = tube.surface.z_range_mm();
         let heights = self.row_heights(tube);
         let shared = |end: End| match end {
@@ -98,7 +104,13 @@ impl Mesher {
         };
         let mut below: Option<Vec<Station>> = None;
         for (k, &z) in heights.iter().enumerate() {
-            let end = if k == 0 { Some(tube.bottom) } else if k + 1 == heights.len() { Some(tube.top) } else { None };
+            let end = if k == 0 {
+                Some(tube.bottom)
+            } else if k + 1 == heights.len() {
+                Some(tube.top)
+            } else {
+                None
+            };
             let curve = tube.surface.section(z);
             let row = match end.and_then(shared) {
                 Some(ring) => stations_of_ring(&self.mesh, &curve, ring),
@@ -150,7 +162,17 @@ impl Mesher {
             let share = (target - density[i - 1]) / (density[i] - density[i - 1]);
             low + step * (i as f64 - 1.0 + share)
         };
-        (0..=n_rows).map(|k| if k == 0 { low } else if k == n_rows { high } else { height(k) }).collect()
+        (0..=n_rows)
+            .map(|k| {
+                if k == 0 {
+                    low
+                } else if k == n_rows {
+                    high
+                } else {
+                    height(k)
+                }
+            })
+            .collect()
     }
 
     /// The height of a row at z.
@@ -220,12 +242,19 @@ impl Mesher {
             }
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        let n = (16.0 * (worst / (0.25 * ROW_SHARE * self.deflection_mm) / 4.0).sqrt()).ceil().clamp(4.0, 96.0) as usize;
+        let n = (16.0 * (worst / (0.25 * ROW_SHARE * self.deflection_mm) / 4.0).sqrt())
+            .ceil()
+            .clamp(4.0, 96.0) as usize;
         n
     }
 
     /// Vertices `[j][i]` of the saddle's grid; its border holds the seams.
-    fn saddle_vertices(&mut self, slab: &Slab, rows: &[Vec<Vec<RowPoint>>; 2], n: usize) -> Result<Vec<Vec<u32>>, Error> {
+    fn saddle_vertices(
+        &mut self,
+        slab: &Slab,
+        rows: &[Vec<Vec<RowPoint>>; 2],
+        n: usize,
+    ) -> Result<Vec<Vec<u32>>, Error> {
         let start = |side: usize, i: usize| rows[side][i][0].at;
         let end = |side: usize, i: usize| rows[side][i][rows[side][i].len() - 1].at;
         let mut grid = vec![vec![0; n + 1]; n + 1];
@@ -266,7 +295,13 @@ impl Mesher {
         row.iter()
             .enumerate()
             .map(|(k, p)| {
-                let vertex = if k == 0 { start } else if k == last { end } else { self.mesh.push(p.at)? };
+                let vertex = if k == 0 {
+                    start
+                } else if k == last {
+                    end
+                } else {
+                    self.mesh.push(p.at)?
+                };
                 Ok(Station { u: p.u, vertex })
             })
             .collect()
@@ -284,7 +319,8 @@ impl Mesher {
             let mut inside = Vec::new();
             for (k, hole) in holes.iter().enumerate() {
                 let same_end = hole.downward == outer.downward && (hole.z_mm - outer.z_mm).abs() < 1e-9;
-                if same_end && !used[k] && border.contains(self.mesh.vertices[hole.vertices[0] as usize].xy()) {
+                if same_end && !used[k] && border.contains(self.mesh.vertices[hole.vertices[0] as usize].xy())
+                {
                     used[k] = true;
                     inside.push(hole.vertices.clone());
                 }

@@ -11,6 +11,10 @@ use nalgebra::{Matrix3, Vector3};
 const N_ROUNDS: usize = 48;
 /// The model fits where its error stays below this part of the step.
 const MOST_MISFIT: f64 = 0.06;
+/// Below this part of the step a misfit leaves nothing for a second step to explain.
+const CLOSE_MISFIT: f64 = 0.01;
+/// A second step leaves at most this part of the misfit without it.
+const MOST_MISFIT_LEFT: f64 = 0.7;
 /// The second step is smaller than this part of the first: otherwise it is the vessel's edge.
 const MOST_SECOND_STEP: f64 = 0.7;
 /// Levels beyond the values by more than this part of their range are extrapolations from a poor fit.
@@ -60,15 +64,25 @@ struct Fit {
     misfit: f64,
 }
 
+impl Fit {
+    fn is_close(&self) -> bool {
+        self.misfit < CLOSE_MISFIT * (self.levels[0] - self.levels[1])
+    }
+}
+
 impl Profile {
     /// The edge nearest to the middle; `None` where there is none, or none of this kind.
     pub(super) fn edge(&self) -> Option<Edge> {
         let reach = self.reach_mm();
         let start = |w: f64| Shape { at: 0.0, blur: 0.15 * reach, wall: w * reach };
-        let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
-        let best = with_wall.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
-        // A second step must earn its place, or it follows any slope of the surroundings.
-        let fit = best.or_else(|| self.searched(start(0.7), COMMAND))?;
+        let single = self.searched(start(0.7), COMMAND);
+        let fit = single.filter(Fit::is_close).or_else(|| {
+            let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
+            let double = with_wall.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+            // A second step must earn its place, or it follows any slope of the surroundings.
+            let earned = double.filter(|d| single.is_none_or(|s| d.misfit < MOST_MISFIT_LEFT * s.misfit));
+            earned.or(single)
+        })?;
         let (lumen, wall) = (fit.levels[0], fit.levels[1]);
         let fits = lumen > wall && fit.misfit < MOST_MISFIT * (lumen - wall);
         fits.then_some(Edge { lumen, wall, blur_mm: fit.shape.blur })
@@ -132,7 +146,7 @@ impl Profile {
         let allowed = shape.blur >= 0.5 * self.step_mm
             && shape.blur <= 0.5 * reach
             && shape.at.abs() <= 0.4 * reach
-            && shape.wall >= 1.5 * shape.blur
+            && shape.wall >= 2.0 * shape.blur
             && shape.wall <= reach;
         if !allowed {
             return None;
