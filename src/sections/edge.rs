@@ -19,6 +19,8 @@ const MOST_MISFIT_LEFT: f64 = 0.7;
 const MOST_SECOND_STEP: f64 = 0.7;
 /// Levels beyond the values by more than this part of their range are extrapolations from a poor fit.
 const SLACK: f64 = 0.08;
+/// The edge lies within this part of the profile's reach around its middle.
+const MOST_OFF_CENTRE: f64 = 0.4;
 /// Weight of the wish that the wall goes on: a whisper that keeps a missing second step from being singular,
 /// or a command that there be none.
 const WHISPER: f64 = 1e-4;
@@ -74,7 +76,8 @@ impl Profile {
     /// The edge nearest to the middle; `None` where there is none, or none of this kind.
     pub(super) fn edge(&self) -> Option<Edge> {
         let reach = self.reach_mm();
-        let start = |w: f64| Shape { at: 0.0, blur: 0.15 * reach, wall: w * reach };
+        let at = self.steepest_mm();
+        let start = |w: f64| Shape { at, blur: 0.15 * reach, wall: w * reach };
         let single = self.searched(start(0.7), COMMAND);
         let fit = single.filter(Fit::is_close).or_else(|| {
             let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
@@ -86,6 +89,15 @@ impl Profile {
         let (lumen, wall) = (fit.levels[0], fit.levels[1]);
         let fits = lumen > wall && fit.misfit < MOST_MISFIT * (lumen - wall);
         fits.then_some(Edge { lumen, wall, blur_mm: fit.shape.blur })
+    }
+
+    /// Where the values fall most, within the middle of the profile.
+    fn steepest_mm(&self) -> f64 {
+        let at = |m: usize| m as f64 * self.step_mm - self.reach_mm();
+        let fall = |m: usize| self.values[m - 1] - self.values[m + 1];
+        let middle = MOST_OFF_CENTRE * self.reach_mm();
+        let near = (1..self.values.len().saturating_sub(1)).filter(|&m| at(m).abs() <= middle);
+        near.max_by(|&a, &b| fall(a).total_cmp(&fall(b))).map_or(0.0, at)
     }
 
     /// The part of the profile within a distance of its middle; at least eight samples on either side.
@@ -145,7 +157,7 @@ impl Profile {
         let reach = self.reach_mm();
         let allowed = shape.blur >= 0.5 * self.step_mm
             && shape.blur <= 0.5 * reach
-            && shape.at.abs() <= 0.4 * reach
+            && shape.at.abs() <= MOST_OFF_CENTRE * reach
             && shape.wall >= 2.0 * shape.blur
             && shape.wall <= reach;
         if !allowed {
