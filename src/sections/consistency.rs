@@ -12,11 +12,11 @@
 //!    (closing by the least distance that joins them); where that would take more than their own radius, all
 //!    but the largest are dropped.
 //! 6. Two-one-two: a contour that overlaps two below and two above, of which each overlaps just one of the
-//!    others, is split at its neck (opening by the least distance that parts it); where no opening parts it, it
-//!    stays and is reported.
+//!    others, is split by a slit of a quarter pixel across its neck (the neck is where it parts when shrunk by
+//!    the least distance that parts it); where no shrinking parts it, it stays and is reported.
 
 use super::warnings::SectionWarnings;
-use crate::geom::{Bounds2, Contour, Region};
+use crate::geom::{Bounds2, Contour, Point2, Region, SegmentIndex, Vector2};
 
 /// Fewer pixels than this are noise.
 pub(super) const LEAST_AREA_PIXELS: f64 = 4.0;
@@ -302,23 +302,15 @@ fn split(plane: &mut Plane, o: &Outer, pixel_mm2: f64, warnings: &mut SectionWar
     let n_wanted = o.below.len();
     let step_mm = 0.25 * pixel_mm2.sqrt();
     let most_mm = (o.area_mm2 / std::f64::consts::PI).sqrt();
-    let distances = (1..).map(|s| f64::from(s) * step_mm).take_while(|&d| d <= most_mm);
-    let opened = |d: f64| {
-        let cores = o.region.offset(-d, 0.1 * step_mm);
-        // Grown back by a little less, so that the parts stay apart.
-        let parts: Vec<Contour> = cores
-            .islands()
-            .iter()
-            .filter_map(|core| {
-                core.offset(d - 0.5 * step_mm, 0.1 * step_mm).contours.into_iter().find(Contour::is_ccw)
-            })
-            .filter(|c| c.signed_area_mm2() >= LEAST_AREA_PIXELS * pixel_mm2)
-            .collect();
-        let apart =
-            Region::union_all(&parts.iter().map(|c| Region::new(vec![c.clone()])).collect::<Vec<_>>());
-        (parts.len() == n_wanted && apart.contours.len() == n_wanted).then_some(parts)
+    let least_mm2 = LEAST_AREA_PIXELS * pixel_mm2;
+    let parted = |d: f64| {
+        let cores = o.region.offset(-d, 0.1 * step_mm).contours;
+        let parts = (cores.len() == n_wanted).then(|| cut(&o.region, &cores, 2.0 * d + step_mm, step_mm))?;
+        let large = parts.iter().filter(|c| c.signed_area_mm2() >= least_mm2).count();
+        (parts.len() == n_wanted && large == n_wanted).then_some(parts)
     };
-    match distances.into_iter().find_map(opened) {
+    let mut distances = (1..).map(|s| f64::from(s) * step_mm).take_while(|&d| d <= most_mm);
+    match distances.find_map(parted) {
         Some(parts) => {
             warnings.split(plane.z_mm, n_wanted);
             replace(plane, &[o.at], parts);
@@ -330,6 +322,32 @@ fn split(plane: &mut Plane, o: &Outer, pixel_mm2: f64, warnings: &mut SectionWar
             false
         }
     }
+}
+
+/// The outer contours left of a region after slits across the shortest way between any two cores.
+fn cut(region: &Region, cores: &[Contour], half_length_mm: f64, width_mm: f64) -> Vec<Contour> {
+    let pairs = (0..cores.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+    let slits: Vec<Region> =
+        pairs.filter_map(|(a, b)| slit(&cores[a], &cores[b], half_length_mm, width_mm)).collect();
+    let rest = region.difference(&Region::union_all(&slits));
+    rest.contours.into_iter().filter(Contour::is_ccw).collect()
+}
+
+fn slit(a: &Contour, b: &Contour, half_length_mm: f64, width_mm: f64) -> Option<Region> {
+    let index = SegmentIndex::try_new(std::slice::from_ref(b))?;
+    let nearest = |&p: &Point2| (p, index.nearest(p));
+    let (p, foot) =
+        a.points.iter().map(nearest).min_by(|x, y| x.1.distance_mm.total_cmp(&y.1.distance_mm))?;
+    // Cores further apart than a slit is long do not share a neck.
+    let across = (foot.distance_mm > 0.0 && foot.distance_mm < 2.0 * half_length_mm)
+        .then(|| (foot.point - p) / foot.distance_mm)?;
+    let along = Vector2::new(-across.y, across.x) * half_length_mm;
+    let middle = nalgebra::center(&p, &foot.point);
+    let half = across * (0.5 * width_mm);
+    let corners =
+        vec![middle - along - half, middle - along + half, middle + along + half, middle + along - half];
+    let corners = Contour::new(corners);
+    Some(Region::new(vec![if corners.is_ccw() { corners } else { corners.reversed() }]))
 }
 
 /// Puts made contours in the place of others; holes stay only where they lie in one of the new ones.

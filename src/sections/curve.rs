@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn resampling_starts_leftmost_and_stays_on_the_circle() {
-        let c = evenly_spaced(&circle(60), 128);
+        let c = evenly_spaced(&circle(200), 128);
         assert!(c.points.iter().all(|p| p.x >= c.points[0].x));
         assert!(c.points.iter().all(|p| ((p - Point2::new(3.0, -2.0)).norm() - 2.5).abs() < 2e-5));
     }

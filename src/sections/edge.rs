@@ -11,10 +11,16 @@ use nalgebra::{Matrix3, Vector3};
 const N_ROUNDS: usize = 48;
 /// The model fits where its error stays below this part of the step.
 const MOST_MISFIT: f64 = 0.06;
+/// Below this part of the step a misfit leaves nothing for a second step to explain.
+const CLOSE_MISFIT: f64 = 0.01;
+/// A second step leaves at most this part of the misfit without it.
+const MOST_MISFIT_LEFT: f64 = 0.7;
 /// The second step is smaller than this part of the first: otherwise it is the vessel's edge.
 const MOST_SECOND_STEP: f64 = 0.7;
 /// Levels beyond the values by more than this part of their range are extrapolations from a poor fit.
 const SLACK: f64 = 0.08;
+/// The edge lies within this part of the profile's reach around its middle.
+const MOST_OFF_CENTRE: f64 = 0.4;
 /// Weight of the wish that the wall goes on: a whisper that keeps a missing second step from being singular,
 /// or a command that there be none.
 const WHISPER: f64 = 1e-4;
@@ -60,18 +66,38 @@ struct Fit {
     misfit: f64,
 }
 
+impl Fit {
+    fn is_close(&self) -> bool {
+        self.misfit < CLOSE_MISFIT * (self.levels[0] - self.levels[1])
+    }
+}
+
 impl Profile {
     /// The edge nearest to the middle; `None` where there is none, or none of this kind.
     pub(super) fn edge(&self) -> Option<Edge> {
         let reach = self.reach_mm();
-        let start = |w: f64| Shape { at: 0.0, blur: 0.15 * reach, wall: w * reach };
-        let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
-        let best = with_wall.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
-        // A second step must earn its place, or it follows any slope of the surroundings.
-        let fit = best.or_else(|| self.searched(start(0.7), COMMAND))?;
+        let at = self.steepest_mm();
+        let start = |w: f64| Shape { at, blur: 0.15 * reach, wall: w * reach };
+        let single = self.searched(start(0.7), COMMAND);
+        let fit = single.filter(Fit::is_close).or_else(|| {
+            let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
+            let double = with_wall.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+            // A second step must earn its place, or it follows any slope of the surroundings.
+            let earned = double.filter(|d| single.is_none_or(|s| d.misfit < MOST_MISFIT_LEFT * s.misfit));
+            earned.or(single)
+        })?;
         let (lumen, wall) = (fit.levels[0], fit.levels[1]);
         let fits = lumen > wall && fit.misfit < MOST_MISFIT * (lumen - wall);
         fits.then_some(Edge { lumen, wall, blur_mm: fit.shape.blur })
+    }
+
+    /// Where the values fall most, within the middle of the profile.
+    fn steepest_mm(&self) -> f64 {
+        let at = |m: usize| m as f64 * self.step_mm - self.reach_mm();
+        let fall = |m: usize| self.values[m - 1] - self.values[m + 1];
+        let middle = MOST_OFF_CENTRE * self.reach_mm();
+        let near = (1..self.values.len().saturating_sub(1)).filter(|&m| at(m).abs() <= middle);
+        near.max_by(|&a, &b| fall(a).total_cmp(&fall(b))).map_or(0.0, at)
     }
 
     /// The part of the profile within a distance of its middle; at least eight samples on either side.
@@ -131,8 +157,8 @@ impl Profile {
         let reach = self.reach_mm();
         let allowed = shape.blur >= 0.5 * self.step_mm
             && shape.blur <= 0.5 * reach
-            && shape.at.abs() <= 0.4 * reach
-            && shape.wall >= 1.5 * shape.blur
+            && shape.at.abs() <= MOST_OFF_CENTRE * reach
+            && shape.wall >= 2.0 * shape.blur
             && shape.wall <= reach;
         if !allowed {
             return None;

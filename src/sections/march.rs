@@ -104,11 +104,11 @@ mod tests {
     #[test]
     fn saddle_is_joined_or_split_by_its_mean() {
         let two = |middle: f64| {
-            grid(6, move |x, y| match (x as usize, y as usize) {
-                (2, 2) | (3, 3) => 1.0,
-                (2, 3) | (3, 2) => middle,
-                _ => -1.0,
-            })
+            let mut grid = grid(6, |_, _| -1.0);
+            for (p, v) in [(14, 1.0), (21, 1.0), (20, middle), (15, middle)] {
+                grid.values[p] = v;
+            }
+            grid
         };
         assert_eq!(two(-0.5).loops().len(), 1);
         assert_eq!(two(-1.5).loops().len(), 2);

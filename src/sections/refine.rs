@@ -96,14 +96,25 @@ pub(super) struct Curve {
 impl Curve {
     /// The contour with its pixel steps smoothed away.
     pub(super) fn new(contour: &Contour, pixel_mm: f64) -> Self {
+        // On a small contour less: what is smoothed must stay short against its round.
+        let smoothing_mm = |radius_mm: f64| (1.5 * pixel_mm).min(0.4 * radius_mm);
+        Self::smoothed(contour, pixel_mm, smoothing_mm)
+    }
+
+    /// The contour, its rough shape only. To measure an edge: a curve that follows the noise would find the
+    /// edge sharper than it is, because it crosses where the noise makes it steep.
+    fn rough(contour: &Contour, pixel_mm: f64) -> Self {
+        Self::smoothed(contour, pixel_mm, |radius_mm| (5.0 * pixel_mm).min(0.5 * radius_mm))
+    }
+
+    fn smoothed(contour: &Contour, pixel_mm: f64, smoothing_mm: impl Fn(f64) -> f64) -> Self {
         let length_mm = contour.perimeter_mm();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let n = (POINTS_PER_PIXEL * length_mm / pixel_mm).ceil().clamp(0.0, 1e6) as usize;
         let n = n.clamp(LEAST_POINTS, MOST_POINTS);
         let spacing_mm = length_mm / n as f64;
         let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
-        // On a small contour less: what is smoothed must stay short against its round.
-        let smoothing_mm = (1.5 * pixel_mm).min(0.4 * radius_mm);
+        let smoothing_mm = smoothing_mm(radius_mm);
         let steps: Vec<Vector2> = contour.resampled(n).points.iter().map(|p| p.coords).collect();
         let smooth = smoothed_closed(&steps, &gaussian(smoothing_mm / spacing_mm));
         let points = smooth.into_iter().map(Point2::from).collect();
@@ -184,9 +195,9 @@ impl Profiles {
 /// The edge of a contour: the mean of all its profiles, once the contour follows the edge, fitted by a model.
 /// `None` where the model does not fit.
 pub(super) fn edge_of(contour: &Contour, image: &Image<'_>) -> Option<Edge> {
-    let mut curve = Curve::new(contour, image.pixel_mm());
+    let mut curve = Curve::rough(contour, image.pixel_mm());
     let rough = curve.profiles(image, Averaging::None).mean().edge()?;
-    for _ in 0..2 {
+    for _ in 0..N_ROUNDS {
         let offsets = smooth_offsets(&curve, image, rough.half_level());
         shift(&mut curve, &offsets);
     }

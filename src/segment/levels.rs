@@ -19,7 +19,7 @@ const SAMPLES_PER_PIXEL: f64 = 2.0;
 const NOISE_FACTOR: f64 = 4.0;
 /// And from this part of the range of all values met on.
 const RANGE_FACTOR: f64 = 0.2;
-/// The wall is reached where the slope has fallen to this part of the steepest.
+/// The edge is passed where the slope has fallen to this part of the steepest.
 const FLAT_FACTOR: f64 = 0.5;
 
 /// What lumen and wall measure, HU.
@@ -88,10 +88,12 @@ fn first_edge(ray: &[f64], lumen: f64, least: f64) -> Option<Edge> {
     let slope = |i: usize| sign * (ray[(i + lag).min(ray.len() - 1)] - ray[i]);
     let steepest = (at.saturating_sub(2 * lag)..=at).map(slope).fold(0.0, f64::max);
     let mut peak = steepest;
-    let end = (at..ray.len() - 1).find(|&i| {
+    let past = (at..ray.len() - 1).find(|&i| {
         peak = peak.max(slope(i));
         slope(i) < FLAT_FACTOR * peak
     })?;
+    // From there the slope runs out, until it is nothing or the next structure begins.
+    let end = (past..ray.len() - 1).find(|&i| slope(i) < 0.05 * peak || slope(i + 1) > slope(i))?;
     Some(Edge { wall: ray[(end + 1).min(ray.len() - 1)] })
 }
 

@@ -297,15 +297,18 @@ fn check_ranges(params: &Params) -> Result<(), Error> {
     if params.seeds_patient_mm.is_empty() {
         return Err(Error::NoSeed);
     }
-    // Written so that NaN is refused too.
-    match params.window_hu {
-        Some([lo, hi]) if !(lo < hi) => return Err(Error::BadWindow { lo, hi }),
-        _ => {}
+    if let Some([lo, hi]) = params.window_hu.filter(is_empty) {
+        return Err(Error::BadWindow { lo, hi });
     }
-    match params.z_mm {
-        Some([lo, hi]) if !(lo < hi) => Err(Error::BadZRange { lo, hi }),
-        _ => Ok(()),
+    if let Some([lo, hi]) = params.z_mm.filter(is_empty) {
+        return Err(Error::BadZRange { lo, hi });
     }
+    Ok(())
+}
+
+/// Whether no number lies between the ends; one that is no number leaves none.
+fn is_empty(range: &[f64; 2]) -> bool {
+    range[0].partial_cmp(&range[1]) != Some(std::cmp::Ordering::Less)
 }
 
 fn planes_in_range(volume: &Volume, z_mm: Option<[f64; 2]>) -> Result<Range<usize>, Error> {

@@ -1,4 +1,9 @@
 //! Small synthetic volumes with known boundaries, for the tests of this stage and the next.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "intensities are single precision; a kernel has a few samples"
+)]
 
 use crate::ct::Volume;
 use crate::geom::RigidTransform;
