@@ -544,3 +544,48 @@ fn a_compressed_series_is_read() {
     let (least, most) = loaded.volume.hu.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
     assert!((-3100.0..=-900.0).contains(&least) && (500.0..5000.0).contains(&most), "{least} {most}");
 }
+
+/// The intensities of one file of the transfer syntax samples.
+fn sample(name: &str) -> Option<Result<Vec<f32>, Error>> {
+    let path = real("5_dicom_transfer_syntaxes")?.join(name);
+    let header::Content::Image(header) = header::read(&path).unwrap() else { panic!("{name} is an image") };
+    let mut plane = vec![0.0; header.shape.columns * header.shape.rows];
+    Some(pixels::read_plane(&header, [false; 2], &mut plane).map(|()| plane))
+}
+
+#[test]
+fn lossless_encodings_of_one_image_agree_pixel_by_pixel() {
+    for series in ["CT1", "CT2"] {
+        let Some(run_length) = sample(&format!("{series}_RLE.dcm")) else { return };
+        let run_length = run_length.unwrap();
+        for other in ["J2KR", "JPLL"] {
+            assert_eq!(
+                sample(&format!("{series}_{other}.dcm")).unwrap().unwrap(),
+                run_length,
+                "{series} {other}"
+            );
+        }
+        let lossy = sample(&format!("{series}_J2KI.dcm")).unwrap().unwrap();
+        let differences = lossy.iter().zip(&run_length).map(|(a, b)| f64::from((a - b).abs()));
+        let mean = differences.sum::<f64>() / lossy.len() as f64;
+        assert!(mean < 40.0, "{series}: {mean} HU");
+    }
+}
+
+#[test]
+fn decoded_values_are_those_of_an_independent_decoder() {
+    // Least, largest and summed stored value as pydicom finds them; slope 1, intercept 0.
+    let Some(plane) = sample("CT2_J2KR.dcm") else { return };
+    let plane = plane.unwrap();
+    let (least, most) = plane.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+    let sum: f64 = plane.iter().map(|&v| f64::from(v)).sum();
+    assert_eq!((least, most, sum), (-2048.0, 1433.0, -197_733_355.0));
+}
+
+#[test]
+fn jpeg_ls_is_refused_by_name() {
+    for name in ["CT1_JLSL.dcm", "CT2_JLSN.dcm"] {
+        let Some(outcome) = sample(name) else { return };
+        assert!(matches!(outcome, Err(Error::UnsupportedSyntax { .. })));
+    }
+}
