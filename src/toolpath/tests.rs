@@ -376,8 +376,9 @@ proptest! {
     }
 }
 
-/// Writes jobs and their sections for the outside check: `LUMENFAB_JOBS=DIR cargo test --release --lib jobs_for -- --ignored`, then
-/// `gcode_check.py DIR/NAME.gcode --sections DIR/NAME.sections.json --bead rect`.
+/// Writes jobs and their sections for the outside check: `LUMENFAB_JOBS=DIR cargo test --release --lib
+/// jobs_for -- --ignored`, then `gcode_check.py DIR/NAME.gcode --sections DIR/NAME.sections.json --bead
+/// rect`.
 #[test]
 #[ignore = "writes files for a check outside of the test runner"]
 fn jobs_for_the_outside_check() {
