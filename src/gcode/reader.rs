@@ -1,7 +1,8 @@
 //! One line of G-code to its command, and the checksum that Marlin's protocol wants.
 //!
-//! A line is `[N number] command words [*checksum] [; comment]`. Comments in parentheses are skipped. Words may stand with or without blanks
-//! between them, letters in either case. `M117` and its like carry text in place of words: it is kept as it stands.
+//! A line is `[N number] command words [*checksum] [; comment]`. Comments in parentheses are skipped.
+//! Words may stand with or without blanks between them, letters in either case. `M117` and its like carry
+//! text in place of words: it is kept as it stands.
 
 use std::borrow::Cow;
 use std::fmt;

@@ -1,9 +1,10 @@
 //! A planned job to the text of a G-code file in the Marlin dialect.
 //!
-//! Extrusion is relative (`M83`) in steps of 10 nm of filament; what a step is rounded by is carried to the next, so the sum is exact. Coordinates are rounded to 1 um.
-//! Each layer begins with `;LAYER:`, `;Z:` (top of the layer above the bed), `;HEIGHT:` and, where its middle is a CT plane, `;CT_PLANE:`; each
-//! change of what is printed with `;TYPE:`. The header names the profile, the placement and a BLAKE3 hash of all settings; no date and
-//! nothing of the patient.
+//! Extrusion is relative (`M83`) in steps of 10 nm of filament; what a step is rounded by is carried to
+//! the next, so the sum is exact. Coordinates are rounded to 1 um. Each layer begins with `;LAYER:`,
+//! `;Z:` (top of the layer above the bed), `;HEIGHT:` and, where its middle is a CT plane, `;CT_PLANE:`;
+//! each change of what is printed with `;TYPE:`. The header names the profile, the placement and a BLAKE3
+//! hash of all settings; no date and nothing of the patient.
 //!
 //! Not done: arcs, thumbnails, `M73`, volumetric flow limits.
 
@@ -316,7 +317,8 @@ fn speed(kind: BeadKind, profile: &Profile, is_first_layer: bool) -> f64 {
     if is_first_layer { print.first_layer_mm_s.min(speed) } else { speed }
 }
 
-/// The factor on speeds that makes a layer take its minimum time (accelerations left out: it errs to the slow side).
+/// The factor on speeds that makes a layer take its minimum time (accelerations left out: it errs to the
+/// slow side).
 fn slow_down(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
     let time = |b: &Bead| {
         let length: f64 = b.points.windows(2).map(|p| (p[1].at - p[0].at).norm()).sum();

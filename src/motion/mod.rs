@@ -1,9 +1,11 @@
 //! How long a job takes, by the motion model of printer firmware.
 //!
-//! Every move accelerates, cruises and brakes at constant rates (a trapezoid of speed over time). At a corner the machine may keep the speed at which a circle that
-//! leaves the corner by the junction deviation could be driven at the acceleration limit:
-//! v² = a d s / (1 - s), s the sine of half the angle between the two moves (S. K. Jeon, Improving Grbl: Cornering Algorithm, 2011). The planner
-//! looks ahead over as many moves as its buffer holds and must always be able to stop at the end of the last one.
+//! Every move accelerates, cruises and brakes at constant rates (a trapezoid of speed over time). At a
+//! corner the machine may keep the speed at which a circle that leaves the corner by the junction
+//! deviation could be driven at the acceleration limit: v² = a d s / (1 - s), s the sine of half the
+//! angle between the two moves (S. K. Jeon, Improving Grbl: Cornering Algorithm, 2011). The planner looks
+//! ahead over as many moves as its buffer holds and must always be able to stop at the end of the last
+//! one.
 //!
 //! Not counted: homing, heating, the wire, firmware's own overhead. Arcs (G2, G3) are refused.
 

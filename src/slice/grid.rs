@@ -1,11 +1,12 @@
 //! Heights of the CT planes to the table of layers.
 //!
 //! The layer at CT plane k has height H_k and is centred on the plane. What remains between two planes,
-//! dz - (H_k + H_k+1) / 2, is divided equally; so is what remains below the first and above the last plane.
-//! H_k and the numbers of layers come from dynamic programming over the planes: candidates for each H_k are a
-//! ladder of heights between the limits plus those that divide the neighbouring intervals evenly, and the cost is the sum
-//! of squared logarithms of (height / wanted height), for every layer, and of (height / neighbour's height), for every change. An even
-//! spacing that the wanted height divides costs nothing, so it is met exactly. Cost O(planes): 0.15 ms a plane.
+//! dz - (H_k + H_k+1) / 2, is divided equally; so is what remains below the first and above the last
+//! plane. H_k and the numbers of layers come from dynamic programming over the planes: candidates for
+//! each H_k are a ladder of heights between the limits plus those that divide the neighbouring intervals
+//! evenly, and the cost is the sum of squared logarithms of (height / wanted height), for every layer,
+//! and of (height / neighbour's height), for every change. An even spacing that the wanted height divides
+//! costs nothing, so it is met exactly. Cost O(planes): 0.15 ms a plane.
 //!
 //! Not done: adapting heights to the slope of the surface.
 
@@ -30,11 +31,12 @@ const REMAINDER_WEIGHT: f64 = 1e4;
 const SAME_MM: f64 = 1e-9;
 
 /// The layers for CT planes at `plane_z_mm` (ascending) and a body that reaches from `z_range_mm[0]` to
-/// `z_range_mm[1]`, all in the stack frame. Planes outside the body get no layer; without any plane inside, the body is divided evenly.
+/// `z_range_mm[1]`, all in the stack frame. Planes outside the body get no layer; without any plane
+/// inside, the body is divided evenly.
 ///
 /// # Errors
-/// A height outside the limits, limits or an extent that make no sense, planes out of order, or planes too close for the
-/// thinnest layer.
+/// A height outside the limits, limits or an extent that make no sense, planes out of order, or planes
+/// too close for the thinnest layer.
 pub fn grid(plane_z_mm: &[f64], z_range_mm: [f64; 2], params: &GridParams) -> Result<LayerGrid, Error> {
     check(plane_z_mm, z_range_mm, params)?;
     let [bottom, top] = z_range_mm;
@@ -190,8 +192,8 @@ impl Chain<'_> {
         square_log(height_mm / self.params.layer_mm)
     }
 
-    /// The cheapest number of layers for `gap_mm` beside layers of the given heights; at an end of the body, a remainder
-    /// thinner than any layer may be given up (or, negative, overshot).
+    /// The cheapest number of layers for `gap_mm` beside layers of the given heights; at an end of the
+    /// body, a remainder thinner than any layer may be given up (or, negative, overshot).
     fn cheapest(&self, gap_mm: f64, beside: &[f64], at_end: bool) -> Option<(f64, usize)> {
         let layered = layer_counts(gap_mm, self.params).map(|n| {
             if n == 0 {
@@ -236,8 +238,8 @@ fn square_log(ratio: f64) -> f64 {
     ratio.ln().powi(2)
 }
 
-/// The numbers of equal layers within the limits that a gap may be divided into; 0 only where there is no gap. At most the four
-/// around the wanted height: others cost more.
+/// The numbers of equal layers within the limits that a gap may be divided into; 0 only where there is no
+/// gap. At most the four around the wanted height: others cost more.
 fn layer_counts(gap_mm: f64, params: &GridParams) -> impl Iterator<Item = usize> + use<> {
     let GridParams { layer_mm, height_limits_mm: [thinnest, thickest] } = *params;
     let around = (gap_mm / layer_mm).floor().max(0.0);
@@ -357,7 +359,8 @@ mod tests {
             ];
             let params = GridParams { layer_mm, height_limits_mm: [0.1, 0.3] };
             let grid = grid(&planes, range, &params).unwrap();
-            // Half an interval may hold no layer beside the plane's own: only then may the ends be a little off.
+            // Half an interval may hold no layer beside the plane's own: only then may the ends be a
+            // little off.
             let short_end = steps[0] < 0.5 || steps[steps.len() - 1] < 0.5;
             if !short_end {
                 assert_sound(&grid, &planes, range, &params);

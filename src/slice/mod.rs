@@ -1,10 +1,11 @@
 //! Layers on the CT-aligned grid, cut from the exact solid.
 //!
-//! [`grid()`] turns the heights of the CT planes into the table layer <-> z <-> CT plane; [`slice_solid`] cuts the
-//! body at the middle of each layer. All coordinates are in the stack frame; the toolpath stage puts them on the bed.
+//! [`grid()`] turns the heights of the CT planes into the table layer <-> z <-> CT plane; [`slice_solid`]
+//! cuts the body at the middle of each layer. All coordinates are in the stack frame; the toolpath stage
+//! puts them on the bed.
 //!
-//! The layers are cut in parallel; each depends on its own height alone, so the result is the same on any number of
-//! threads. The section is taken as constant through the layer's thickness.
+//! The layers are cut in parallel; each depends on its own height alone, so the result is the same on any
+//! number of threads. The section is taken as constant through the layer's thickness.
 //!
 //! Not done here: layers from a mesh.
 
@@ -152,7 +153,8 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
 }
 
-/// Cuts the body at the middle of each layer of the grid; chords of the sections stay within `tolerance_mm` of the surface.
+/// Cuts the body at the middle of each layer of the grid; chords of the sections stay within
+/// `tolerance_mm` of the surface.
 ///
 /// A middle that lies a little outside the body (the body ends within the layer) is cut at the body's end.
 ///

@@ -1,14 +1,16 @@
 //! Loops around the first layer: a brim that holds the part down, a skirt that primes the nozzle.
 
 use super::fill::{FillParams, Path, Role, Vertex};
-use super::{BeadKind, Warning, simplify};
+use super::{BeadKind, simplify};
+use crate::ct::Warning;
 use crate::geom::{Contour, Region};
 use crate::profile::Profile;
 
 /// Chord tolerance of the loops, mm: they are no part of the print.
 const TOLERANCE_MM: f64 = 0.01;
 
-/// Skirt and brim around the material of the first layer, from the outside inward. What would leave the bed is left out, and said so.
+/// Skirt and brim around the material of the first layer, from the outside inward. What would leave the
+/// bed is left out, and said so.
 pub(super) fn loops(
     material: &Region,
     profile: &Profile,
@@ -36,9 +38,11 @@ pub(super) fn loops(
             n_left_out += 1;
         }
     }
-    let warning = (n_left_out > 0).then(|| Warning {
-        code: "toolpath.adhesion_outside_bed",
-        text: format!("{n_left_out} loops of skirt or brim would leave the bed and are left out"),
+    let warning = (n_left_out > 0).then(|| {
+        Warning::new(
+            "toolpath.adhesion_outside_bed",
+            format!("{n_left_out} loops of skirt or brim would leave the bed and are left out"),
+        )
     });
     (paths, warning)
 }

@@ -1,10 +1,11 @@
 //! Beads side by side from each skin to the middle of the wall.
 //!
-//! Each skin fills the material under it, down to the medial axis, with k beads of equal width depth / k, so that a wall of any local
-//! thickness is filled exactly: bead j runs (j + 1/2) pitches below the skin. How many beads is chosen along the
-//! whole skin at once (Viterbi's method): widths off the wanted one cost, and so does every change of the count, so the count does not flip to
-//! and fro. Where the material is too deep for beads alone, the profile's perimeters are laid and the rest is left to the
-//! raster; where it is too thin for two beads, one runs along its middle, owned by one of the two skins.
+//! Each skin fills the material under it, down to the medial axis, with k beads of equal width depth / k,
+//! so that a wall of any local thickness is filled exactly: bead j runs (j + 1/2) pitches below the skin.
+//! How many beads is chosen along the whole skin at once (Viterbi's method): widths off the wanted one
+//! cost, and so does every change of the count, so the count does not flip to and fro. Where the material
+//! is too deep for beads alone, the profile's perimeters are laid and the rest is left to the raster;
+//! where it is too thin for two beads, one runs along its middle, owned by one of the two skins.
 
 use super::BeadKind;
 use super::flow::BeadModel;
@@ -19,6 +20,8 @@ const OUTSIDE_COST: f64 = 100.0;
 const TRIM_MM: f64 = 2e-3;
 /// How far the ends of inner beads are drawn back, in widths (by trial: the volume is right there to 0.2 %).
 const END_GAP: f64 = 0.2;
+/// Thin material shorter than this, seen from each side, is the edge of a wedge, mm.
+const LONGEST_EDGE_MM: f64 = 0.6;
 /// A run of single beads shorter than this is printed with two, mm, and the other way round.
 const SHORT_RUN_MM: f64 = 1.0;
 
@@ -277,7 +280,12 @@ impl Filler<'_> {
         let thin = || all().filter(is_wall).filter(|s| 2.0 * s.depth_mm < thinnest - TRIM_MM);
         let worst = thin().min_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))?;
         let length = |samples: &mut dyn Iterator<Item = &Sample>| samples.map(|s| s.share_mm).sum::<f64>();
-        let share = length(&mut thin()) / length(&mut all());
+        let thin_mm = length(&mut thin());
+        // The sharp edge of a wedge is thin everywhere; only a longer stretch is a thin wall.
+        if thin_mm < 2.0 * LONGEST_EDGE_MM {
+            return None;
+        }
+        let share = thin_mm / length(&mut all());
         Some(Thin { at: worst.at, thickness_mm: 2.0 * worst.depth_mm, share })
     }
 }
@@ -292,7 +300,8 @@ fn push(paths: &mut Vec<Path>, path: Path) {
     }
 }
 
-/// Draws the ends of an inner bead back from where it begins to share the wall: the round end of the wider bead there reaches into its place.
+/// Draws the ends of an inner bead back from where it begins to share the wall: the round end of the
+/// wider bead there reaches into its place.
 fn keep_clear(vertices: &mut Vec<Vertex>) {
     for _ in 0..2 {
         let Some(end) = vertices.last() else { return };
@@ -333,8 +342,8 @@ fn runs(values: &[bool], value: bool) -> Vec<Vec<usize>> {
     found
 }
 
-/// The state per step of a closed walk that costs least, each change of state costing `flip` (Viterbi). The walk begins where the choice
-/// is clearest, and ends in the same state.
+/// The state per step of a closed walk that costs least, each change of state costing `flip` (Viterbi).
+/// The walk begins where the choice is clearest, and ends in the same state.
 fn cheapest_walk(costs: &[Vec<f64>], flip: f64) -> Vec<usize> {
     let best_of = |row: &[f64]| (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0);
     let single: Vec<usize> = costs.iter().map(|row| best_of(row)).collect();

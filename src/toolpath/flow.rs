@@ -1,7 +1,8 @@
 //! The bead model: how width, spacing and cross-section of a bead belong together.
 //!
-//! A rectangular bead of width w and height h holds w h; its neighbours lie w away. A rounded one (stadium) holds (w - h) h + pi h² / 4;
-//! laid w - h (1 - pi / 4) apart, neighbours press together into a solid sheet of the right volume. That spacing is called the pitch.
+//! A rectangular bead of width w and height h holds w h; its neighbours lie w away. A rounded one
+//! (stadium) holds (w - h) h + pi h² / 4; laid w - h (1 - pi / 4) apart, neighbours press together into a
+//! solid sheet of the right volume. That spacing is called the pitch.
 
 use crate::profile::BeadShape;
 use std::f64::consts::FRAC_PI_4;

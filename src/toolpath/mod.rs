@@ -2,19 +2,21 @@
 //!
 //! [`plan`] puts the layers on the bed (a translation), fills each with beads, and puts these in order:
 //!
-//! - Along every skin beads whose width follows the local thickness, so that a wall is filled from skin to skin without gap and overlap.
-//!   The measure is the depth of the medial axis under each point of the skin; in place of the axis itself the touching balls are used
-//!   (after Kuipers, Doubrovski, Wu, Wang: A framework for adaptive width control of dense contour-parallel toolpaths in fused deposition
+//! - Along every skin beads whose width follows the local thickness, so that a wall is filled from skin
+//!   to skin without gap and overlap. The measure is the depth of the medial axis under each point of the
+//!   skin; in place of the axis itself the touching balls are used (after Kuipers, Doubrovski, Wu, Wang:
+//!   A framework for adaptive width control of dense contour-parallel toolpaths in fused deposition
 //!   modeling, CAD 128, 2020, whose bead counts along a skeleton these are in effect).
 //! - A raster in what is too deep for that, at alternating angles.
-//! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and end inside the wall.
+//! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and
+//!   end inside the wall.
 //!
 //! Outline, spacing and flow follow one bead model ([`BeadModel`]).
 //!
 //! Not done: supports, floors and roofs of sparse fill, bridges, arcs.
 //!
-//! Layers are filled in parallel and put in order one after the other, so the result is the same on any number of threads.
-//! Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
+//! Layers are filled in parallel and put in order one after the other, so the result is the same on any
+//! number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
 
 mod adhesion;
 mod fill;
@@ -29,6 +31,7 @@ mod travel;
 pub use flow::BeadModel;
 pub use travel::Travel;
 
+use crate::ct::Warning;
 use crate::geom::{Point2, Region, RigidTransform};
 use crate::profile::{BeadShape, Profile};
 use crate::progress::{Cancelled, Task};
@@ -95,7 +98,8 @@ pub struct LayerPaths {
     pub z_mm: f64,
     /// The beads in order.
     pub beads: Vec<Bead>,
-    /// The way to each bead from the end of the one before (for the first: of the layer below); a bead without an entry is reached straight.
+    /// The way to each bead from the end of the one before (for the first: of the layer below); a bead
+    /// without an entry is reached straight.
     pub travels: Vec<Travel>,
     /// What was to be filled, on the bed, compensations included: for the report and for travels.
     pub material: Region,
@@ -120,15 +124,6 @@ const OUTLINE_TOLERANCE_MM: f64 = 5e-4;
 const DUST_SHARE: f64 = 1e-3;
 /// Share of a layer's skins from which on a wall that is too thin makes the job impossible.
 const MOST_THIN_SHARE: f64 = 0.5;
-
-/// Something the operator should know; the job can be printed.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Warning {
-    /// Stable name of the kind of warning.
-    pub code: &'static str,
-    /// What, where, how much.
-    pub text: String,
-}
 
 /// A planned job.
 #[derive(Debug, Clone, PartialEq)]
@@ -195,8 +190,8 @@ pub enum Error {
 /// Plans the beads of a job on the profile's machine.
 ///
 /// # Errors
-/// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest bead, settings that make
-/// no sense, cancellation.
+/// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest
+/// bead, settings that make no sense, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
     let placement = place::place(layers, profile)?;
@@ -334,26 +329,31 @@ fn warnings(drafts: &[Draft]) -> Vec<Warning> {
     let z = |d: &Draft| d.slot.z_mid_mm;
     let thin: Vec<(f64, Thin)> = drafts.iter().filter_map(|d| Some((z(d), d.thin?))).collect();
     let worst = thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
-    let thin_walls = worst.map(|(z_mm, t)| Warning {
-        code: "toolpath.thin_wall",
-        text: format!(
-            "material thinner than the thinnest bead in {} layers, worst {:.3} mm at z {z_mm:.2} mm (x {:.2}, y {:.2} on \
-             the bed): printed too thick there, or not at all below half a bead",
-            thin.len(),
-            t.thickness_mm,
-            t.at.x,
-            t.at.y
-        ),
+    let thin_walls = worst.map(|(z_mm, t)| {
+        Warning::new(
+            "toolpath.thin_wall",
+            format!(
+                "material thinner than the thinnest bead in {} layers, worst {:.3} mm at z {z_mm:.2} mm \
+             (x {:.2}, y {:.2} on the bed): printed too thick there, or not at all below half a bead",
+                thin.len(),
+                t.thickness_mm,
+                t.at.x,
+                t.at.y
+            ),
+        )
     });
     let lost: Vec<(f64, Point2)> = drafts.iter().flat_map(|d| d.lost.iter().map(|&p| (z(d), p))).collect();
-    let lost_features = lost.first().map(|(z_mm, p)| Warning {
-        code: "toolpath.lost_feature",
-        text: format!(
-            "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed)",
-            lost.len(),
-            p.x,
-            p.y
-        ),
+    let lost_features = lost.first().map(|(z_mm, p)| {
+        Warning::new(
+            "toolpath.lost_feature",
+            format!(
+                "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm \
+             (x {:.2}, y {:.2} on the bed)",
+                lost.len(),
+                p.x,
+                p.y
+            ),
+        )
     });
     thin_walls.into_iter().chain(lost_features).collect()
 }

@@ -1,7 +1,8 @@
 //! Layers from the stack frame onto the bed, with the compensations of the profile.
 //!
-//! The part is only moved: its bounding box is centred on the bed, its lowest layer stands on it. Then, where the profile asks for it: scaled up in
-//! the bed's plane against shrinkage, the lumen's outline moved against hole shrinkage, the first layer's outlines moved against spreading.
+//! The part is only moved: its bounding box is centred on the bed, its lowest layer stands on it. Then,
+//! where the profile asks for it: scaled up in the bed's plane against shrinkage, the lumen's outline
+//! moved against hole shrinkage, the first layer's outlines moved against spreading.
 
 use super::Error;
 use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};

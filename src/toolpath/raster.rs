@@ -1,7 +1,8 @@
 //! Parallel lines through what the perimeters leave, joined to zigzags.
 //!
-//! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are joined along the border where the joint
-//! stays inside, so that a piece is one path where its shape allows. The direction alternates from layer to layer.
+//! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are
+//! joined along the border where the joint stays inside, so that a piece is one path where its shape
+//! allows. The direction alternates from layer to layer.
 //!
 //! Not done: floors and roofs of sparse fill, bridging.
 
@@ -11,8 +12,9 @@ use crate::geom::{Contour, Point2, Region, Vector2};
 
 /// Shortest line worth printing, mm.
 const SHORTEST_MM: f64 = 0.1;
-/// Distance of the lines' ends from the border, in pitches. Half a pitch would leave the corners beside the round ends empty; here what is
-/// missing beside them and what is too much at them are equal, so the volume is right.
+/// Distance of the lines' ends from the border, in pitches. Half a pitch would leave the corners beside
+/// the round ends empty; here what is missing beside them and what is too much at them are equal, so the
+/// volume is right.
 const END_INSET: f64 = 0.4;
 /// Chord tolerance of the inset border, mm.
 const TOLERANCE_MM: f64 = 2e-3;

@@ -1,17 +1,19 @@
 //! The order of the beads, the places of their seams, and the travels between them.
 //!
-//! Islands follow each other by nearness; in an island come the loops at the lumen, at the outer skin, the loops inside, the raster. A loop at the lumen begins at a
-//! place that wanders around the circumference from layer to layer by a fixed irrational share, so that seams never stack to a ridge and
-//! never repeat; its first millimetre fraction leads in from the wall, and its end stops short by as much material. Every other path
-//! begins at its vertex nearest to the nozzle.
+//! Islands follow each other by nearness; in an island come the loops at the lumen, at the outer skin,
+//! the loops inside, the raster. A loop at the lumen begins at a place that wanders around the
+//! circumference from layer to layer by a fixed irrational share, so that seams never stack to a ridge
+//! and never repeat; its first millimetre fraction leads in from the wall, and its end stops short by as
+//! much material. Every other path begins at its vertex nearest to the nozzle.
 
 use super::fill::{FillParams, Path, Role, Vertex, shorten};
 use super::travel::{Net, Travel};
 use super::{Bead, BeadPoint};
 use crate::geom::{Point2, Vector2, Vector3};
 
-/// Share of the circumference by which seams wander from layer to layer: the golden ratio to the power of -4, about 4 mm on a carotid. Far enough that neighbouring
-/// seams do not touch, near enough for short travels.
+/// Share of the circumference by which seams wander from layer to layer: the golden ratio to the power of
+/// -4, about 4 mm on a carotid. Far enough that neighbouring seams do not touch, near enough for short
+/// travels.
 const SEAM_STEP: f64 = 0.145_898_033_750_315_46;
 /// Shortest lead-in, mm.
 const SHORTEST_LEAD_MM: f64 = 0.03;
@@ -121,7 +123,8 @@ fn unrolled(path: &Path, begin: usize) -> Vec<Vertex> {
     vertices
 }
 
-/// Begins a loop with a narrow lead-in out of the wall, as long as the bead itself reaches into it, and ends it short by the same material.
+/// Begins a loop with a narrow lead-in out of the wall, as long as the bead itself reaches into it, and
+/// ends it short by the same material.
 fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
     let begin = vertices[0];
     let width_mm = params.limits_mm[0].min(begin.width_mm);
@@ -135,7 +138,8 @@ fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
     let gap = lead_mm * model.area_mm2(width_mm) / model.area_mm2(begin.width_mm);
     shorten(&mut vertices, gap.min(MOST_GAP * begin.width_mm));
     vertices.insert(0, Vertex { at: begin.at + into_wall * lead_mm, width_mm, room_mm: 0.0 });
-    // The width of a segment is the mean of its ends': a second vertex at the same place makes the lead-in's its own.
+    // The width of a segment is the mean of its ends': a second vertex at the same place makes the
+    // lead-in's its own.
     vertices.insert(1, Vertex { at: begin.at, width_mm, room_mm: begin.room_mm });
     vertices
 }

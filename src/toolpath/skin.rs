@@ -1,12 +1,13 @@
 //! How deep the material is under each point of its outline.
 //!
-//! Every outline (skin) is walked piece by piece. From the middle of a piece a ball is shrunk along the inward normal until it touches the
-//! outline elsewhere: its radius is the distance to the medial axis, so the segments from all skins, as long as their depths,
-//! divide the material among the skins without gap or overlap (Ma, Bae, Choi: 3D medial axis point approximation using
-//! nearest neighbors and the normal field, Vis. Comput. 28, 2012). The medial axis itself is never built.
+//! Every outline (skin) is walked piece by piece. From the middle of a piece a ball is shrunk along the
+//! inward normal until it touches the outline elsewhere: its radius is the distance to the medial axis,
+//! so the segments from all skins, as long as their depths, divide the material among the skins without
+//! gap or overlap (Ma, Bae, Choi: 3D medial axis point approximation using nearest neighbors and the
+//! normal field, Vis. Comput. 28, 2012). The medial axis itself is never built.
 //!
-//! A touch whose radii open less than 120 degrees is no wall but a corner or a tight bend: beads there are trimmed at the depth, and the
-//! wall's depth is carried over from its neighbours.
+//! A touch whose radii open less than 120 degrees is no wall but a corner or a tight bend: beads there
+//! are trimmed at the depth, and the wall's depth is carried over from its neighbours.
 //!
 //! Accuracy: that of the chords. Cost: two to three distance queries a piece.
 
@@ -15,7 +16,8 @@ use crate::geom::{Contour, Point2, Region, SegmentIndex, Vector2};
 
 /// Longest piece of a skin, mm: depth is sampled once a piece.
 const PIECE_MM: f64 = 0.3;
-/// A corner that turns by more than this is sharp, rad (20 degrees): it is mitred or fanned, not smoothed over.
+/// A corner that turns by more than this is sharp, rad (20 degrees): it is mitred or fanned, not smoothed
+/// over.
 const SHARP_RAD: f64 = 0.35;
 /// Largest turn between two rays of a fan around a sharp inner corner, rad (10 degrees).
 const FAN_STEP_RAD: f64 = 0.18;

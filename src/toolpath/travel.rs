@@ -1,8 +1,9 @@
 //! Ways for the nozzle inside the material (combing).
 //!
-//! The net has a node under every sample of the skins, linked along each skin and across each wall to the far side of the ball that touches
-//! both; all these links stay in the material. A travel takes the straight way where that stays inside, else the shortest way through the net
-//! (Dijkstra), pulled taut. Between islands it leaves and enters where they are nearest.
+//! The net has a node under every sample of the skins, linked along each skin and across each wall to the
+//! far side of the ball that touches both; all these links stay in the material. A travel takes the
+//! straight way where that stays inside, else the shortest way through the net (Dijkstra), pulled taut.
+//! Between islands it leaves and enters where they are nearest.
 //!
 //! The way is the shortest through the net, not of all; a way from island to island may cross a third one.
 
@@ -174,7 +175,8 @@ impl Net {
         way
     }
 
-    /// The way with every bend left out that the material does not ask for (found by doubling, then bisection).
+    /// The way with every bend left out that the material does not ask for (found by doubling, then
+    /// bisection).
     fn taut(&self, way: &[Point2]) -> Vec<Point2> {
         let mut taut = vec![way[0]];
         let mut i = 0;
