@@ -7,8 +7,8 @@
 //! boundary is where the profile passes half-way between them (full width at half maximum, the usual measure of
 //! vessel width in CT). Blur s draws that place inward by s² k / 2 where the boundary has the curvature k (the
 //! first-order effect of a Gaussian on a curved edge); s follows from the steepness of the edges, k from the contour,
-//! and the place is moved back. A point is skipped and counted where the fall is weak, runs out of the searched
-//! range or stands out among its neighbours.
+//! and the place is moved back. A point is skipped and counted where the fall is much weaker or
+//! stronger than usual, runs out of the searched range or stands out among its neighbours.
 //!
 //! Limits: a vessel narrower than three times the blur shows no plateau and is measured too wide; a wall as thin as that
 //! is seen too low, which draws the boundary of a dark lumen inward; noise moves a point by about noise / slope.
@@ -291,11 +291,13 @@ fn crossing(g: &[f64], from: usize, level: f64) -> Option<f64> {
     Some(j as f64 + (g[j] - level) / (g[j] - g[j + 1]))
 }
 
-/// Drops weak edges and such as stand out from the median of their neighbours, `n` to each side.
+/// Drops edges that are much weaker than usual, much stronger (a thin layer of tissue before air or bone), or stand out
+/// from the median of their neighbours, `n` to each side.
 fn without_outliers(edges: &[Option<Edge>], n: usize, pixel_mm: f64) -> Vec<Option<Edge>> {
     let contrast = |e: &Edge| (e.inner_hu - e.outer_hu).abs();
     let Some(usual) = median(edges.iter().flatten().map(contrast)) else { return edges.to_vec() };
-    let strong: Vec<Option<Edge>> = edges.iter().map(|e| e.filter(|e| contrast(e) >= 0.35 * usual)).collect();
+    let strong: Vec<Option<Edge>> =
+        edges.iter().map(|e| e.filter(|e| (0.35 * usual..=1.6 * usual).contains(&contrast(e)))).collect();
     let len = edges.len();
     (0..len)
         .map(|i| {
@@ -378,6 +380,22 @@ mod tests {
         let contours = [Contour::circle(Point2::origin(), 3.0, 64)];
         let found = boundary(&volume, 0, &contours, Polarity::Bright);
         assert!(found.n_found == 0 && found.n_points > 0 && found.outline.region.is_empty());
+    }
+
+    #[test]
+    fn air_behind_a_thin_layer_of_tissue_is_not_taken_for_the_boundary() {
+        let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
+        let n = volume.dims[0];
+        for j in 0..volume.dims[1] {
+            for i in 0..n {
+                let p = volume.stack_from_voxel(i as f64, j as f64, 0);
+                if p.x > 3.7 {
+                    volume.hu[j * n + i] = -800.0;
+                }
+            }
+        }
+        let (f, found) = bias(&volume, 3.0, Polarity::Bright);
+        assert!(found.n_found < found.n_points && f.max_mm.unwrap() < 0.1, "{f:?}");
     }
 
     #[test]

@@ -75,6 +75,15 @@ pub enum BodyKind {
     Cast,
 }
 
+impl From<crate::solid::Body> for BodyKind {
+    fn from(body: crate::solid::Body) -> Self {
+        match body {
+            crate::solid::Body::Wall { .. } => Self::Wall,
+            crate::solid::Body::Cast => Self::Cast,
+        }
+    }
+}
+
 /// The CT and what is known about the lumen in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Image<'a> {

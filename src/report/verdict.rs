@@ -81,3 +81,38 @@ fn missing(deposition: &Block) -> Option<String> {
     (!planes.is_empty() && !deposition.planes.is_empty())
         .then(|| format!("the lumen was not found in the deposited material of planes {}", planes.join(", ")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Figures, Overall};
+    use super::*;
+
+    fn blocks(total_p95_mm: Option<f64>, iou_min: Option<f64>) -> [Block; 6] {
+        let mut blocks: [Block; 6] = Default::default();
+        let figures = Figures { p95_mm: total_p95_mm, ..Figures::default() };
+        blocks[Stage::Total as usize].overall =
+            total_p95_mm.map(|_| Overall { figures, ..Overall::default() });
+        blocks[Stage::Deposition as usize].overall = Some(Overall { iou_min, ..Overall::default() });
+        blocks
+    }
+
+    #[test]
+    fn limits_are_kept_or_named() {
+        let gate = Gate::default();
+        assert!(Verdict::of(gate, Some(0.2), &blocks(Some(0.29), Some(0.98))).passed);
+        let failed = Verdict::of(gate, Some(0.2), &blocks(Some(0.31), Some(0.96)));
+        assert!(!failed.passed && failed.failures.len() == 2);
+        assert!(failed.sentence().contains("0.310 mm") && failed.sentence().contains("IoU 0.960"));
+    }
+
+    #[test]
+    fn nobody_asks_for_better_than_a_pixel() {
+        assert!(Verdict::of(Gate::default(), Some(1.5), &blocks(Some(0.9), Some(0.98))).passed);
+    }
+
+    #[test]
+    fn without_a_ct_the_total_is_no_failure_without_deposition_there_is_one() {
+        assert!(Verdict::of(Gate::default(), None, &blocks(None, Some(0.98))).passed);
+        assert!(!Verdict::of(Gate::default(), None, &blocks(None, None)).passed);
+    }
+}

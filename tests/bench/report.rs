@@ -53,13 +53,17 @@ impl Case {
     fn new() -> Self {
         let sections = SectionStack {
             planes: (0..N_PLANES)
-                .map(|k| PlaneSections { z_mm: 3.0 * k as f64, contours: Vessel::lumen(3.0 * k as f64).contours })
+                .map(|k| PlaneSections {
+                    z_mm: 3.0 * k as f64,
+                    contours: Vessel::lumen(3.0 * k as f64).contours,
+                })
                 .collect(),
             patient_from_stack: RigidTransform::identity(),
         };
         let layers: Vec<Layer> = (0..N_PLANES * LAYERS_PER_PLANE).map(layer).collect();
         let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 100.0, 1.5));
-        let paths = Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
+        let paths =
+            Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
         let record = report::record::parse(&beads_csv(&paths)).expect("the text was made here");
         Self { volume: image(&sections), sections, layers, paths, record }
     }
@@ -114,9 +118,8 @@ fn plan(layer: &Layer, bed_from_stack: &RigidTransform) -> LayerPaths {
 /// What a printer records that is off by a few hundredths here and there.
 fn beads_csv(paths: &Toolpaths) -> String {
     use std::fmt::Write;
-    let mut text = String::from(
-        "t_s,x0_mm,y0_mm,z0_mm,x1_mm,y1_mm,z1_mm,volume_mm3,width_mm,height_mm,hotend_c\n",
-    );
+    let mut text =
+        String::from("t_s,x0_mm,y0_mm,z0_mm,x1_mm,y1_mm,z1_mm,volume_mm3,width_mm,height_mm,hotend_c\n");
     for (i, layer) in paths.layers.iter().enumerate() {
         let off = 0.03 * (0.1 * i as f64).sin();
         for pair in layer.beads.iter().flat_map(|b| b.points.windows(2)) {
