@@ -105,11 +105,13 @@ fn plan(layer: &Layer, bed_from_stack: &RigidTransform) -> LayerPaths {
         Region::new(r.contours.iter().map(|c| Contour::new(c.points.iter().map(on_bed).collect())).collect())
     };
     let loops = (0..3).flat_map(|i| layer.lumen.offset(BEAD_MM * (0.5 + f64::from(i)), 1e-2).contours);
+    let loops = loops.map(|c| c.resampled(128));
     let top = layer.slot.z_mid_mm + 0.5 * LAYER_MM;
     LayerPaths {
         slot: layer.slot,
         z_mm: bed_from_stack.apply(Point3::new(0.0, 0.0, top)).z,
         beads: loops.map(|c| bead(&c)).collect(),
+        travels: Vec::new(),
         material: moved(&layer.material),
         lumen: moved(&layer.lumen),
     }
