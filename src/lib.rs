@@ -25,7 +25,7 @@
 //! | [`topology`] | which contour continues which: tubes, splits, merges, caps |
 //! | [`solid`] | the boundary representation and its exact sections |
 //! | [`mesh`] | tessellation, closedness, STL |
-//! | [`slice`] | layers on the CT-aligned grid |
+//! | [`mod@slice`] | layers on the CT-aligned grid |
 //! | [`toolpath`] | layers to beads and travels |
 //! | [`profile`] | firmware and machine profiles, as data |
 //! | [`gcode`] | commands, writer, reader, checksum |

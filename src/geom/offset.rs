@@ -76,7 +76,9 @@ impl Offset {
         // The mitre leaves the true distance by d (1 / cos(half turn) - 1).
         let mitre_error =
             if cos > -0.5 { d.abs() * ((2.0 / (1.0 + cos)).sqrt() - 1.0) } else { f64::INFINITY };
-        if mitre_error <= self.tolerance_mm || (!convex && cos > 0.0) {
+        // On the inner side the mitre is the crossing of both offset edges, however far off it lies; a spike that
+        // turns right back has none.
+        if mitre_error <= self.tolerance_mm || (!convex && cos > -0.999) {
             points.push(at + (before + after) * (d / (1.0 + cos)));
         } else if convex {
             self.arc(at, before, after, points);

@@ -220,6 +220,21 @@ mod tests {
     }
 
     #[test]
+    fn sharp_corners_shrink_to_sharp_corners() {
+        let polygon = |corners: &[(f64, f64)]| {
+            Region::new(vec![Contour::new(corners.iter().map(|&(x, y)| Point2::new(x, y)).collect())])
+        };
+        let square = polygon(&[(0., 0.), (4., 0.), (4., 4.), (0., 4.)]);
+        assert!((square.offset(-1.0, 1e-4).area_mm2() - 4.0).abs() < 1e-3);
+        assert!(square.offset(-2.1, 1e-4).is_empty());
+        // A slender triangle: similar to itself, its inradius less by the distance.
+        let triangle = polygon(&[(0., 0.), (40., 0.), (0., 3.)]);
+        let inradius = 120.0 / (43.0 + 40f64.hypot(3.0));
+        let expected = 60.0 * (1.0 - 0.5 / inradius).powi(2);
+        assert!((triangle.offset(-0.5, 1e-4).area_mm2() - expected).abs() < 1e-2);
+    }
+
+    #[test]
     fn islands_keep_their_holes() {
         let ring = disk(0.0, 3.0).difference(&disk(0.0, 2.0));
         let two = ring.union(&disk(10.0, 1.0)).union(&disk(0.0, 1.0));

@@ -10,6 +10,8 @@ mod check;
 mod ribbon;
 pub mod stl;
 mod tessellate;
+#[cfg(test)]
+mod tests;
 
 pub use check::{Closedness, closedness};
 pub use tessellate::{SkinChoice, Tessellation, tessellate};

@@ -183,3 +183,6 @@ impl Sectioned for Solid {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -62,7 +62,8 @@ fn print(rx_bytes: usize, advanced: bool, lines: &[String]) -> u64 {
 }
 
 fn lines_per_second(criterion: &mut Criterion) {
-    let lines: Vec<_> = (0..N_LINES).map(|i| format!("G1 X{}.123 Y{}.456 E0.04567", i % 200, i % 190)).collect();
+    let lines: Vec<_> =
+        (0..N_LINES).map(|i| format!("G1 X{}.123 Y{}.456 E0.04567", i % 200, i % 190)).collect();
     let mut group = criterion.benchmark_group("protocol");
     group.throughput(Throughput::Elements(N_LINES));
     for advanced in [false, true] {

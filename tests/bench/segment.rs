@@ -53,7 +53,9 @@ fn segment(c: &mut Criterion) {
         let mask = segment::segment(&volume, &params, &Task::quiet()).expect("a lumen");
         group.bench_with_input(BenchmarkId::new("extract", noise_hu), &volume, |b, volume| {
             let params = sections::Params::default();
-            b.iter(|| sections::extract(black_box(volume), &mask, &params, &Task::quiet()).expect("contours"));
+            b.iter(|| {
+                sections::extract(black_box(volume), &mask, &params, &Task::quiet()).expect("contours")
+            });
         });
     }
     group.finish();

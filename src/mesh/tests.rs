@@ -1,0 +1,100 @@
+use super::*;
+use crate::geom::{Contour, Point2, RigidTransform};
+use crate::phantom::{Kind, Vessel};
+use crate::progress::Task;
+use crate::sections::{PlaneSections, SectionStack};
+use crate::solid::{Body, Params, Sectioned, Solid, build};
+
+fn phantom(kind: Kind, body: Body) -> Solid {
+    let vessel = Vessel::new(kind);
+    let plane = |k: u32| {
+        let z_mm = 3.0 * f64::from(k);
+        PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+    };
+    solid((0..46).map(plane).collect(), body)
+}
+
+fn solid(planes: Vec<PlaneSections>, body: Body) -> Solid {
+    let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
+    build(&stack, &Params { body }, &Task::quiet()).unwrap().solid
+}
+
+fn cylinder(body: Body) -> Solid {
+    let contours = vec![Contour::circle(Point2::new(5.0, 7.0), 3.0, 256)];
+    solid(
+        (0..6).map(|k| PlaneSections { z_mm: 2.0 * f64::from(k), contours: contours.clone() }).collect(),
+        body,
+    )
+}
+
+fn fine(skin: SkinChoice, deflection_mm: f64) -> Tessellation {
+    Tessellation { skin, deflection_mm }
+}
+
+#[test]
+fn every_phantom_is_closed_in_every_skin_and_deflection() {
+    for kind in Kind::ALL {
+        let solid = phantom(kind, Body::Wall { wall_mm: 1.0 });
+        for skin in [SkinChoice::All, SkinChoice::Lumen] {
+            for deflection_mm in [0.1, 0.02] {
+                let mesh = tessellate(&solid, &fine(skin, deflection_mm)).unwrap();
+                assert!(closedness(&mesh).is_closed(), "{kind:?} {skin:?} {deflection_mm}");
+                assert!(mesh.volume_mm3() > 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn volumes_of_a_cylinder_and_its_wall_are_those_of_the_closed_form() {
+    let pi = std::f64::consts::PI;
+    let lumen = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.001)).unwrap().volume_mm3();
+    assert!((lumen / (pi * 9.0 * 12.0) - 1.0).abs() < 1e-3, "{lumen}");
+    let hollow = cylinder(Body::Wall { wall_mm: 1.0 });
+    let wall = tessellate(&hollow, &fine(SkinChoice::All, 0.001)).unwrap().volume_mm3();
+    assert!((wall / (pi * 7.0 * 12.0) - 1.0).abs() < 2e-3, "{wall}");
+    // The lumen alone is the same, wall or not.
+    let inside = tessellate(&hollow, &fine(SkinChoice::Lumen, 0.001)).unwrap().volume_mm3();
+    assert!((inside - lumen).abs() < 1e-6);
+}
+
+#[test]
+fn the_mesh_encloses_the_area_of_the_sections() {
+    let solid = phantom(Kind::Carotid, Body::Cast);
+    let mesh = tessellate(&solid, &fine(SkinChoice::All, 0.005)).unwrap();
+    let [low, high] = solid.z_range_mm();
+    let n = 1380;
+    let step = (high - low) / f64::from(n);
+    let area = |k: i32| solid.section(low + (f64::from(k) + 0.5) * step, 1e-4).outer.area_mm2();
+    let volume: f64 = (0..n).map(area).sum::<f64>() * step;
+    assert!((mesh.volume_mm3() / volume - 1.0).abs() < 2e-3, "{} {volume}", mesh.volume_mm3());
+}
+
+#[test]
+fn a_smaller_deflection_needs_more_triangles() {
+    let solid = cylinder(Body::Cast);
+    let count = |d: f64| tessellate(&solid, &fine(SkinChoice::All, d)).unwrap().triangles.len();
+    assert!(count(0.1) < count(0.02) && count(0.02) < count(0.005));
+}
+
+#[test]
+fn a_deflection_out_of_range_is_refused() {
+    for deflection_mm in [0.0, -1.0, f64::NAN, 9.0] {
+        let refused = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, deflection_mm));
+        assert!(matches!(refused, Err(Error::Deflection(_))));
+    }
+}
+
+#[test]
+fn an_stl_file_is_read_back_as_the_closed_mesh_it_was() {
+    let mesh = tessellate(&phantom(Kind::Carotid, Body::Cast), &fine(SkinChoice::All, 0.05)).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("vessel.stl");
+    stl::write(&path, &mesh).unwrap();
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), 84 + 50 * mesh.triangles.len() as u64);
+    let read = stl_io::read_stl(&mut std::fs::File::open(&path).unwrap()).unwrap();
+    assert_eq!((read.faces.len(), read.vertices.len()), (mesh.triangles.len(), mesh.vertices.len()));
+    read.validate().unwrap();
+    // Into a directory that is not there: an error, and no file.
+    assert!(stl::write(&dir.path().join("none/vessel.stl"), &mesh).is_err());
+}

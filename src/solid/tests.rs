@@ -1,0 +1,171 @@
+use super::*;
+use crate::geom::{Contour, Point2, RigidTransform, SegmentIndex};
+use crate::phantom::{Kind, Vessel};
+use crate::sections::PlaneSections;
+
+fn phantom_stack(kind: Kind) -> SectionStack {
+    let vessel = Vessel::new(kind);
+    let plane = |k: u32| {
+        let z_mm = 3.0 * f64::from(k);
+        PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+    };
+    stack((0..46).map(plane).collect())
+}
+
+fn stack(planes: Vec<PlaneSections>) -> SectionStack {
+    SectionStack { planes, patient_from_stack: RigidTransform::identity() }
+}
+
+fn cylinder(radius_mm: f64, n_planes: u32) -> SectionStack {
+    let contours = vec![Contour::circle(Point2::new(5.0, 7.0), radius_mm, 128)];
+    stack(
+        (0..n_planes)
+            .map(|k| PlaneSections { z_mm: 2.0 * f64::from(k), contours: contours.clone() })
+            .collect(),
+    )
+}
+
+fn cast(stack: &SectionStack) -> Solid {
+    build(stack, &Params { body: Body::Cast }, &Task::quiet()).unwrap().solid
+}
+
+fn wall(stack: &SectionStack, wall_mm: f64) -> Solid {
+    build(stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet()).unwrap().solid
+}
+
+/// Farthest distance of the contours' vertices from the others' boundary, mm.
+fn farthest(from: &Region, to: &Region) -> f64 {
+    let index = SegmentIndex::try_new(&to.contours).unwrap();
+    let points = from.contours.iter().flat_map(|c| &c.points);
+    points.map(|&p| index.nearest(p).distance_mm).fold(0.0, f64::max)
+}
+
+#[test]
+fn sections_at_the_planes_are_the_given_contours() {
+    for kind in [Kind::Carotid, Kind::Merge, Kind::Stenosis, Kind::Tube] {
+        let stack = phantom_stack(kind);
+        let solid = cast(&stack);
+        for plane in &stack.planes {
+            let section = solid.section(plane.z_mm, 1e-4).outer;
+            assert_eq!(section.contours.len(), plane.contours.len(), "{kind:?} z {}", plane.z_mm);
+            assert!(farthest(&plane.region(), &section) < 1e-3, "{kind:?} z {}", plane.z_mm);
+        }
+    }
+}
+
+#[test]
+fn sections_between_the_planes_are_near_the_truth() {
+    for kind in [Kind::Carotid, Kind::Stenosis, Kind::Tube] {
+        let solid = cast(&phantom_stack(kind));
+        let vessel = Vessel::new(kind);
+        let mut volumes = [0.0; 2];
+        for k in 0..540 {
+            let z_mm = 0.125 + 0.25 * f64::from(k);
+            let (made, truth) = (solid.section(z_mm, 1e-3).outer, vessel.region_at(z_mm, 256));
+            assert_eq!(made.contours.len(), truth.contours.len(), "{kind:?} z {z_mm}");
+            let off = farthest(&made, &truth).max(farthest(&truth, &made));
+            assert!(off < 0.1, "{kind:?} z {z_mm}: {off}");
+            volumes[0] += made.area_mm2();
+            volumes[1] += truth.area_mm2();
+        }
+        assert!((volumes[0] / volumes[1] - 1.0).abs() < 1e-3, "{kind:?} {volumes:?}");
+    }
+}
+
+#[test]
+fn a_split_has_three_tubes_and_one_slab() {
+    let solid = cast(&phantom_stack(Kind::Carotid));
+    assert_eq!((solid.lumen.tubes.len(), solid.lumen.slabs.len()), (3, 1));
+    assert!(solid.lumen.slabs[0].upward);
+    // Across the slab the area changes without a jump.
+    let slab = &solid.lumen.slabs[0];
+    let area = |w: f64| solid.section(w, 1e-4).outer.area_mm2();
+    let steps: Vec<f64> = (0..=40).map(|i| slab.w_mm[0] - 0.2 + 0.02 * f64::from(i)).map(area).collect();
+    assert!(steps.windows(2).all(|s| (s[1] - s[0]).abs() < 0.3), "{steps:?}");
+}
+
+#[test]
+fn a_merge_is_a_split_read_downward() {
+    let solid = cast(&phantom_stack(Kind::Merge));
+    assert_eq!((solid.lumen.tubes.len(), solid.lumen.slabs.len()), (3, 1));
+    assert!(!solid.lumen.slabs[0].upward);
+}
+
+#[test]
+fn three_daughters_part_one_after_the_other() {
+    let solid = cast(&phantom_stack(Kind::Trifurcation));
+    assert_eq!((solid.lumen.tubes.len(), solid.lumen.slabs.len()), (5, 2));
+}
+
+#[test]
+fn the_body_goes_on_half_a_plane_interval_beyond_its_ends() {
+    assert_eq!(cast(&cylinder(2.0, 5)).z_range_mm(), [-1.0, 9.0]);
+    assert_eq!(wall(&cylinder(2.0, 5), 1.0).z_range_mm(), [-1.0, 9.0]);
+}
+
+#[test]
+fn the_wall_of_a_cylinder_is_a_cylinder() {
+    let solid = wall(&cylinder(3.0, 8), 0.8);
+    for z_mm in [-0.9, 0.0, 5.3, 14.9] {
+        let section = solid.section(z_mm, 1e-4);
+        let radius = |r: &Region| (r.area_mm2() / std::f64::consts::PI).sqrt();
+        assert!((radius(&section.lumen) - 3.0).abs() < 2e-3);
+        assert!((radius(&section.outer) - 3.8).abs() < 3e-3, "z {z_mm}: {}", radius(&section.outer));
+        assert!(
+            (section.material().area_mm2() - section.outer.area_mm2() + section.lumen.area_mm2()).abs()
+                < 1e-3
+        );
+    }
+}
+
+#[test]
+fn the_wall_is_as_thick_across_a_split() {
+    let solid = wall(&phantom_stack(Kind::Carotid), 1.0);
+    // Distance in space from the outer section to the lumen: least over the lumen's sections near it.
+    for k in 0..30 {
+        let z_mm = 62.0 + 0.5 * f64::from(k);
+        let near: Vec<(f64, SegmentIndex)> = (-50..=50)
+            .map(|i| 0.021 * f64::from(i))
+            .filter_map(|dz| {
+                Some((dz, SegmentIndex::try_new(&solid.section(z_mm + dz, 1e-3).lumen.contours)?))
+            })
+            .collect();
+        let thickness = |p: Point2| {
+            near.iter().map(|(dz, i)| i.nearest(p).distance_mm.hypot(*dz)).fold(f64::INFINITY, f64::min)
+        };
+        let outer = solid.section(z_mm, 1e-2).outer;
+        for &p in outer.contours.iter().flat_map(|c| &c.points) {
+            let t = thickness(p);
+            assert!((0.95..1.08).contains(&t), "z {z_mm}: {t} at {p}");
+        }
+    }
+}
+
+#[test]
+fn a_solid_is_read_back_as_it_was_written() {
+    let solid = wall(&cylinder(3.0, 4), 1.0);
+    let text = serde_json::to_string(&solid).unwrap();
+    let back: Solid = serde_json::from_str(&text).unwrap();
+    assert!(
+        (back.section(2.2, 1e-3).outer.area_mm2() - solid.section(2.2, 1e-3).outer.area_mm2()).abs() < 1e-9
+    );
+}
+
+#[test]
+fn what_cannot_be_built_is_refused() {
+    let params = Params { body: Body::Wall { wall_mm: 0.0 } };
+    let error = build(&cylinder(3.0, 4), &params, &Task::quiet()).unwrap_err();
+    assert_eq!(error.to_string(), "wall thickness is 0 mm: it must lie between 0.1 and 20 mm");
+    let one = stack(vec![cylinder(3.0, 1).planes[0].clone()]);
+    let error = build(&one, &Params { body: Body::Cast }, &Task::quiet()).unwrap_err();
+    assert!(matches!(error, Error::Topology(topology::Error::TooFewPlanes { found: 1 })));
+}
+
+#[test]
+fn work_stops_when_asked() {
+    let cancel = crate::progress::CancelToken::default();
+    cancel.cancel();
+    let task = Task::new(&|_, _| {}, cancel);
+    let error = build(&phantom_stack(Kind::Carotid), &Params { body: Body::Cast }, &task).unwrap_err();
+    assert_eq!(error, Error::Cancelled(Cancelled));
+}

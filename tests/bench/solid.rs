@@ -1,0 +1,52 @@
+//! Sections to solid, solid to triangles: the reference phantom's contours, lumen alone and with its wall.
+#![expect(missing_docs, reason = "criterion's macros make public items")]
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use lumenfab::geom::RigidTransform;
+use lumenfab::mesh::{SkinChoice, Tessellation, tessellate};
+use lumenfab::phantom::{Kind, Vessel};
+use lumenfab::progress::Task;
+use lumenfab::sections::{PlaneSections, SectionStack};
+use lumenfab::solid::{Body, Params, build};
+use std::hint::black_box;
+
+/// 46 planes 3 mm apart, 128 points a contour.
+fn stack() -> SectionStack {
+    let vessel = Vessel::new(Kind::Carotid);
+    let plane = |k: u32| {
+        let z_mm = 3.0 * f64::from(k);
+        PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+    };
+    SectionStack { planes: (0..46).map(plane).collect(), patient_from_stack: RigidTransform::identity() }
+}
+
+fn solid(c: &mut Criterion) {
+    let stack = stack();
+    let mut group = c.benchmark_group("solid");
+    group.sample_size(10);
+    for (name, body) in [("cast", Body::Cast), ("wall", Body::Wall { wall_mm: 1.0 })] {
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                build(black_box(&stack), &Params { body }, &Task::quiet()).expect("the phantom builds")
+            });
+        });
+    }
+    group.finish();
+}
+
+fn tessellation(c: &mut Criterion) {
+    let params = Params { body: Body::Wall { wall_mm: 1.0 } };
+    let built = build(&stack(), &params, &Task::quiet()).expect("the phantom builds");
+    let mut group = c.benchmark_group("tessellate");
+    group.sample_size(10);
+    for deflection_mm in [0.1, 0.03, 0.01, 0.005] {
+        let how = Tessellation { skin: SkinChoice::All, deflection_mm };
+        group.bench_function(format!("{deflection_mm} mm"), |b| {
+            b.iter(|| tessellate(black_box(&built.solid), &how).expect("the phantom meshes"));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, solid, tessellation);
+criterion_main!(benches);
