@@ -67,6 +67,10 @@ struct Fit {
 }
 
 impl Fit {
+    fn edge(&self) -> Edge {
+        Edge { lumen: self.levels[0], wall: self.levels[1], blur_mm: self.shape.blur }
+    }
+
     fn is_close(&self) -> bool {
         self.misfit < CLOSE_MISFIT * (self.levels[0] - self.levels[1])
     }
@@ -75,20 +79,31 @@ impl Fit {
 impl Profile {
     /// The edge nearest to the middle; `None` where there is none, or none of this kind.
     pub(super) fn edge(&self) -> Option<Edge> {
-        let reach = self.reach_mm();
-        let at = self.steepest_mm();
-        let start = |w: f64| Shape { at, blur: 0.15 * reach, wall: w * reach };
-        let single = self.searched(start(0.7), COMMAND);
+        let single = self.single_step();
         let fit = single.filter(Fit::is_close).or_else(|| {
-            let with_wall = [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(start(w), WHISPER));
+            let with_wall =
+                [0.25, 0.45, 0.7].into_iter().filter_map(|w| self.searched(self.start(w), WHISPER));
             let double = with_wall.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
             // A second step must earn its place, or it follows any slope of the surroundings.
             let earned = double.filter(|d| single.is_none_or(|s| d.misfit < MOST_MISFIT_LEFT * s.misfit));
             earned.or(single)
         })?;
-        let (lumen, wall) = (fit.levels[0], fit.levels[1]);
-        let fits = lumen > wall && fit.misfit < MOST_MISFIT * (lumen - wall);
-        fits.then_some(Edge { lumen, wall, blur_mm: fit.shape.blur })
+        let edge = fit.edge();
+        (fit.misfit < MOST_MISFIT * (edge.lumen - edge.wall)).then_some(edge)
+    }
+
+    /// The edge as one step, however badly that fits: where to look closer.
+    pub(super) fn rough_edge(&self) -> Option<Edge> {
+        self.single_step().map(|fit| fit.edge())
+    }
+
+    fn single_step(&self) -> Option<Fit> {
+        self.searched(self.start(0.7), COMMAND)
+    }
+
+    fn start(&self, wall_part: f64) -> Shape {
+        let reach = self.reach_mm();
+        Shape { at: self.steepest_mm(), blur: 0.15 * reach, wall: wall_part * reach }
     }
 
     /// Where the values fall most, within the middle of the profile.
@@ -145,7 +160,7 @@ impl Profile {
                 Some(b) => best = b,
                 None => step *= 0.5,
             }
-            if step < 1e-3 * self.step_mm {
+            if step < 1e-2 * self.step_mm {
                 break;
             }
         }

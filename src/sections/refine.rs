@@ -196,7 +196,7 @@ impl Profiles {
 /// `None` where the model does not fit.
 pub(super) fn edge_of(contour: &Contour, image: &Image<'_>) -> Option<Edge> {
     let mut curve = Curve::rough(contour, image.pixel_mm());
-    let rough = curve.profiles(image, Averaging::None).mean().edge()?;
+    let rough = curve.profiles(image, Averaging::None).mean().rough_edge()?;
     for _ in 0..N_ROUNDS {
         let offsets = smooth_offsets(&curve, image, rough.half_level());
         shift(&mut curve, &offsets);
