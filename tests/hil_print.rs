@@ -47,15 +47,17 @@ struct Case {
     n_layers: u32,
     faults: Vec<String>,
     baud: Option<u32>,
+    /// No more in flight than a receive buffer on a serial wire holds.
+    narrow: bool,
 }
 
 impl Case {
     fn with(fault: &str) -> Self {
-        Self { n_layers: 40, faults: vec![fault.to_owned()], baud: None }
+        Self { n_layers: 40, faults: vec![fault.to_owned()], baud: None, narrow: false }
     }
 
     fn clean() -> Self {
-        Self { n_layers: 40, faults: Vec::new(), baud: None }
+        Self { n_layers: 40, faults: Vec::new(), baud: None, narrow: false }
     }
 
     /// Prints; what came of it, and the record of deposition.
@@ -69,7 +71,7 @@ impl Case {
             leading_args: ["simulator_process", "--exact", "--nocapture", "--"].map(Into::into).to_vec(),
             profile: PROFILE.to_owned(),
             record_dir: Some(record.path().to_owned()),
-            faults: self.faults,
+            faults: self.faults.clone(),
             baud: self.baud,
             seed: Some(1),
             ..Options::default()
@@ -83,6 +85,7 @@ impl Case {
             }
             heard
         });
+        let profile = if self.narrow { profile } else { options.profile_for(&profile) };
         let link = serial::open(simulator.port(), &profile.firmware, None).await.unwrap();
         let limit = Duration::from_secs(120);
         let cancel = CancelToken::default();
@@ -146,10 +149,12 @@ async fn faults_of_the_wire_leave_no_trace_in_the_deposition() {
         "garbage:rate=0.01",
         "delay:rate=0.0005",
     ] {
-        let (result, _, noisy) = Case::with(fault).print().await;
-        let printed = result.unwrap_or_else(|error| panic!("{fault}: {error}"));
-        println!("{fault}: {:.2} s, {:?}", printed.elapsed.as_secs_f64(), printed.stats);
-        assert_same_deposition(&clean, &noisy);
+        for narrow in [true, false] {
+            let (result, _, noisy) = Case { narrow, ..Case::with(fault) }.print().await;
+            let printed = result.unwrap_or_else(|error| panic!("{fault}: {error}"));
+            println!("{fault}: {:.2} s, {:?}", printed.elapsed.as_secs_f64(), printed.stats);
+            assert_same_deposition(&clean, &noisy);
+        }
     }
 }
 
@@ -157,7 +162,12 @@ async fn faults_of_the_wire_leave_no_trace_in_the_deposition() {
 async fn a_throttled_wire_is_printed_over_just_as_well() {
     let (result, _, clean) = Case { n_layers: 4, ..Case::clean() }.print().await;
     result.unwrap();
-    let slow = Case { n_layers: 4, baud: Some(115_200), faults: vec!["bit-error:rate=0.02".to_owned()] };
+    let slow = Case {
+        n_layers: 4,
+        baud: Some(115_200),
+        faults: vec!["bit-error:rate=0.02".to_owned()],
+        narrow: true,
+    };
     let (result, _, beads) = slow.print().await;
     println!("115200 baud: {:?}", result.unwrap());
     assert_same_deposition(&clean, &beads);
@@ -192,8 +202,15 @@ async fn what_stops_the_printer_stops_the_print_with_its_reason() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn lines_per_second_are_measured() {
-    let (result, ..) = Case { n_layers: 500, ..Case::clean() }.print().await;
-    let printed = result.unwrap();
-    let rate = f64::from(u32::try_from(printed.n_lines).unwrap()) / printed.elapsed.as_secs_f64();
-    println!("{} lines in {:.2} s: {rate:.0} lines/s", printed.n_lines, printed.elapsed.as_secs_f64());
+    for narrow in [true, false] {
+        let (result, ..) = Case { n_layers: 500, narrow, ..Case::clean() }.print().await;
+        let printed = result.unwrap();
+        let rate = f64::from(u32::try_from(printed.n_lines).unwrap()) / printed.elapsed.as_secs_f64();
+        let window = if narrow { "128 bytes" } else { "flow-controlled" };
+        println!(
+            "{window}: {} lines in {:.2} s: {rate:.0} lines/s",
+            printed.n_lines,
+            printed.elapsed.as_secs_f64()
+        );
+    }
 }

@@ -66,6 +66,14 @@ pub enum Error {
         /// The command.
         command: String,
     },
+    /// `M110` inside a command: firmwares look for it anywhere in a line, and would number their lines anew.
+    #[error("{name}:{line}: M110 within a command renumbers the lines; take it out")]
+    Renumbers {
+        /// The job.
+        name: String,
+        /// The line.
+        line: u64,
+    },
     /// The file was changed between check and print.
     #[error("{name}: the job was changed while it was printed")]
     Changed {
@@ -84,6 +92,7 @@ impl Error {
             Self::LineTooLong { .. } => "printer.job_line_too_long",
             Self::NotText { .. } => "printer.job_not_text",
             Self::ActsAtOnce { .. } => "printer.job_acts_at_once",
+            Self::Renumbers { .. } => "printer.job_renumbers",
             Self::Changed { .. } => "printer.job_changed",
         }
     }
@@ -224,6 +233,9 @@ impl<R: BufRead + Seek> Source<R> {
             let command = String::from_utf8_lossy(word).into_owned();
             return Err(Error::ActsAtOnce { name: name(), line, command });
         }
+        if command.windows(4).any(|word| word == b"M110") {
+            return Err(Error::Renumbers { name: name(), line });
+        }
         let n_bytes = command.len() + self.overhead();
         if n_bytes > self.max_bytes { Err(self.too_long(n_bytes)) } else { Ok(()) }
     }
@@ -344,6 +356,7 @@ mod tests {
             assert!(matches!(error, Error::ActsAtOnce { line: 2, .. }), "{error}");
         }
         assert!(commands("M1120\n").is_ok());
+        assert!(matches!(commands("G28\nM117 M110\n"), Err(Error::Renumbers { line: 2, .. })));
     }
 
     #[test]

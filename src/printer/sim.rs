@@ -4,6 +4,7 @@
 //! it ends when the port is closed. What it says on stderr is kept for the error message. If this is dropped, so is the process.
 
 use super::Error;
+use crate::profile::Profile;
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -47,7 +48,22 @@ pub struct Options {
     pub seed: Option<u64>,
 }
 
+/// Bytes in flight over a link that holds the writer back by itself.
+const FLOW_CONTROLLED_WINDOW_BYTES: usize = 4096;
+
 impl Options {
+    /// The profile to print with. Without a baud rate the simulator's link is flow-controlled, as USB is: nothing that is
+    /// written is lost, so more lines may be in flight than its receive buffer holds.
+    #[must_use]
+    pub fn profile_for(&self, profile: &Profile) -> Profile {
+        let mut profile = profile.clone();
+        if self.baud.is_none() {
+            let window_bytes = &mut profile.firmware.rx_buffer_bytes;
+            *window_bytes = FLOW_CONTROLLED_WINDOW_BYTES.max(*window_bytes);
+        }
+        profile
+    }
+
     fn args(&self, link: &Path) -> Vec<OsString> {
         let mut args = self.leading_args.clone();
         let mut option = |name: &str, value: OsString| args.extend([name.into(), value]);
@@ -194,6 +210,14 @@ mod tests {
             "hil-sim --profile marlin --link /l --speed max --record /r --baud 250000 --seed 7 \
              --fault bit-error:rate=0.01 --once"
         );
+    }
+
+    #[test]
+    fn a_throttled_wire_keeps_the_window_of_the_profile() {
+        let profile = crate::profile::builtin("marlin").unwrap();
+        let throttled = Options { baud: Some(115_200), ..shell("") };
+        assert_eq!(throttled.profile_for(&profile), profile);
+        assert!(shell("").profile_for(&profile).firmware.rx_buffer_bytes > 1000);
     }
 
     #[tokio::test]

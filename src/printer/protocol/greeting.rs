@@ -52,7 +52,7 @@ impl Core {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
             }
             (Reply::Halted(text), _) => self.fail(Fault::Halted { text: text.to_owned() }),
-            (Reply::LineRefused { last, .. }, _) => self.refused = Some(last.0),
+            (Reply::LineRefused { reason, last }, _) => self.refused = Some((reason, last.0)),
             (Reply::Resend(number), Greeting::AwaitProof(tries)) => {
                 self.proof(tries, number.0);
                 self.next_ok = NextOk::EndsRefusal;
@@ -89,7 +89,7 @@ impl Core {
     }
 
     fn proof(&mut self, tries: u32, number: u64) {
-        let last = self.refused.take();
+        let last = self.refused.take().map(|(_, last)| last);
         let agrees = self.config.firmware.resend_style == ResendStyle::Rs || last == Some(0);
         if agrees && number == 1 {
             self.connected();

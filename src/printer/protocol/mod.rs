@@ -19,8 +19,8 @@
 //!   firmware reads its port between commands, so it answers at most one probe for each command that it holds. One answer more than
 //!   its queue has slots, without any `ok` between, proves that nothing is left.
 //! - **Echoes.** Lines that were on their way behind a refused one are refused too, each with its own `Resend`, and each time the
-//!   receive buffer is emptied. So the refused line goes alone, once for each refusal, until it is acknowledged: copies too
-//!   many are passed over in silence.
+//!   receive buffer is emptied. So the refused line goes alone until it is acknowledged, with further copies on further
+//!   refusals: copies too many are passed over in silence.
 //! - **Foreign commands.** A line whose `N` was damaged runs as a command of its own (`Unknown command`); the `ok` that follows acknowledges no line of
 //!   ours.
 //!
@@ -197,7 +197,7 @@ pub struct Core {
     oldest: Option<Oldest>,
     next_ok: NextOk,
     /// The last line, as a refusal has named it; `Resend` must agree.
-    refused: Option<u64>,
+    refused: Option<(Refusal, u64)>,
     rewind: Option<Rewind>,
     probe: Option<Probe>,
     /// `ok` with line numbers were seen: one without belongs to none of our lines.
@@ -441,7 +441,7 @@ impl Core {
         match reply {
             Reply::Ok(ok) => self.on_ok(ok),
             Reply::Resend(number) => self.on_resend(number.0),
-            Reply::LineRefused { last, .. } => self.on_refusal(last.0),
+            Reply::LineRefused { reason, last } => self.on_refusal(reason, last.0),
             Reply::Busy(what) => self.on_busy(what),
             Reply::Wait => {
                 if self.wire.in_flight() > 0 {

@@ -1,9 +1,9 @@
 //! What is done about answers that are missing, damaged, doubled or not meant for us.
 
-use super::{Acknowledgement, Core, Event, Fault, Recovery, ResendStyle, State};
+use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle, State};
 
 /// A line that is refused so often in a row does not get through.
-const MAX_TRIES: u32 = 20;
+const MAX_TRIES: u32 = 40;
 
 /// What the next `ok` means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,10 +22,10 @@ pub(super) enum NextOk {
 pub(super) struct Rewind {
     /// That line.
     pub(super) from: u64,
-    /// How often the core went back to it.
-    tries: u32,
-    /// How often it may.
-    max_tries: u32,
+    /// How often it was refused.
+    n_refusals: u32,
+    /// Lines that were on their way behind it.
+    n_behind: u32,
 }
 
 /// The firmware was asked for its last line.
@@ -139,15 +139,16 @@ impl Core {
         }
     }
 
-    pub(super) fn on_refusal(&mut self, last: u64) {
-        self.refused = Some(last);
+    pub(super) fn on_refusal(&mut self, reason: Refusal, last: u64) {
+        self.refused = Some((reason, last));
         self.next_ok = NextOk::EndsRefusal;
     }
 
     pub(super) fn on_resend(&mut self, number: u64) {
         self.next_ok = NextOk::EndsRefusal;
-        let agrees = match self.refused.take() {
-            Some(last) => last.checked_add(1) == Some(number),
+        let refused = self.refused.take();
+        let agrees = match refused {
+            Some((_, last)) => last.checked_add(1) == Some(number),
             None => self.config.firmware.resend_style == ResendStyle::Rs,
         };
         if !agrees || number == 0 {
@@ -155,18 +156,18 @@ impl Core {
             self.ask_in_doubt();
             return;
         }
-        self.on_last_line(number);
+        self.on_last_line(number, matches!(refused, Some((Refusal::Damaged, _))));
     }
 
     /// The firmware wants line `number` next, and both its answers say so.
-    fn on_last_line(&mut self, number: u64) {
+    fn on_last_line(&mut self, number: u64, is_damaged: bool) {
         if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
             self.unavailable(number);
-        } else if number >= self.wire.next() {
+        } else if number >= self.wire.next() && self.rewind.is_none_or(|rewind| rewind.from != number) {
             self.wire.skip_to(number);
             self.everything_read();
         } else {
-            self.go_back(number);
+            self.go_back(number, is_damaged);
         }
     }
 
@@ -222,28 +223,33 @@ impl Core {
         self.state = State::Idle;
     }
 
-    /// Sends `number` again, alone until it is acknowledged, and once more for each refusal that names it. What was on
-    /// its way behind it is refused too, and each of these refusals empties the receive buffer: the copy sent after
-    /// the last one gets through, and a copy too many is passed over in silence.
-    fn go_back(&mut self, number: u64) {
-        self.probe = None;
+    /// Sends `number` again, alone until it is acknowledged. What was on its way behind it is refused too, and each of these
+    /// refusals may empty the receive buffer with a copy of the line in it. So copies follow on later refusals: on each of
+    /// the first few, then ever more rarely, and on the last one expected. A copy too many is passed over in silence.
+    fn go_back(&mut self, number: u64, is_damaged: bool) {
+        let was_asked = self.probe.take().is_some();
         let mut rewind = match self.rewind {
             Some(rewind) if rewind.from == number => rewind,
-            _ => {
-                self.stats.n_resends += 1;
-                self.events.push_back(Event::Recovered(Recovery::Resent { line: number }));
-                let behind = u32::try_from(self.wire.next() - number).unwrap_or(u32::MAX);
-                Rewind { from: number, tries: 0, max_tries: behind.saturating_add(MAX_TRIES) }
-            }
+            _ => self.first_refusal(number),
         };
-        self.stats.n_echoes += u64::from(rewind.tries > 0);
-        rewind.tries += 1;
+        self.stats.n_echoes += u64::from(rewind.n_refusals > 0);
+        rewind.n_refusals += 1;
         self.rewind = Some(rewind);
-        if rewind.tries > rewind.max_tries {
-            self.fail(Fault::ResendLimit { line: number, tries: rewind.tries });
+        if rewind.n_refusals > rewind.n_behind.saturating_mul(2).saturating_add(MAX_TRIES) {
+            self.fail(Fault::ResendLimit { line: number, tries: rewind.n_refusals });
             return;
         }
-        self.wire.rewind(number);
-        self.quiet_since = self.now;
+        let is_last = rewind.n_refusals == rewind.n_behind.saturating_add(1);
+        if is_damaged || was_asked || is_last || rewind.n_refusals.is_power_of_two() {
+            self.wire.rewind(number);
+            self.quiet_since = self.now;
+        }
+    }
+
+    fn first_refusal(&mut self, number: u64) -> Rewind {
+        self.stats.n_resends += 1;
+        self.events.push_back(Event::Recovered(Recovery::Resent { line: number }));
+        let n_behind = u32::try_from(self.wire.next().saturating_sub(number + 1)).unwrap_or(u32::MAX);
+        Rewind { from: number, n_refusals: 0, n_behind }
     }
 }

@@ -20,7 +20,7 @@ fn prints_exactly_once(setup: &Setup, n_lines: usize) -> (Stats, Duration) {
 
 fn grid(noise: impl Fn(f64) -> Noise) {
     for rate in [0.01, 0.05, 0.2] {
-        for (rx_bytes, slots) in [(64, 1), (128, 4), (1024, 16)] {
+        for (rx_bytes, slots) in [(64, 1), (128, 4), (1024, 16), (4096, 4)] {
             for advanced_ok in [false, true] {
                 for seed in 1..=3 {
                     let noise = noise(rate);
@@ -35,7 +35,7 @@ fn grid(noise: impl Fn(f64) -> Noise) {
 #[test]
 fn a_clean_wire_needs_no_recovery() {
     for advanced_ok in [false, true] {
-        for (rx_bytes, slots) in [(64, 1), (128, 4), (1024, 16)] {
+        for (rx_bytes, slots) in [(64, 1), (128, 4), (1024, 16), (4096, 4)] {
             let setup = Setup { rx_bytes, slots, advanced_ok, ..Setup::default() };
             let mut pair = Pair::new(setup, job(2000));
             pair.run();
