@@ -1,5 +1,4 @@
 //! Sections to solid, solid to triangles: the reference phantom's contours, lumen alone and with its wall.
-#![expect(missing_docs, reason = "criterion's macros make public items")]
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lumenfab::geom::RigidTransform;
