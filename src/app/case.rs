@@ -63,6 +63,19 @@ pub enum CaseError {
         /// The stage that makes it.
         stage: Stage,
     },
+    /// A stage's output is older than what it is made from.
+    #[error(
+        "the output of {stage} in {} is {}: run `lumenfab {stage} {}` first, or `lumenfab run {}`",
+        dir.display(), stale(changed), dir.display(), dir.display()
+    )]
+    Stale {
+        /// The case.
+        dir: PathBuf,
+        /// The stage to do again.
+        stage: Stage,
+        /// What has changed since; nothing where it was never done.
+        changed: Vec<String>,
+    },
     /// A file of the case does not say what it should.
     #[error("{}: {problem}", path.display())]
     Corrupt {
@@ -74,6 +87,13 @@ pub enum CaseError {
     /// A file or directory could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
+}
+
+fn stale(changed: &[String]) -> String {
+    if changed.is_empty() {
+        return "missing".into();
+    }
+    format!("out of date ({} changed)", changed.join(", "))
 }
 
 /// The things a stage is made from: a name for each, and its hash.

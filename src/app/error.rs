@@ -33,9 +33,14 @@ pub enum Error {
     /// The CT of a case is not known on this machine.
     #[error("where the CT of {} lies is not known on this machine: name it with --ct", .0.display())]
     CtUnknown(PathBuf),
-    /// The case was started from contours: there is no CT to find them in.
-    #[error("{} was started from ready contours: it has no CT to segment", .0.display())]
-    NoCt(PathBuf),
+    /// A real printer keeps no record.
+    #[error(
+        "{} was printed on a real printer, which keeps no record of what it deposits: a report needs `--port sim`", .0.display()
+    )]
+    NoRecord(PathBuf),
+    /// The system gave no threads or no program.
+    #[error("cannot start what the print needs: {0}: close other programs and try again")]
+    Runtime(#[source] std::io::Error),
     /// The case directory.
     #[error(transparent)]
     Case(#[from] CaseError),
@@ -106,14 +111,15 @@ impl Error {
             | Self::CaseFile { .. }
             | Self::CtMissing(_)
             | Self::CtUnknown(_)
-            | Self::NoCt(_)
+            | Self::NoRecord(_)
             | Self::Profile(_)
             | Self::Case(
                 CaseError::Missing(_)
                 | CaseError::NotACase(_)
                 | CaseError::Occupied(_)
                 | CaseError::OtherSource(_)
-                | CaseError::NotYet { .. },
+                | CaseError::NotYet { .. }
+                | CaseError::Stale { .. },
             ) => 2,
             _ => 1,
         }

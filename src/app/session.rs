@@ -79,6 +79,8 @@ pub struct Session<'a> {
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
     pub(crate) report: Option<ReportPlace>,
+    /// Stages that were found or made up to date in this session.
+    fresh: Vec<Stage>,
     outcomes: Vec<StageOutcome>,
 }
 
@@ -125,7 +127,15 @@ impl<'a> Session<'a> {
     }
 
     fn new(case: Case, ct: Option<PathBuf>, context: Context<'a>) -> Self {
-        Self { case, ct, context, held: Held::default(), report: None, outcomes: Vec::new() }
+        Self {
+            case,
+            ct,
+            context,
+            held: Held::default(),
+            report: None,
+            fresh: Vec::new(),
+            outcomes: Vec::new(),
+        }
     }
 
     /// Opens the case at `dir`, or starts one where there is none.
@@ -145,12 +155,17 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`Error`] of the stage that failed; what the stages before it made stays.
     pub fn run(&mut self) -> Result<(), Error> {
-        self.check_print()?;
+        self.check_printer()?;
         self.segment()?;
         self.solid()?;
         self.slice()?;
         self.print()?;
-        self.report()
+        if self.is_simulated() {
+            return self.report();
+        }
+        // What a real printer laid down is not known: nothing that a report could compare.
+        self.note(Stage::Report, "no report: a real printer keeps no record of what it deposits");
+        Ok(())
     }
 
     /// What was done.
@@ -174,14 +189,22 @@ impl<'a> Session<'a> {
     pub(crate) fn stage(
         &mut self,
         stage: Stage,
-        made_from: &MadeFrom,
         work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
     ) -> Result<(), Error> {
-        match self.case.outdated(stage, made_from)? {
+        let made_from = self.made_from(stage)?;
+        match self.case.outdated(stage, &made_from)? {
             None => self.skip(stage),
-            Some(because_of) => return self.redo(stage, made_from, because_of, work),
+            Some(because_of) => return self.redo(stage, &made_from, because_of, work),
         }
         Ok(())
+    }
+
+    pub(crate) fn is_fresh(&self, stage: Stage) -> bool {
+        self.fresh.contains(&stage)
+    }
+
+    pub(crate) fn set_fresh(&mut self, stage: Stage) {
+        self.fresh.push(stage);
     }
 
     /// Says that there is nothing to do for a stage.
@@ -190,7 +213,8 @@ impl<'a> Session<'a> {
         self.ended(StageOutcome { stage, done: false, because_of, elapsed_s: 0.0, summary, warnings });
     }
 
-    fn redo(
+    /// Does a stage.
+    pub(crate) fn redo(
         &mut self,
         stage: Stage,
         made_from: &MadeFrom,
@@ -222,6 +246,7 @@ impl<'a> Session<'a> {
             (self.context.events)(Event::Warned { stage: outcome.stage, warning: warning.clone() });
         }
         (self.context.events)(Event::Ended(outcome.clone()));
+        self.set_fresh(outcome.stage);
         self.outcomes.push(outcome);
     }
 
@@ -257,11 +282,6 @@ fn check_ct(ct: Option<&Path>) -> Result<(), Error> {
 pub(crate) fn hash_of(parameters: &impl Serialize) -> String {
     let text = serde_json::to_vec(parameters).expect("parameters are numbers, names and lists of them");
     atomic::hash_of_bytes(&text)
-}
-
-/// The version that made something: results of another one are made again.
-pub(crate) fn program() -> (&'static str, String) {
-    ("program", env!("CARGO_PKG_VERSION").to_owned())
 }
 
 /// A name that tells nothing: time and chance.

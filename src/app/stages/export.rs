@@ -2,6 +2,7 @@
 
 use crate::app::atomic;
 use crate::app::error::Error;
+use crate::app::event::Stage;
 use crate::app::session::Session;
 use crate::mesh::{self, SkinChoice, Tessellation};
 use serde::Serialize;
@@ -41,6 +42,7 @@ impl Session<'_> {
         skin: SkinChoice,
         deflection_mm: f64,
     ) -> Result<Exported, Error> {
+        self.require(Stage::Solid)?;
         let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection_mm, skin })?;
         mesh::stl::write(path, &mesh).map_err(atomic::failed("write", path))?;
         Ok(Exported {

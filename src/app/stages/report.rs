@@ -9,7 +9,7 @@ use crate::app::atomic;
 use crate::app::case::{CaseError, MadeFrom};
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::{Made, Session, program};
+use crate::app::session::{Made, Session};
 use crate::app::settings::Body;
 use crate::ct::Warning;
 use crate::progress::Task;
@@ -62,6 +62,16 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where a stage before it was not done, or where the case cannot be written. A failed gate is none.
     pub fn report(&mut self) -> Result<(), Error> {
+        if !self.is_simulated() {
+            return Err(Error::NoRecord(self.case.dir().to_owned()));
+        }
+        self.require(Stage::Print)?;
+        self.stage(Stage::Report, Self::write_report)?;
+        self.report = Some(self.report_place()?);
+        Ok(())
+    }
+
+    pub(crate) fn report_made_from(&self) -> Result<MadeFrom, Error> {
         let hash = |stage, file| self.case.output_hash(stage, file);
         let mut made_from = MadeFrom::from([
             ("sections", hash(Stage::Segment, SECTIONS_FILE)?),
@@ -69,14 +79,11 @@ impl Session<'_> {
             ("layers", hash(Stage::Slice, LAYERS_FILE)?),
             ("job", hash(Stage::Slice, JOB_FILE)?),
             ("record", hash(Stage::Print, RECORD_DIR)?),
-            program(),
         ]);
         if self.has_image() {
             made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
         }
-        self.stage(Stage::Report, &made_from, Self::write_report)?;
-        self.report = Some(self.report_place()?);
-        Ok(())
+        Ok(made_from)
     }
 
     fn write_report(&mut self, task: &Task<'_>) -> Result<Made, Error> {

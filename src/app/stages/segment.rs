@@ -5,7 +5,7 @@ use crate::app::atomic::{self, FileError};
 use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::{Made, Session, hash_of, program};
+use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::{SegmentSettings, Source};
 use crate::app::volume_file::{self, MARGIN_MM};
 use crate::ct::{self, SeriesChoice, Volume, Warning};
@@ -53,8 +53,7 @@ impl Session<'_> {
             self.skip(Stage::Segment);
             return Ok(());
         }
-        let made_from = self.segment_made_from()?;
-        self.stage(Stage::Segment, &made_from, Self::find_contours)
+        self.stage(Stage::Segment, Self::find_contours)
     }
 
     /// Takes ready contours into a new case.
@@ -63,8 +62,12 @@ impl Session<'_> {
     /// [`Error`] where the file cannot be read or is no document of contours.
     pub fn import_sections(&mut self, file: &Path) -> Result<(), Error> {
         let text = atomic::read_text(file)?;
-        let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes())), program()]);
-        self.stage(Stage::Segment, &made_from, |session, _| {
+        let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes()))]);
+        let Some(because_of) = self.case.outdated(Stage::Segment, &made_from)? else {
+            self.skip(Stage::Segment);
+            return Ok(());
+        };
+        self.redo(Stage::Segment, &made_from, because_of, |session, _| {
             let bad = |source| Error::SectionsFile { path: file.to_owned(), source };
             let stack = sections::format::from_json(&text).map_err(bad)?;
             let staging = session.case.staging()?;
@@ -75,12 +78,14 @@ impl Session<'_> {
         })
     }
 
-    fn segment_made_from(&self) -> Result<MadeFrom, Error> {
+    pub(crate) fn segment_made_from(&self) -> Result<MadeFrom, Error> {
         let image = match &self.settings().source {
+            // Contours that were brought along are what they are.
+            Source::Sections => return Ok(MadeFrom::new()),
             Source::Phantom(params) => ("phantom", hash_of(params)),
             _ => ("ct", self.ct_hash()?),
         };
-        Ok(MadeFrom::from([image, ("parameters", hash_of(&self.settings().segment)), program()]))
+        Ok(MadeFrom::from([image, ("parameters", hash_of(&self.settings().segment))]))
     }
 
     /// The hash of the CT's files; that of the last time where nobody knows where they are.

@@ -7,7 +7,7 @@ use crate::app::atomic;
 use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::{Made, Session, hash_of, program};
+use crate::app::session::{Made, Session, hash_of};
 use crate::ct::Warning;
 use crate::gcode;
 use crate::geom::RigidTransform;
@@ -57,17 +57,20 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there is no solid, where it does not fit the printer, or where the case cannot be written.
     pub fn slice(&mut self) -> Result<(), Error> {
+        self.require(Stage::Solid)?;
         let profile = self.profile()?;
-        let made_from = MadeFrom::from([
+        // Written into the job, so that a printout can be traced to what it was made from.
+        let header = gcode::Header { settings: format!("{:?}", self.made_from(Stage::Slice)?) };
+        self.stage(Stage::Slice, |session, task| session.write_job(&profile, &header, task))
+    }
+
+    pub(crate) fn slice_made_from(&self) -> Result<MadeFrom, Error> {
+        Ok(MadeFrom::from([
             ("sections", self.case.output_hash(Stage::Segment, SECTIONS_FILE)?),
             ("solid", self.case.output_hash(Stage::Solid, SOLID_FILE)?),
             ("layer_mm", hash_of(&self.settings().layer_mm)),
-            ("profile", hash_of(&profile)),
-            program(),
-        ]);
-        // Written into the job, so that a printout can be traced to what it was made from.
-        let header = gcode::Header { settings: format!("{made_from:?}") };
-        self.stage(Stage::Slice, &made_from, |session, task| session.write_job(&profile, &header, task))
+            ("profile", hash_of(&self.profile()?)),
+        ]))
     }
 
     /// Copies the G-code to a file of the operator's.

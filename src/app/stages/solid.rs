@@ -5,7 +5,7 @@ use super::{read_json, to_json};
 use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::{Made, Session, hash_of, program};
+use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
 use crate::ct::Warning;
 use crate::progress::Task;
@@ -35,12 +35,15 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there are no contours, where they make no solid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
-        let made_from = MadeFrom::from([
+        self.require(Stage::Segment)?;
+        self.stage(Stage::Solid, Self::build_solid)
+    }
+
+    pub(crate) fn solid_made_from(&self) -> Result<MadeFrom, Error> {
+        Ok(MadeFrom::from([
             ("sections", self.case.output_hash(Stage::Segment, SECTIONS_FILE)?),
             ("parameters", hash_of(&self.settings().body)),
-            program(),
-        ]);
-        self.stage(Stage::Solid, &made_from, Self::build_solid)
+        ]))
     }
 
     fn build_solid(&mut self, task: &Task<'_>) -> Result<Made, Error> {
