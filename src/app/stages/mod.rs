@@ -20,6 +20,8 @@ impl Session<'_> {
     /// What a stage is made from, as it is now.
     pub(crate) fn made_from(&self, stage: Stage) -> Result<MadeFrom, Error> {
         let mut made_from = match stage {
+            // Contours that were brought along are what they are, whatever version took them in.
+            Stage::Segment if !self.has_image() => return Ok(MadeFrom::new()),
             Stage::Segment => self.segment_made_from()?,
             Stage::Solid => self.solid_made_from()?,
             Stage::Slice => self.slice_made_from()?,

@@ -80,8 +80,6 @@ impl Session<'_> {
 
     pub(crate) fn segment_made_from(&self) -> Result<MadeFrom, Error> {
         let image = match &self.settings().source {
-            // Contours that were brought along are what they are.
-            Source::Sections => return Ok(MadeFrom::new()),
             Source::Phantom(params) => ("phantom", hash_of(params)),
             _ => ("ct", self.ct_hash()?),
         };
