@@ -1,0 +1,159 @@
+//! Files that are there whole or not at all.
+//!
+//! Everything is written under a temporary name in the directory it is meant for, flushed to the disk and then
+//! renamed; a reader, or whoever finds the directory after a power cut, sees the old file or the new one.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// A file or directory could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {action} {}: {}", path.display(), plain(source))]
+pub struct FileError {
+    /// What was tried: `read`, `write`, `create`, ...
+    pub action: &'static str,
+    /// The file or directory.
+    pub path: PathBuf,
+    /// What the operating system said.
+    pub source: io::Error,
+}
+
+/// The system's words without the error number that means nothing to an operator.
+fn plain(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_lowercase()
+}
+
+/// Turns an [`io::Error`] into one that says what was done to which file.
+pub(crate) fn failed<'a>(action: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> FileError + 'a {
+    move |source| FileError { action, path: path.to_owned(), source }
+}
+
+/// Reads a file of text.
+///
+/// # Errors
+/// [`FileError`] where it is missing, unreadable or no UTF-8.
+pub fn read_text(path: &Path) -> Result<String, FileError> {
+    fs::read_to_string(path).map_err(failed("read", path))
+}
+
+/// Writes a file whole or not at all; readable by its owner alone.
+///
+/// # Errors
+/// [`FileError`] where the directory cannot be written or the disk is full; the old file is then untouched.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    let dir = parent(path);
+    let mut file = tempfile::Builder::new()
+        .prefix(".lumenfab-")
+        .tempfile_in(dir)
+        .map_err(failed("create a file in", dir))?;
+    file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(failed("write", path))?;
+    file.persist(path).map_err(|e| failed("write", path)(e.error))?;
+    sync_dir(dir)
+}
+
+/// The directory a path lies in; the current one for a bare name.
+#[must_use]
+pub fn parent(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Flushes a directory's own entries to the disk, so that a rename in it survives a power cut.
+pub(crate) fn sync_dir(dir: &Path) -> Result<(), FileError> {
+    File::open(dir).and_then(|d| d.sync_all()).map_err(failed("flush", dir))
+}
+
+/// Flushes a file, or a directory with all that is in it, to the disk.
+pub(crate) fn sync_tree(path: &Path) -> Result<(), FileError> {
+    if !path.is_dir() {
+        return File::open(path).and_then(|f| f.sync_all()).map_err(failed("flush", path));
+    }
+    entries(path)?.iter().try_for_each(|entry| sync_tree(entry))?;
+    sync_dir(path)
+}
+
+/// What lies in a directory, sorted by name.
+pub(crate) fn entries(dir: &Path) -> Result<Vec<PathBuf>, FileError> {
+    let read = || fs::read_dir(dir)?.map(|e| e.map(|e| e.path())).collect::<io::Result<Vec<_>>>();
+    let mut entries = read().map_err(failed("list", dir))?;
+    entries.sort();
+    Ok(entries)
+}
+
+/// Removes a file, or a directory with all that is in it; what is not there is no error.
+pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
+    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    match removed {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        other => other.map_err(failed("remove", path)),
+    }
+}
+
+/// BLAKE3 of some bytes, in hexadecimal.
+#[must_use]
+pub fn hash_of_bytes(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+/// BLAKE3 of a file, in hexadecimal; of a directory: of the names and hashes of all that is in it.
+///
+/// # Errors
+/// [`FileError`] where something in it cannot be read.
+pub fn hash_of_path(path: &Path) -> Result<String, FileError> {
+    if path.is_dir() {
+        let mut hasher = blake3::Hasher::new();
+        for entry in entries(path)? {
+            let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            hasher.update(format!("{name}\0{}\n", hash_of_path(&entry)?).as_bytes());
+        }
+        return Ok(hasher.finalize().to_hex().to_string());
+    }
+    let hash = || -> io::Result<String> {
+        let mut file = File::open(path)?;
+        let mut hasher = blake3::Hasher::new();
+        let mut buffer = vec![0; 1 << 20];
+        loop {
+            let n = file.read(&mut buffer)?;
+            if n == 0 {
+                return Ok(hasher.finalize().to_hex().to_string());
+            }
+            hasher.update(&buffer[..n]);
+        }
+    };
+    hash().map_err(failed("read", path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_and_nothing_else_is_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.txt");
+        write(&path, b"one").unwrap();
+        write(&path, b"two").unwrap();
+        assert_eq!(read_text(&path).unwrap(), "two");
+        assert_eq!(entries(dir.path()).unwrap(), [path]);
+    }
+
+    #[test]
+    fn a_failure_names_the_file_in_plain_words() {
+        let error = read_text(Path::new("/nonexistent/file.txt")).unwrap_err();
+        assert_eq!(error.to_string(), "cannot read /nonexistent/file.txt: no such file or directory");
+    }
+
+    #[test]
+    fn a_directory_hash_follows_names_and_contents() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a"), "1").unwrap();
+        let before = hash_of_path(dir.path()).unwrap();
+        fs::rename(dir.path().join("a"), dir.path().join("b")).unwrap();
+        let renamed = hash_of_path(dir.path()).unwrap();
+        fs::write(dir.path().join("b"), "2").unwrap();
+        assert_ne!(before, renamed);
+        assert_ne!(renamed, hash_of_path(dir.path()).unwrap());
+        assert_eq!(hash_of_path(&dir.path().join("b")).unwrap(), hash_of_bytes(b"2"));
+    }
+}

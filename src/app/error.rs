@@ -1,0 +1,127 @@
+//! What can go wrong on the way, and the exit code it means.
+
+use super::atomic::FileError;
+use super::case::CaseError;
+use super::settings::SettingError;
+use super::volume_file::VolumeFileError;
+use crate::{
+    ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid, toolpath,
+};
+use std::path::PathBuf;
+
+/// Why a case could not be worked on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operator asked to stop.
+    #[error(transparent)]
+    Interrupted(#[from] progress::Cancelled),
+    /// A parameter cannot be used; as the flag that gives it.
+    #[error("--{}: {}", .0.name.replace('_', "-"), .0.fault)]
+    Setting(#[from] SettingError),
+    /// A case file cannot be used.
+    #[error("{}: {problem}", path.display())]
+    CaseFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// There is nothing at the place of the CT.
+    #[error("--ct: found nothing at {}, expected a folder with the DICOM files of a series", .0.display())]
+    CtMissing(PathBuf),
+    /// The CT of a case is not known on this machine.
+    #[error("where the CT of {} lies is not known on this machine: name it with --ct", .0.display())]
+    CtUnknown(PathBuf),
+    /// A real printer keeps no record.
+    #[error(
+        "{} was printed on a real printer, which keeps no record of what it deposits: a report needs `--port sim`", .0.display()
+    )]
+    NoRecord(PathBuf),
+    /// The system gave no threads or no program.
+    #[error("cannot start what the print needs: {0}: close other programs and try again")]
+    Runtime(#[source] std::io::Error),
+    /// The case directory.
+    #[error(transparent)]
+    Case(#[from] CaseError),
+    /// A file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The kept part of the CT.
+    #[error("{}: {source}: run `lumenfab segment` on the case again", path.display())]
+    Volume {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: VolumeFileError,
+    },
+    /// A document of contours.
+    #[error("{}: {source}", path.display())]
+    SectionsFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: sections::format::FormatError,
+    },
+    /// Reading the CT.
+    #[error(transparent)]
+    Ct(#[from] ct::Error),
+    /// Making the synthetic CT.
+    #[error(transparent)]
+    Phantom(#[from] phantom::Error),
+    /// Finding the lumen.
+    #[error(transparent)]
+    Segment(#[from] segment::Error),
+    /// Finding the contours.
+    #[error(transparent)]
+    Sections(#[from] sections::Error),
+    /// Building the solid.
+    #[error(transparent)]
+    Solid(#[from] solid::Error),
+    /// Cutting the layers.
+    #[error(transparent)]
+    Slice(#[from] slice::Error),
+    /// Planning the toolpaths.
+    #[error(transparent)]
+    Toolpath(#[from] toolpath::Error),
+    /// Estimating the job.
+    #[error(transparent)]
+    Motion(#[from] motion::Error),
+    /// The profile.
+    #[error(transparent)]
+    Profile(#[from] profile::Error),
+    /// Printing.
+    #[error(transparent)]
+    Printer(#[from] printer::Error),
+    /// The report.
+    #[error(transparent)]
+    Report(#[from] report::Error),
+    /// Writing the mesh.
+    #[error(transparent)]
+    Mesh(#[from] mesh::Error),
+}
+
+impl Error {
+    /// The process's exit code: 1 the work failed, 2 wrong usage or configuration, 130 interrupted.
+    #[must_use]
+    pub const fn exit_code(&self) -> u8 {
+        match self {
+            Self::Interrupted(_) => 130,
+            Self::Setting(_)
+            | Self::CaseFile { .. }
+            | Self::CtMissing(_)
+            | Self::CtUnknown(_)
+            | Self::NoRecord(_)
+            | Self::Profile(_)
+            | Self::Case(
+                CaseError::Missing(_)
+                | CaseError::NotACase(_)
+                | CaseError::Occupied(_)
+                | CaseError::OtherSource(_)
+                | CaseError::NotYet { .. }
+                | CaseError::Stale { .. },
+            ) => 2,
+            _ => 1,
+        }
+    }
+}

@@ -1,0 +1,306 @@
+//! Work on one case: its stages, each done only when something it is made from has changed.
+
+use super::atomic;
+use super::case::{Case, CaseError, MadeFrom, Staging};
+use super::error::Error;
+use super::event::{Event, EventSink, Stage, StageOutcome};
+use super::settings::{CaseFile, Settings, Source, SourceName};
+use super::source::Sources;
+use super::stages::report::ReportPlace;
+use super::stages::slice::Sliced;
+use crate::ct::{Volume, Warning};
+use crate::progress::{CancelToken, Cancelled, Task};
+use crate::sections::SectionStack;
+use crate::solid::Solid;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What a face gives to the work it starts.
+#[derive(Clone)]
+pub struct Context<'a> {
+    /// Where events go.
+    pub events: &'a EventSink<'a>,
+    /// Set to stop the work.
+    pub cancel: CancelToken,
+    /// Where the CTs of cases lie.
+    pub sources: Sources,
+}
+
+impl std::fmt::Debug for Context<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Context").field("cancel", &self.cancel).finish_non_exhaustive()
+    }
+}
+
+/// What became of a case.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// The case directory.
+    pub case: PathBuf,
+    /// Its generated name.
+    pub id: String,
+    /// The stages that were asked for, in order.
+    pub stages: Vec<StageOutcome>,
+    /// The report, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub report: Option<ReportPlace>,
+}
+
+impl Outcome {
+    /// Whether the report's gate failed.
+    #[must_use]
+    pub fn gate_failed(&self) -> bool {
+        self.report.as_ref().is_some_and(|r| !r.passed)
+    }
+}
+
+/// What a stage made, before it is part of the case.
+pub(crate) struct Made {
+    pub(crate) staging: Staging,
+    pub(crate) summary: String,
+    pub(crate) warnings: Vec<Warning>,
+}
+
+/// Results that later stages of the same process need, so that they are not read or made again.
+#[derive(Default)]
+pub(crate) struct Held {
+    pub(crate) volume: Option<Volume>,
+    pub(crate) sections: Option<SectionStack>,
+    pub(crate) solid: Option<Solid>,
+    pub(crate) sliced: Option<Sliced>,
+}
+
+/// A case being worked on.
+pub struct Session<'a> {
+    pub(crate) case: Case,
+    /// Where its CT lies, where that is known.
+    pub(crate) ct: Option<PathBuf>,
+    pub(crate) context: Context<'a>,
+    pub(crate) held: Held,
+    pub(crate) report: Option<ReportPlace>,
+    /// Stages that were found or made up to date in this session.
+    fresh: Vec<Stage>,
+    outcomes: Vec<StageOutcome>,
+}
+
+impl std::fmt::Debug for Session<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Session").field("case", &self.case).finish_non_exhaustive()
+    }
+}
+
+impl<'a> Session<'a> {
+    /// Opens the case at `dir`, with the parameters of `changes` put over its own.
+    ///
+    /// # Errors
+    /// [`Error`] where there is no case, or a parameter cannot be used.
+    pub fn open(dir: &Path, changes: CaseFile, context: Context<'a>) -> Result<Self, Error> {
+        let mut case = Case::open(dir)?;
+        check_ct(changes.ct.as_deref())?;
+        let named = changes.source.or_else(|| changes.ct.is_some().then_some(SourceName::Ct));
+        let before = CaseFile::of_case(case.id(), case.settings());
+        if named.is_some() && named != before.source {
+            return Err(CaseError::OtherSource(dir.to_owned()).into());
+        }
+        let ct = changes.ct.clone();
+        let settings = Settings::try_from(CaseFile { ct: None, ..changes }.over(before))?;
+        case.set_settings(settings)?;
+        let mut session = Self::new(case, ct.clone(), context);
+        match ct {
+            Some(_) => session.remember_ct(),
+            None => session.ct = session.context.sources.recall(session.case.id()),
+        }
+        Ok(session)
+    }
+
+    /// Starts a case at `dir`; nothing is written before its first stage is done.
+    ///
+    /// # Errors
+    /// [`Error`] where something else is in its place, or a parameter is missing or cannot be used.
+    pub fn create(dir: &Path, parameters: CaseFile, context: Context<'a>) -> Result<Self, Error> {
+        check_ct(parameters.ct.as_deref())?;
+        let ct = parameters.ct.clone();
+        let settings = Settings::try_from(parameters)?;
+        let case = Case::create(dir, new_id(), settings)?;
+        Ok(Self::new(case, ct, context))
+    }
+
+    fn new(case: Case, ct: Option<PathBuf>, context: Context<'a>) -> Self {
+        Self {
+            case,
+            ct,
+            context,
+            held: Held::default(),
+            report: None,
+            fresh: Vec::new(),
+            outcomes: Vec::new(),
+        }
+    }
+
+    /// Opens the case at `dir`, or starts one where there is none.
+    ///
+    /// # Errors
+    /// As [`Session::open`] and [`Session::create`].
+    pub fn open_or_create(dir: &Path, parameters: CaseFile, context: Context<'a>) -> Result<Self, Error> {
+        if super::case::is_case(dir) {
+            Self::open(dir, parameters, context)
+        } else {
+            Self::create(dir, parameters, context)
+        }
+    }
+
+    /// Every stage, in order.
+    ///
+    /// # Errors
+    /// [`Error`] of the stage that failed; what the stages before it made stays.
+    pub fn run(&mut self) -> Result<(), Error> {
+        self.check_printer()?;
+        self.segment()?;
+        self.solid()?;
+        self.slice()?;
+        self.print()?;
+        if self.is_simulated() {
+            return self.report();
+        }
+        // What a real printer laid down is not known: nothing that a report could compare.
+        self.note(Stage::Report, "no report: a real printer keeps no record of what it deposits");
+        Ok(())
+    }
+
+    /// What was done.
+    #[must_use]
+    pub fn into_outcome(self) -> Outcome {
+        Outcome {
+            case: self.case.dir().to_owned(),
+            id: self.case.id().to_owned(),
+            stages: self.outcomes,
+            report: self.report,
+        }
+    }
+
+    /// The parameters of the case.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        self.case.settings()
+    }
+
+    /// Does a stage, unless nothing it is made from has changed since it was last done.
+    pub(crate) fn stage(
+        &mut self,
+        stage: Stage,
+        work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
+    ) -> Result<(), Error> {
+        let made_from = self.made_from(stage)?;
+        match self.case.outdated(stage, &made_from)? {
+            None => self.skip(stage),
+            Some(because_of) => return self.redo(stage, &made_from, because_of, work),
+        }
+        Ok(())
+    }
+
+    pub(crate) fn is_fresh(&self, stage: Stage) -> bool {
+        self.fresh.contains(&stage)
+    }
+
+    pub(crate) fn set_fresh(&mut self, stage: Stage) {
+        self.fresh.push(stage);
+    }
+
+    /// Says that there is nothing to do for a stage.
+    pub(crate) fn skip(&mut self, stage: Stage) {
+        let (because_of, summary, warnings) = (Vec::new(), String::new(), Vec::new());
+        self.ended(StageOutcome { stage, done: false, because_of, elapsed_s: 0.0, summary, warnings });
+    }
+
+    /// Does a stage.
+    pub(crate) fn redo(
+        &mut self,
+        stage: Stage,
+        made_from: &MadeFrom,
+        because_of: Vec<String>,
+        work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
+    ) -> Result<(), Error> {
+        let events = self.context.events;
+        events(Event::Started(stage));
+        let clock = Stopwatch::start();
+        let sink = move |done, total| events(Event::Progress { stage, done, total });
+        let task = Task::new(&sink, self.context.cancel.clone());
+        // Whatever words a stage finds for it: where the operator asked to stop, that is why it ended.
+        let interrupted = |e| if task.check().is_err() { Error::Interrupted(Cancelled) } else { e };
+        let made = work(self, &task).map_err(interrupted)?;
+        task.check()?;
+        let was_new = self.case.is_new();
+        self.case.commit(stage, made_from, made.staging)?;
+        if was_new && self.ct.is_some() {
+            self.remember_ct();
+        }
+        let elapsed_s = clock.elapsed_s();
+        let (summary, warnings) = (made.summary, made.warnings);
+        self.ended(StageOutcome { stage, done: true, because_of, elapsed_s, summary, warnings });
+        Ok(())
+    }
+
+    fn ended(&mut self, outcome: StageOutcome) {
+        for warning in &outcome.warnings {
+            (self.context.events)(Event::Warned { stage: outcome.stage, warning: warning.clone() });
+        }
+        (self.context.events)(Event::Ended(outcome.clone()));
+        self.set_fresh(outcome.stage);
+        self.outcomes.push(outcome);
+    }
+
+    /// Says what a stage is at.
+    pub(crate) fn note(&self, stage: Stage, text: impl Into<String>) {
+        (self.context.events)(Event::Note { stage, text: text.into() });
+    }
+
+    fn remember_ct(&self) {
+        let Some(ct) = &self.ct else { return };
+        if let Err(e) = self.context.sources.remember(self.case.id(), ct) {
+            // The case is complete without it; only a later segmentation will ask for --ct.
+            let warning = Warning { code: "app.source_not_kept".into(), text: e.to_string() };
+            (self.context.events)(Event::Warned { stage: Stage::Segment, warning });
+        }
+    }
+
+    /// Whether the case has a CT at all.
+    pub(crate) fn has_image(&self) -> bool {
+        !matches!(self.settings().source, Source::Sections)
+    }
+}
+
+/// Refuses a CT that is not there before anything is made.
+fn check_ct(ct: Option<&Path>) -> Result<(), Error> {
+    match ct {
+        Some(path) if !path.exists() => Err(Error::CtMissing(path.to_owned())),
+        _ => Ok(()),
+    }
+}
+
+/// The hash of parameters, in their written form.
+pub(crate) fn hash_of(parameters: &impl Serialize) -> String {
+    let text = serde_json::to_vec(parameters).expect("parameters are numbers, names and lists of them");
+    atomic::hash_of_bytes(&text)
+}
+
+/// A name that tells nothing: time and chance.
+fn new_id() -> String {
+    uuid::Uuid::now_v7().to_string()
+}
+
+struct Stopwatch(Instant);
+
+impl Stopwatch {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "this is an edge: how long stages take is told to the operator"
+    )]
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    fn elapsed_s(&self) -> f64 {
+        self.0.elapsed().as_secs_f64()
+    }
+}

@@ -1,0 +1,507 @@
+//! The parameters of a case: what an operator may ask for, with defaults and ranges.
+//!
+//! [`CaseFile`] is the document: every key may be absent. Flags of the command line and an input case file are such
+//! documents too, laid one [over](CaseFile::over) the other. [`Settings`] is what it comes to once the defaults are
+//! filled in and every value was checked. Keys are the flags' names with underscores, units included.
+
+use crate::phantom;
+use crate::segment::Polarity;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// The number of the format that `case.toml` is written in.
+const FORMAT: u32 = 1;
+/// `--wall-mm` where nothing is said.
+pub const DEFAULT_WALL_MM: f64 = 1.0;
+/// `--layer-mm` where nothing is said.
+pub const DEFAULT_LAYER_MM: f64 = 0.2;
+/// `--profile` where nothing is said.
+pub const DEFAULT_PROFILE: &str = "marlin";
+/// `--port` where nothing is said: the simulated printer.
+pub const SIMULATED_PORT: &str = "sim";
+
+/// A value that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("found {found}, expected {expected}")]
+pub struct Fault {
+    /// What was given.
+    pub found: String,
+    /// What would be right, with unit and range.
+    pub expected: String,
+}
+
+/// A parameter that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{name}: {fault}")]
+pub struct SettingError {
+    /// The key in `case.toml`; the flag has hyphens instead of underscores.
+    pub name: &'static str,
+    /// What is wrong with its value.
+    pub fault: Fault,
+}
+
+/// The numbers that a parameter may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Smallest.
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+    /// Unit, for messages.
+    pub unit: &'static str,
+}
+
+/// Thickness of the printed wall: thinner than any nozzle's bead is no wall, thicker than 20 mm no vessel's.
+pub const WALL_MM: Limits = Limits { min: 0.1, max: 20.0, unit: "mm" };
+/// Layer height; the profile's own limits are narrower.
+pub const LAYER_MM: Limits = Limits { min: 0.02, max: 1.0, unit: "mm" };
+/// Standard deviation of a phantom's noise.
+pub const NOISE_HU: Limits = Limits { min: 0.0, max: 500.0, unit: "HU" };
+/// Deflection of a tessellation: below half a micrometre the file outgrows every memory.
+pub const DEFLECTION_MM: Limits = Limits { min: 0.0005, max: 5.0, unit: "mm" };
+
+impl Limits {
+    /// The number itself where it may be used.
+    ///
+    /// # Errors
+    /// [`Fault`] where it is out of range or no number.
+    pub fn check(self, value: f64) -> Result<f64, Fault> {
+        if (self.min..=self.max).contains(&value) { Ok(value) } else { Err(self.fault(&value.to_string())) }
+    }
+
+    /// The number in a text, where it may be used.
+    ///
+    /// # Errors
+    /// [`Fault`] where the text is no number or the number is out of range.
+    pub fn parse(self, text: &str) -> Result<f64, Fault> {
+        self.check(text.trim().parse().map_err(|_no_number| self.fault(&format!("{text:?}")))?)
+    }
+
+    fn fault(self, found: &str) -> Fault {
+        let expected = format!("a number from {} to {} {}", self.min, self.max, self.unit);
+        Fault { found: found.to_owned(), expected }
+    }
+}
+
+/// N numbers separated by commas.
+fn parse_numbers<const N: usize>(text: &str, expected: &str) -> Result<[f64; N], Fault> {
+    let fault = || Fault { found: format!("{text:?}"), expected: expected.to_owned() };
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let numbers: [f64; N] = numbers.and_then(|n| n.try_into().ok()).ok_or_else(fault)?;
+    if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(fault()) }
+}
+
+const SEED_EXPECTED: &str = "X,Y,Z: three numbers in mm (LPS) separated by commas";
+const WINDOW_EXPECTED: &str = "LO,HI: two numbers in HU separated by a comma, LO less than HI";
+const Z_EXPECTED: &str = "A,B: two heights in mm separated by a comma, A less than B";
+
+/// `X,Y,Z` of a seed, mm.
+///
+/// # Errors
+/// [`Fault`] unless these are three finite numbers.
+pub fn parse_seed_mm(text: &str) -> Result<[f64; 3], Fault> {
+    parse_numbers(text, SEED_EXPECTED)
+}
+
+/// `LO,HI` of a window, HU.
+///
+/// # Errors
+/// [`Fault`] unless these are two finite numbers, ascending.
+pub fn parse_window_hu(text: &str) -> Result<[f64; 2], Fault> {
+    ascending(parse_numbers(text, WINDOW_EXPECTED)?, WINDOW_EXPECTED)
+}
+
+/// `A,B` of a range of heights, mm.
+///
+/// # Errors
+/// [`Fault`] unless these are two finite numbers, ascending.
+pub fn parse_z_mm(text: &str) -> Result<[f64; 2], Fault> {
+    ascending(parse_numbers(text, Z_EXPECTED)?, Z_EXPECTED)
+}
+
+/// Refuses NaN too: it is not less than anything.
+fn ascending([lo, hi]: [f64; 2], expected: &str) -> Result<[f64; 2], Fault> {
+    if lo < hi && lo.is_finite() && hi.is_finite() {
+        return Ok([lo, hi]);
+    }
+    Err(Fault { found: format!("{lo},{hi}"), expected: expected.to_owned() })
+}
+
+const SERIES_EXPECTED: &str = "a number from 1, as `lumenfab inspect` lists them";
+
+/// The number of a series.
+///
+/// # Errors
+/// [`Fault`] unless it is a whole number from 1.
+pub fn parse_series(text: &str) -> Result<usize, Fault> {
+    let fault = |_| Fault { found: format!("{text:?}"), expected: SERIES_EXPECTED.to_owned() };
+    checked_series(text.trim().parse().map_err(fault)?)
+}
+
+fn checked_series(number: usize) -> Result<usize, Fault> {
+    if number > 0 {
+        return Ok(number);
+    }
+    Err(Fault { found: number.to_string(), expected: SERIES_EXPECTED.to_owned() })
+}
+
+/// Where the contours come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// A CT; where it lies is kept apart from the case ([`super::source`]).
+    Ct,
+    /// A synthetic CT, made anew when it is needed.
+    Phantom(phantom::Params),
+    /// A ready `sections.json`: there is no image.
+    Sections,
+}
+
+/// How the lumen is found in the CT.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SegmentSettings {
+    /// Number of the series in the folder, from 1; `None`: the only one.
+    pub series: Option<usize>,
+    /// Points inside the lumen, LPS, mm; none for a phantom, which knows its own.
+    pub seed_mm: Vec<[f64; 3]>,
+    /// Intensities of the lumen; `None`: found from the seed's neighbourhood.
+    pub window_hu: Option<[f64; 2]>,
+    /// Whether the lumen is brighter or darker than its wall.
+    pub polarity: Polarity,
+    /// Heights along the stack's normal that are used; `None`: all.
+    pub z_mm: Option<[f64; 2]>,
+}
+
+/// What is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Body {
+    /// A hollow vessel with a wall of this thickness, mm.
+    WallMm(f64),
+    /// The lumen as a solid body.
+    Cast,
+}
+
+/// Every parameter of a case, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Where the contours come from.
+    pub source: Source,
+    /// How the lumen is found.
+    pub segment: SegmentSettings,
+    /// What is printed.
+    pub body: Body,
+    /// Layer height, mm.
+    pub layer_mm: f64,
+    /// The printer's profile: a name, or the path of a profile file.
+    pub profile: String,
+    /// The printer's port: a path, or `sim`.
+    pub port: String,
+}
+
+/// The `source` key: where the contours come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SourceName {
+    /// A CT.
+    Ct,
+    /// A synthetic CT.
+    Phantom,
+    /// Ready contours.
+    Sections,
+}
+
+/// Parameters as they are written down: any may be absent.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CaseFile {
+    /// The format's number; only in a case directory's copy.
+    pub format: Option<u32>,
+    /// The case's generated name; only in a case directory's copy.
+    pub id: Option<String>,
+    /// Where the contours come from; only in a case directory's copy.
+    pub source: Option<SourceName>,
+    /// The CT's folder; only in an input case file, relative to it.
+    pub ct: Option<PathBuf>,
+    /// Number of the series in the CT's folder, where there are several.
+    pub series: Option<usize>,
+    /// Points inside the lumen, LPS, mm.
+    pub seed_mm: Option<Vec<[f64; 3]>>,
+    /// Intensities of the lumen, HU.
+    pub window_hu: Option<[f64; 2]>,
+    /// Whether the lumen is brighter or darker than its wall.
+    pub polarity: Option<Polarity>,
+    /// Heights that are used, mm.
+    pub z_mm: Option<[f64; 2]>,
+    /// Thickness of the wall, mm.
+    pub wall_mm: Option<f64>,
+    /// Print the lumen as a solid body instead of a wall around it.
+    pub cast: Option<bool>,
+    /// Layer height, mm.
+    pub layer_mm: Option<f64>,
+    /// The printer's profile.
+    pub profile: Option<String>,
+    /// The printer's port.
+    pub port: Option<String>,
+    /// A synthetic CT instead of a real one.
+    pub phantom: Option<phantom::Params>,
+}
+
+impl CaseFile {
+    /// Reads the document.
+    ///
+    /// # Errors
+    /// One line that says what is wrong and where.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        let file: Self = toml::from_str(text).map_err(|e| {
+            let before = &text[..e.span().map_or(0, |s| s.start)];
+            format!("line {}: {}", before.matches('\n').count() + 1, e.message().replace('\n', " "))
+        })?;
+        match file.format {
+            Some(format) if format != FORMAT => {
+                Err(format!("format is {format}, expected {FORMAT}: written by another version of lumenfab"))
+            }
+            _ => Ok(file),
+        }
+    }
+
+    /// Writes the document.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("numbers, strings and lists can be written as TOML")
+    }
+
+    /// The document of a case directory: every default filled in. What has none is absent: `window_hu` is then
+    /// found from the seed's neighbourhood, `z_mm` means all planes.
+    #[must_use]
+    pub fn of_case(id: &str, settings: &Settings) -> Self {
+        let (source, phantom) = match &settings.source {
+            Source::Ct => (SourceName::Ct, None),
+            Source::Phantom(phantom) => (SourceName::Phantom, Some(phantom.clone())),
+            Source::Sections => (SourceName::Sections, None),
+        };
+        let (wall_mm, cast) = match settings.body {
+            Body::WallMm(t) => (Some(t), false),
+            Body::Cast => (None, true),
+        };
+        let segment = &settings.segment;
+        Self {
+            format: Some(FORMAT),
+            id: Some(id.to_owned()),
+            source: Some(source),
+            ct: None,
+            series: segment.series,
+            seed_mm: (!segment.seed_mm.is_empty()).then(|| segment.seed_mm.clone()),
+            window_hu: segment.window_hu,
+            polarity: Some(segment.polarity),
+            z_mm: segment.z_mm,
+            wall_mm,
+            cast: Some(cast),
+            layer_mm: Some(settings.layer_mm),
+            profile: Some(settings.profile.clone()),
+            port: Some(settings.port.clone()),
+            phantom,
+        }
+    }
+
+    /// This document's values where it has them, else those of `below`.
+    #[must_use]
+    pub fn over(self, below: Self) -> Self {
+        // Wall and cast are one choice between two: naming one takes back the other.
+        let (wall_mm, cast) = match (self.wall_mm, self.cast) {
+            (None, None) => (below.wall_mm, below.cast),
+            chosen => chosen,
+        };
+        Self {
+            format: self.format.or(below.format),
+            id: self.id.or(below.id),
+            source: self.source.or(below.source),
+            ct: self.ct.or(below.ct),
+            series: self.series.or(below.series),
+            seed_mm: self.seed_mm.or(below.seed_mm),
+            window_hu: self.window_hu.or(below.window_hu),
+            polarity: self.polarity.or(below.polarity),
+            z_mm: self.z_mm.or(below.z_mm),
+            wall_mm,
+            cast,
+            layer_mm: self.layer_mm.or(below.layer_mm),
+            profile: self.profile.or(below.profile),
+            port: self.port.or(below.port),
+            phantom: self.phantom.or(below.phantom),
+        }
+    }
+
+    fn source(&self) -> Result<Source, SettingError> {
+        let named =
+            self.source.unwrap_or(if self.ct.is_some() { SourceName::Ct } else { SourceName::Phantom });
+        match named {
+            SourceName::Sections => Ok(Source::Sections),
+            SourceName::Phantom => {
+                let phantom = self.phantom.clone().unwrap_or_default();
+                let unusable = |e: phantom::Error| Fault {
+                    found: e.to_string(),
+                    expected: "a phantom within its ranges".into(),
+                };
+                phantom.check().map_err(unusable).map_err(in_setting("phantom"))?;
+                Ok(Source::Phantom(phantom))
+            }
+            SourceName::Ct if self.phantom.is_some() => {
+                let fault = Fault { found: "a CT and a phantom".into(), expected: "one of the two".into() };
+                Err(SettingError { name: "phantom", fault })
+            }
+            SourceName::Ct => Ok(Source::Ct),
+        }
+    }
+
+    fn body(&self) -> Result<Body, SettingError> {
+        match (self.wall_mm, self.cast.unwrap_or(false)) {
+            (Some(t), true) => {
+                let fault = Fault { found: t.to_string(), expected: "none together with cast".into() };
+                Err(SettingError { name: "wall_mm", fault })
+            }
+            (None, true) => Ok(Body::Cast),
+            (wall, false) => {
+                let checked = WALL_MM.check(wall.unwrap_or(DEFAULT_WALL_MM));
+                checked.map(Body::WallMm).map_err(in_setting("wall_mm"))
+            }
+        }
+    }
+
+    fn segment(&self, source: &Source) -> Result<SegmentSettings, SettingError> {
+        let seed_mm = self.seed_mm.clone().unwrap_or_default();
+        let fault = |found: String| SettingError {
+            name: "seed_mm",
+            fault: Fault { found, expected: SEED_EXPECTED.to_owned() },
+        };
+        if let Some(seed) = seed_mm.iter().find(|seed| seed.iter().any(|c| !c.is_finite())) {
+            return Err(fault(format!("{},{},{}", seed[0], seed[1], seed[2])));
+        }
+        if matches!(source, Source::Ct) && seed_mm.is_empty() {
+            return Err(fault("none".into()));
+        }
+        let checked = |name, range: Option<[f64; 2]>, expected| {
+            range.map(|r| ascending(r, expected)).transpose().map_err(in_setting(name))
+        };
+        Ok(SegmentSettings {
+            series: self.series.map(checked_series).transpose().map_err(in_setting("series"))?,
+            seed_mm,
+            window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
+            polarity: self.polarity.unwrap_or_default(),
+            z_mm: checked("z_mm", self.z_mm, Z_EXPECTED)?,
+        })
+    }
+}
+
+fn in_setting(name: &'static str) -> impl FnOnce(Fault) -> SettingError {
+    move |fault| SettingError { name, fault }
+}
+
+impl TryFrom<CaseFile> for Settings {
+    type Error = SettingError;
+
+    fn try_from(file: CaseFile) -> Result<Self, SettingError> {
+        let source = file.source()?;
+        let named = |name, value: Option<String>, default: &str| match value {
+            Some(text) if text.trim().is_empty() => Err(in_setting(name)(Fault {
+                found: format!("{text:?}"),
+                expected: "a name or a path".into(),
+            })),
+            other => Ok(other.unwrap_or_else(|| default.to_owned())),
+        };
+        Ok(Self {
+            segment: file.segment(&source)?,
+            source,
+            body: file.body()?,
+            layer_mm: LAYER_MM
+                .check(file.layer_mm.unwrap_or(DEFAULT_LAYER_MM))
+                .map_err(in_setting("layer_mm"))?,
+            profile: named("profile", file.profile, DEFAULT_PROFILE)?,
+            port: named("port", file.port, SIMULATED_PORT)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(text: &str) -> Result<Settings, String> {
+        Settings::try_from(CaseFile::from_toml(text)?).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn an_empty_file_is_the_phantom_with_all_defaults() {
+        let s = settings("").unwrap();
+        assert_eq!(s.source, Source::Phantom(phantom::Params::default()));
+        assert_eq!(s.body, Body::WallMm(1.0));
+        assert_eq!((s.layer_mm, s.profile.as_str(), s.port.as_str()), (0.2, "marlin", "sim"));
+    }
+
+    #[test]
+    fn a_case_directorys_copy_reads_back_and_holds_no_source_path() {
+        let text =
+            "ct = \"/data/jane-doe\"\nseed_mm = [[-221.4, 22.5, 165]]\nwindow_hu = [250, 650]\ncast = true";
+        let s = settings(text).unwrap();
+        let copy = CaseFile::of_case("some-id", &s).to_toml();
+        assert!(!copy.contains("jane"), "{copy}");
+        assert_eq!(settings(&copy).unwrap(), s);
+        let phantom = settings("wall_mm = 2\n[phantom]\nkind = \"stenosis\"\n").unwrap();
+        assert_eq!(settings(&CaseFile::of_case("i", &phantom).to_toml()).unwrap(), phantom);
+    }
+
+    #[test]
+    fn each_bad_value_is_named_with_what_was_found_and_expected() {
+        for (text, message) in [
+            ("wall_mm = 0", "wall_mm: found 0, expected a number from 0.1 to 20 mm"),
+            ("wall_mm = nan", "wall_mm: found NaN, expected a number from 0.1 to 20 mm"),
+            ("layer_mm = -0.2", "layer_mm: found -0.2, expected a number from 0.02 to 1 mm"),
+            ("wall_mm = 1\ncast = true", "wall_mm: found 1, expected none together with cast"),
+            (
+                "window_hu = [300, 200]",
+                "window_hu: found 300,200, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
+            ),
+            (
+                "z_mm = [5, 5]",
+                "z_mm: found 5,5, expected A,B: two heights in mm separated by a comma, A less than B",
+            ),
+            (
+                "ct = \"d\"",
+                "seed_mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            ),
+            (
+                "ct = \"d\"\nseed_mm = [[1, inf, 2]]",
+                "seed_mm: found 1,inf,2, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            ),
+            ("profile = \"\"", "profile: found \"\", expected a name or a path"),
+            (
+                "[phantom]\nnoise_hu = -1",
+                "phantom: found phantom parameter noise_hu is -1: choose a value from 0 to 500, expected a phantom within its ranges",
+            ),
+            ("ct = \"d\"\n[phantom]", "phantom: found a CT and a phantom, expected one of the two"),
+            ("format = 9", "format is 9, expected 1: written by another version of lumenfab"),
+        ] {
+            assert_eq!(settings(text).unwrap_err(), message, "{text}");
+        }
+        let unknown = settings("\nwall = 1").unwrap_err();
+        assert!(unknown.starts_with("line 2: unknown field `wall`"), "{unknown}");
+    }
+
+    #[test]
+    fn texts_of_flags_are_checked_the_same_way() {
+        assert_eq!(parse_seed_mm("-221.4, 22.5,165").unwrap(), [-221.4, 22.5, 165.0]);
+        for bad in ["1,2", "1,2,3,4", "1,2,x", "1,2,nan", ""] {
+            assert!(parse_seed_mm(bad).is_err(), "{bad}");
+        }
+        assert!(parse_window_hu("650,250").is_err() && parse_z_mm("nan,2").is_err());
+        assert!(
+            WALL_MM.parse("1.5").is_ok() && WALL_MM.parse("1.5mm").is_err() && WALL_MM.parse("inf").is_err()
+        );
+    }
+
+    #[test]
+    fn naming_a_wall_takes_back_a_cast_and_the_other_way_round() {
+        let cast = CaseFile { cast: Some(true), ..CaseFile::default() };
+        let wall = CaseFile { wall_mm: Some(2.0), ..CaseFile::default() };
+        assert_eq!(Settings::try_from(wall.clone().over(cast.clone())).unwrap().body, Body::WallMm(2.0));
+        assert_eq!(Settings::try_from(cast.over(wall)).unwrap().body, Body::Cast);
+    }
+}

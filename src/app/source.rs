@@ -1,0 +1,82 @@
+//! Where the CT of a case lies: kept in the user's state directory, not in the case.
+//!
+//! A path may hold a patient's name (`/ct/DOE_JANE/...`), and case directories are handed on. So a case has a
+//! generated id, and `$XDG_STATE_HOME/lumenfab/sources/<id>.toml` (readable by its owner alone) knows its CT. On a machine
+//! that does not know it, everything after the segmentation still works.
+
+use super::atomic::{self, FileError, failed};
+use serde::{Deserialize, Serialize};
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    ct: PathBuf,
+}
+
+/// The directory that knows where the CTs lie.
+#[derive(Debug, Clone)]
+pub struct Sources(Option<PathBuf>);
+
+impl Sources {
+    /// The one of this user: `$XDG_STATE_HOME`, else `~/.local/state`; where neither is set, nothing is remembered.
+    #[must_use]
+    pub fn of_user() -> Self {
+        let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
+        let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")));
+        Self(state.map(|s| s.join("lumenfab/sources")))
+    }
+
+    /// One in the given directory.
+    #[must_use]
+    pub const fn in_dir(dir: PathBuf) -> Self {
+        Self(Some(dir))
+    }
+
+    /// Remembers the CT of a case.
+    ///
+    /// # Errors
+    /// [`FileError`] where the directory cannot be written.
+    pub fn remember(&self, case_id: &str, ct: &Path) -> Result<(), FileError> {
+        let Some(dir) = &self.0 else { return Ok(()) };
+        DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(failed("create", dir))?;
+        let ct = std::path::absolute(ct).map_err(failed("find", ct))?;
+        let file = dir.join(format!("{case_id}.toml"));
+        // A path that is no UTF-8 cannot be written down; the case then asks for --ct again.
+        let Ok(text) = toml::to_string(&Entry { ct }) else { return Ok(()) };
+        atomic::write(&file, text.as_bytes())
+    }
+
+    /// The CT of a case, where this user's machine knows it.
+    #[must_use]
+    pub fn recall(&self, case_id: &str) -> Option<PathBuf> {
+        let text = atomic::read_text(&self.0.as_ref()?.join(format!("{case_id}.toml"))).ok()?;
+        toml::from_str::<Entry>(&text).ok().map(|e| e.ct)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn a_source_is_recalled_and_readable_by_its_owner_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("lumenfab/sources");
+        let sources = Sources::in_dir(state.clone());
+        assert_eq!(sources.recall("a"), None);
+        sources.remember("a", Path::new("/ct/DOE_JANE")).unwrap();
+        assert_eq!(sources.recall("a").unwrap(), Path::new("/ct/DOE_JANE"));
+        let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode() & 0o777;
+        assert_eq!((mode(&state), mode(&state.join("a.toml"))), (0o700, 0o600));
+    }
+
+    #[test]
+    fn without_a_state_directory_nothing_is_remembered() {
+        let none = Sources(None);
+        none.remember("a", Path::new("/ct")).unwrap();
+        assert_eq!(none.recall("a"), None);
+    }
+}

@@ -1,0 +1,66 @@
+//! The stages, each from files of the case to files of the case.
+
+pub mod export;
+pub mod print;
+pub mod report;
+pub mod segment;
+pub mod slice;
+pub mod solid;
+
+use super::atomic;
+use super::case::{CaseError, MadeFrom};
+use super::error::Error;
+use super::event::Stage;
+use super::session::Session;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+impl Session<'_> {
+    /// What a stage is made from, as it is now.
+    pub(crate) fn made_from(&self, stage: Stage) -> Result<MadeFrom, Error> {
+        let mut made_from = match stage {
+            // Contours that were brought along are what they are, whatever version took them in.
+            Stage::Segment if !self.has_image() => return Ok(MadeFrom::new()),
+            Stage::Segment => self.segment_made_from()?,
+            Stage::Solid => self.solid_made_from()?,
+            Stage::Slice => self.slice_made_from()?,
+            Stage::Print => self.print_made_from()?,
+            Stage::Report => self.report_made_from()?,
+        };
+        // Results of another version are made again.
+        made_from.insert("program", env!("CARGO_PKG_VERSION").to_owned());
+        Ok(made_from)
+    }
+
+    /// Refuses to go on from results that are not there or not made from what is there now: a job of yesterday's contours
+    /// must not be printed as today's.
+    pub(crate) fn require(&mut self, last: Stage) -> Result<(), Error> {
+        for stage in Stage::ALL.into_iter().filter(|s| *s <= last) {
+            if self.is_fresh(stage) {
+                continue;
+            }
+            if let Some(changed) = self.case.outdated(stage, &self.made_from(stage)?)? {
+                let dir = self.case.dir().to_owned();
+                return Err(CaseError::Stale { dir, stage, changed }.into());
+            }
+            self.set_fresh(stage);
+        }
+        Ok(())
+    }
+}
+
+/// A document of the case, as it is written.
+pub(crate) fn to_json(value: &impl Serialize) -> Vec<u8> {
+    let mut bytes =
+        serde_json::to_vec(value).expect("documents of a case hold numbers, names and lists of them");
+    bytes.push(b'\n');
+    bytes
+}
+
+/// Reads a document of the case.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, CaseError> {
+    let text = atomic::read_text(path)?;
+    let problem = |e: serde_json::Error| CaseError::Corrupt { path: path.to_owned(), problem: e.to_string() };
+    serde_json::from_str(&text).map_err(problem)
+}

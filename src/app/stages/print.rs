@@ -1,0 +1,247 @@
+//! G-code to the printer: `print.json`, and `record/` where the printer is the simulated one.
+//!
+//! The simulated printer is this program started once more (`lumenfab hil-sim ...`), behind a real pseudo-terminal.
+
+use super::slice::JOB_FILE;
+use super::to_json;
+use crate::app::case::MadeFrom;
+use crate::app::error::Error;
+use crate::app::event::{Event, Stage};
+use crate::app::session::{Context, Made, Session};
+use crate::app::settings::SIMULATED_PORT;
+use crate::ct::Warning;
+use crate::printer::driver::{self, PrintEvent};
+use crate::printer::job::Job;
+use crate::printer::protocol::{self, Stats};
+use crate::printer::sim::{Options, Simulator};
+use crate::printer::{self, PortProblem, serial};
+use crate::profile::{self, Profile};
+use crate::progress::{CancelToken, Cancelled, Task};
+use serde::Serialize;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use tokio::sync::mpsc;
+
+/// What the simulated printer laid down.
+pub(crate) const RECORD_DIR: &str = "record";
+/// How the print went.
+pub(crate) const PRINT_FILE: &str = "print.json";
+/// Events on their way to the face; more than it can show in a tenth of a second.
+const EVENT_QUEUE: usize = 256;
+
+/// How a print went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Printed {
+    /// Whether the printer was the simulated one.
+    pub simulated: bool,
+    /// Lines of the job, each executed once.
+    pub n_lines: u64,
+    /// From the first byte to the printer's word that all is executed, s.
+    pub elapsed_s: f64,
+    /// What happened on the wire.
+    pub wire: Stats,
+}
+
+impl std::fmt::Display for Printed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let rate = self.n_lines as f64 / self.elapsed_s.max(1e-3);
+        write!(f, "{} lines, each executed once, {rate:.0} lines/s", self.n_lines)?;
+        if self.wire.n_resends > 0 {
+            write!(f, ", {} refused on the wire and sent again", self.wire.n_resends)?;
+        }
+        Ok(())
+    }
+}
+
+impl Printed {
+    /// What the operator should look at.
+    fn warnings(&self) -> Vec<Warning> {
+        let n = self.wire.n_foreign_commands;
+        let text = format!(
+            "{n} damaged lines were taken by the firmware for commands of their own: look at the part"
+        );
+        (n > 0).then(|| Warning::new("printer.foreign_commands", text)).into_iter().collect()
+    }
+}
+
+impl Session<'_> {
+    /// Prints the job, unless it was printed on that port already.
+    ///
+    /// # Errors
+    /// [`Error`] where there is no job, where the print failed, or where the case cannot be written.
+    pub fn print(&mut self) -> Result<(), Error> {
+        self.require(Stage::Slice)?;
+        let profile = self.profile()?;
+        self.stage(Stage::Print, |session, task| session.print_job(&profile, task))
+    }
+
+    /// Prints the job once more, where it is a real printer; asked for by name, it is never "done already".
+    ///
+    /// # Errors
+    /// As [`Session::print`].
+    pub fn print_again(&mut self) -> Result<(), Error> {
+        if self.is_simulated() {
+            return self.print();
+        }
+        self.require(Stage::Slice)?;
+        let profile = self.profile()?;
+        let made_from = self.made_from(Stage::Print)?;
+        let because_of = vec!["asked for".to_owned()];
+        self.redo(Stage::Print, &made_from, because_of, |session, task| session.print_job(&profile, task))
+    }
+
+    /// Refuses a printer that cannot be there before hours of work are put into a job for it.
+    pub(crate) fn check_printer(&self) -> Result<(), Error> {
+        self.profile()?;
+        let known = self.case.made_from(Stage::Print).and_then(|m| m.get("port"));
+        let printed_there = known == Some(&crate::app::session::hash_of(&self.settings().port));
+        if self.is_simulated() || printed_there {
+            return Ok(());
+        }
+        check_port(&self.settings().port)
+    }
+
+    pub(crate) fn print_made_from(&self) -> Result<MadeFrom, Error> {
+        Ok(MadeFrom::from([
+            ("job", self.case.output_hash(Stage::Slice, JOB_FILE)?),
+            ("profile", crate::app::session::hash_of(&self.profile()?)),
+            ("port", crate::app::session::hash_of(&self.settings().port)),
+        ]))
+    }
+
+    /// Whether the printer is the simulated one, so that there is a record of what it laid down.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.settings().port == SIMULATED_PORT
+    }
+
+    fn print_job(&self, profile: &Profile, task: &Task<'_>) -> Result<Made, Error> {
+        let staging = self.case.staging()?;
+        let job = self.case.output(Stage::Slice, JOB_FILE)?;
+        let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
+        let order = Order { job: &job, profile, port: &self.settings().port, record: record.as_deref() };
+        let printed = order.print(task, &self.context)?;
+        staging.write(PRINT_FILE, &to_json(&printed))?;
+        Ok(Made { staging, summary: printed.to_string(), warnings: printed.warnings() })
+    }
+}
+
+/// Prints a file of G-code that belongs to no case.
+///
+/// # Errors
+/// [`Error`] where profile, file or port cannot be used, or where the print failed.
+pub fn print_file(
+    job: &Path,
+    profile_name: &str,
+    port: &str,
+    context: &Context<'_>,
+) -> Result<Printed, Error> {
+    let profile = profile::load::by_name(profile_name)?;
+    if port != SIMULATED_PORT {
+        check_port(port)?;
+    }
+    let events = context.events;
+    let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
+    let task = Task::new(&sink, context.cancel.clone());
+    events(Event::Started(Stage::Print));
+    let order = Order { job, profile: &profile, port, record: None };
+    order.print(&task, context)
+}
+
+/// Says early what opening the port would say late.
+fn check_port(port: &str) -> Result<(), Error> {
+    if Path::new(port).exists() {
+        return Ok(());
+    }
+    Err(printer::Error::Open { port: port.to_owned(), problem: PortProblem::Missing }.into())
+}
+
+/// A print to be done.
+struct Order<'a> {
+    job: &'a Path,
+    profile: &'a Profile,
+    port: &'a str,
+    /// Where the simulated printer records what it lays down.
+    record: Option<&'a Path>,
+}
+
+impl Order<'_> {
+    fn print(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+        let job = Job::from_file(self.job, &self.profile.firmware).map_err(printer::Error::from)?;
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+        let runtime = runtime.map_err(Error::Runtime)?;
+        runtime.block_on(async {
+            if self.port == SIMULATED_PORT {
+                self.print_simulated(job, task, context).await
+            } else {
+                self.print_on(job, Path::new(self.port), task, context).await
+            }
+        })
+    }
+
+    async fn print_simulated(
+        &self,
+        job: Job<BufReader<File>>,
+        task: &Task<'_>,
+        context: &Context<'_>,
+    ) -> Result<Printed, Error> {
+        let options = Options {
+            program: std::env::current_exe().map_err(Error::Runtime)?,
+            leading_args: vec!["hil-sim".into()],
+            profile: self.profile.name.clone(),
+            record_dir: self.record.map(Path::to_owned),
+            ..Options::default()
+        };
+        let simulator = Simulator::start(&options).await?;
+        let port = simulator.port().to_owned();
+        let printed = self.print_on(job, &port, task, context).await?;
+        simulator.finish().await?;
+        Ok(printed)
+    }
+
+    async fn print_on(
+        &self,
+        job: Job<BufReader<File>>,
+        port: &Path,
+        task: &Task<'_>,
+        context: &Context<'_>,
+    ) -> Result<Printed, Error> {
+        let link = serial::open(port, &self.profile.firmware, None).await?;
+        let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
+        let cancel = context.cancel.clone();
+        let printing = async {
+            let sender = sender;
+            driver::print(job, link, self.profile, &sender, &cancel).await
+        };
+        let (printed, ()) = tokio::join!(printing, show(receiver, task, context));
+        let printed = printed.map_err(|e| cancelled_or(e, &cancel))?;
+        Ok(Printed {
+            simulated: self.port == SIMULATED_PORT,
+            n_lines: printed.n_lines,
+            elapsed_s: printed.elapsed.as_secs_f64(),
+            wire: printed.stats,
+        })
+    }
+}
+
+/// Where the operator asked to stop, that is why the print ended.
+fn cancelled_or(error: printer::Error, cancel: &CancelToken) -> Error {
+    match error {
+        printer::Error::Cancelled if cancel.is_cancelled() => Error::Interrupted(Cancelled),
+        other => other.into(),
+    }
+}
+
+/// Passes on what the printer tells, until the print has ended.
+async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: &Context<'_>) {
+    let note = |text| (context.events)(Event::Note { stage: Stage::Print, text });
+    while let Some(event) = events.recv().await {
+        match event {
+            PrintEvent::Progress { n_lines_done, n_lines } => task.report(n_lines_done, n_lines),
+            PrintEvent::Session(protocol::Event::Busy(what)) => note(format!("printer: {what}")),
+            PrintEvent::Session(protocol::Event::Action(what)) => note(format!("printer asks: {what}")),
+            PrintEvent::Session(other) => tracing::debug!("printer: {other:?}"),
+        }
+    }
+}

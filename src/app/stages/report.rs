@@ -1,0 +1,159 @@
+//! Everything to the report: `report/`.
+
+use super::print::RECORD_DIR;
+use super::read_json;
+use super::segment::{SECTIONS_FILE, VOLUME_FILE};
+use super::slice::{JOB_FILE, LAYERS_FILE};
+use super::solid::SOLID_FILE;
+use crate::app::atomic;
+use crate::app::case::{CaseError, MadeFrom};
+use crate::app::error::Error;
+use crate::app::event::Stage;
+use crate::app::session::{Made, Session};
+use crate::app::settings::Body;
+use crate::ct::Warning;
+use crate::progress::Task;
+use crate::report::{self, BodyKind, Gate, Image, Inputs, Record, Report};
+use crate::segment::Polarity;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// The report.
+const REPORT_DIR: &str = "report";
+/// Its headline figures as text, in [`REPORT_DIR`].
+const HEADLINE_FILE: &str = "headline.txt";
+
+/// Where the report is and what it says.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportPlace {
+    /// The page to open.
+    pub index_html: PathBuf,
+    /// The figures.
+    pub report_json: PathBuf,
+    /// Whether the gate was passed.
+    pub passed: bool,
+    /// The figures of the block `total`; `null` where they could not be measured.
+    pub total: serde_json::Value,
+    /// The headline figures, one a line.
+    #[serde(skip)]
+    pub headline: Vec<String>,
+}
+
+/// What is read back from `report.json`.
+#[derive(Deserialize)]
+struct Figures {
+    verdict: Verdict,
+    total: Total,
+}
+
+#[derive(Deserialize)]
+struct Verdict {
+    passed: bool,
+}
+
+#[derive(Deserialize)]
+struct Total {
+    overall: serde_json::Value,
+}
+
+impl Session<'_> {
+    /// Compares image, contours, solid, toolpaths and deposition.
+    ///
+    /// # Errors
+    /// [`Error`] where a stage before it was not done, or where the case cannot be written. A failed gate is none.
+    pub fn report(&mut self) -> Result<(), Error> {
+        if !self.is_simulated() {
+            return Err(Error::NoRecord(self.case.dir().to_owned()));
+        }
+        self.require(Stage::Print)?;
+        self.stage(Stage::Report, Self::write_report)?;
+        self.report = Some(self.report_place()?);
+        Ok(())
+    }
+
+    pub(crate) fn report_made_from(&self) -> Result<MadeFrom, Error> {
+        let hash = |stage, file| self.case.output_hash(stage, file);
+        let mut made_from = MadeFrom::from([
+            ("sections", hash(Stage::Segment, SECTIONS_FILE)?),
+            ("solid", hash(Stage::Solid, SOLID_FILE)?),
+            ("layers", hash(Stage::Slice, LAYERS_FILE)?),
+            ("job", hash(Stage::Slice, JOB_FILE)?),
+            ("record", hash(Stage::Print, RECORD_DIR)?),
+        ]);
+        if self.has_image() {
+            made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
+        }
+        Ok(made_from)
+    }
+
+    fn write_report(&mut self, task: &Task<'_>) -> Result<Made, Error> {
+        let report = self.build_report(task)?;
+        self.note(Stage::Report, "writing pages and pictures");
+        let staging = self.case.staging()?;
+        let dir = staging.path().join(REPORT_DIR);
+        report::write(&report, &dir, task)?;
+        atomic::write(&dir.join(HEADLINE_FILE), (report.headline().join("\n") + "\n").as_bytes())?;
+        let summary = format!("{} planes: {}", report.plane_z_mm.len(), report.verdict.sentence());
+        Ok(Made { staging, summary, warnings: Vec::new() })
+    }
+
+    fn build_report(&mut self, task: &Task<'_>) -> Result<Report, Error> {
+        let warnings = self.earlier_warnings()?;
+        let polarity = self.segmentation_note()?.map(|n| match n.polarity {
+            Polarity::Dark => report::Polarity::Dark,
+            Polarity::Bright | Polarity::Auto => report::Polarity::Bright,
+        });
+        let body = match self.settings().body {
+            Body::WallMm(_) => BodyKind::Wall,
+            Body::Cast => BodyKind::Cast,
+        };
+        let record = self.record()?;
+        // Filled in first, borrowed together afterwards.
+        self.volume()?;
+        self.sections()?;
+        self.built()?;
+        self.sliced(task)?;
+        let held = &self.held;
+        let sliced = held.sliced.as_ref().expect("planned just now");
+        let inputs = Inputs {
+            image: held.volume.as_ref().zip(polarity).map(|(volume, polarity)| Image { volume, polarity }),
+            sections: held.sections.as_ref().expect("read just now"),
+            solid: held.solid.as_ref().expect("read just now"),
+            body,
+            layers: &sliced.layers,
+            paths: &sliced.paths,
+            record: &record,
+            warnings: &warnings,
+            gate: Gate::default(),
+        };
+        Ok(report::build(&inputs, task)?)
+    }
+
+    fn record(&self) -> Result<Record, Error> {
+        let path = self.case.output(Stage::Print, RECORD_DIR)?.join("beads.csv");
+        let parsed = report::record::parse(&atomic::read_text(&path)?);
+        Ok(parsed.map_err(|e| CaseError::Corrupt { path, problem: e.to_string() })?)
+    }
+
+    /// What the stages before the report found odd.
+    fn earlier_warnings(&self) -> Result<Vec<Warning>, Error> {
+        let mut warnings = self.segmentation_note()?.map(|n| n.warnings).unwrap_or_default();
+        warnings.extend(self.solid_warnings()?);
+        warnings.extend(self.layers_document()?.warnings);
+        Ok(warnings)
+    }
+
+    fn report_place(&self) -> Result<ReportPlace, Error> {
+        let dir = self.case.output(Stage::Report, REPORT_DIR)?;
+        let report_json = dir.join("report.json");
+        let figures: Figures = read_json(&report_json)?;
+        let headline = atomic::read_text(&dir.join(HEADLINE_FILE))?;
+        Ok(ReportPlace {
+            index_html: dir.join("index.html"),
+            report_json,
+            passed: figures.verdict.passed,
+            total: figures.total.overall,
+            headline: headline.lines().map(str::to_owned).collect(),
+        })
+    }
+}

@@ -1,0 +1,238 @@
+//! CT to contours: `sections.json`, `segmentation.json`, `volume.bin`.
+
+use super::{read_json, to_json};
+use crate::app::atomic::{self, FileError};
+use crate::app::case::MadeFrom;
+use crate::app::error::Error;
+use crate::app::event::Stage;
+use crate::app::session::{Made, Session, hash_of};
+use crate::app::settings::{SegmentSettings, Source};
+use crate::app::volume_file::{self, MARGIN_MM};
+use crate::ct::{self, SeriesChoice, Volume, Warning};
+use crate::geom::{Bounds2, Contour, Point3};
+use crate::phantom;
+use crate::progress::Task;
+use crate::sections::{self, SectionStack};
+use crate::segment::{self, Polarity, Segmentation};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Contours per CT plane.
+pub(crate) const SECTIONS_FILE: &str = "sections.json";
+/// How the lumen was found.
+pub(crate) const SEGMENTATION_FILE: &str = "segmentation.json";
+/// The CT around the lumen.
+pub(crate) const VOLUME_FILE: &str = "volume.bin";
+
+/// `segmentation.json`: how the lumen was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct SegmentationNote {
+    /// The window that was used.
+    pub(crate) window_hu: [f64; 2],
+    /// Bright or dark.
+    pub(crate) polarity: Polarity,
+    /// Number of planes with lumen.
+    pub(crate) n_planes: usize,
+    /// Heights of the lowest and the highest of them, stack frame.
+    pub(crate) z_mm: [f64; 2],
+    /// Volume of the voxels.
+    pub(crate) n_voxels: usize,
+    /// What was odd about CT, lumen and contours.
+    pub(crate) warnings: Vec<Warning>,
+}
+
+impl Session<'_> {
+    /// Finds the contours of the lumen in the CT.
+    ///
+    /// # Errors
+    /// [`Error`] where the CT cannot be read, the lumen not be found, or the case not be written.
+    pub fn segment(&mut self) -> Result<(), Error> {
+        if matches!(self.settings().source, Source::Sections) {
+            self.case.output(Stage::Segment, SECTIONS_FILE)?;
+            self.skip(Stage::Segment);
+            return Ok(());
+        }
+        self.stage(Stage::Segment, Self::find_contours)
+    }
+
+    /// Takes ready contours into a new case.
+    ///
+    /// # Errors
+    /// [`Error`] where the file cannot be read or is no document of contours.
+    pub fn import_sections(&mut self, file: &Path) -> Result<(), Error> {
+        let text = atomic::read_text(file)?;
+        let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes()))]);
+        let Some(because_of) = self.case.outdated(Stage::Segment, &made_from)? else {
+            self.skip(Stage::Segment);
+            return Ok(());
+        };
+        self.redo(Stage::Segment, &made_from, because_of, |session, _| {
+            let bad = |source| Error::SectionsFile { path: file.to_owned(), source };
+            let stack = sections::format::from_json(&text).map_err(bad)?;
+            let staging = session.case.staging()?;
+            staging.write(SECTIONS_FILE, sections::format::to_json(&stack).map_err(bad)?.as_bytes())?;
+            let summary = format!("{} planes of ready contours", stack.planes.len());
+            session.held.sections = Some(stack);
+            Ok(Made { staging, summary, warnings: Vec::new() })
+        })
+    }
+
+    pub(crate) fn segment_made_from(&self) -> Result<MadeFrom, Error> {
+        let image = match &self.settings().source {
+            Source::Phantom(params) => ("phantom", hash_of(params)),
+            _ => ("ct", self.ct_hash()?),
+        };
+        Ok(MadeFrom::from([image, ("parameters", hash_of(&self.settings().segment))]))
+    }
+
+    /// The hash of the CT's files; that of the last time where nobody knows where they are.
+    fn ct_hash(&self) -> Result<String, Error> {
+        if let Some(ct) = self.ct.as_deref().filter(|ct| ct.exists()) {
+            return Ok(hash_of_files(ct)?);
+        }
+        let before = self.case.made_from(Stage::Segment).and_then(|m| m.get("ct"));
+        before.cloned().ok_or_else(|| Error::CtUnknown(self.case.dir().to_owned()))
+    }
+
+    fn find_contours(&mut self, task: &Task<'_>) -> Result<Made, Error> {
+        let (volume, mut warnings) = self.load_image(task)?;
+        self.note(Stage::Segment, "finding the lumen");
+        let settings = self.settings();
+        let params = segment_params(&settings.segment, &settings.source);
+        let found = segment::segment(&volume, &params, task)?;
+        self.note(Stage::Segment, "drawing its contours");
+        let extracted = sections::extract(&volume, &found, &sections::Params::default(), task)?;
+        warnings.extend(found.warnings.iter().chain(&extracted.warnings).cloned());
+        let note = note(&volume, &found, warnings);
+        let kept = volume_file::crop(&volume, lumen_bounds(&extracted.stack), found.planes);
+        self.keep(extracted.stack, kept, note)
+    }
+
+    fn load_image(&self, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
+        match &self.settings().source {
+            Source::Phantom(params) => {
+                self.note(Stage::Segment, "making a synthetic CT");
+                let dir = tempfile::tempdir()
+                    .map_err(atomic::failed("create a directory in", &std::env::temp_dir()))?;
+                let series = dir.path().join("series");
+                phantom::series::write(&series, params, task)?;
+                self.load_ct(&series, task)
+            }
+            _ => {
+                let unknown = || Error::CtUnknown(self.case.dir().to_owned());
+                let ct = self.ct.as_deref().filter(|ct| ct.exists()).ok_or_else(unknown)?;
+                self.load_ct(ct, task)
+            }
+        }
+    }
+
+    fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
+        self.note(Stage::Segment, "reading the CT");
+        let choice = self.settings().segment.series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
+        let loaded = ct::reader::load(path, &choice, task)?;
+        Ok((loaded.volume, loaded.warnings))
+    }
+
+    fn keep(&mut self, stack: SectionStack, kept: Volume, note: SegmentationNote) -> Result<Made, Error> {
+        let unwritable = |source| Error::SectionsFile { path: self.case.path(SECTIONS_FILE), source };
+        let document = sections::format::to_json(&stack).map_err(unwritable)?;
+        let staging = self.case.staging()?;
+        staging.write(SECTIONS_FILE, document.as_bytes())?;
+        staging.write(SEGMENTATION_FILE, &to_json(&note))?;
+        staging.write(VOLUME_FILE, &volume_file::to_bytes(&kept))?;
+        let n_contours: usize = stack.planes.iter().map(|p| p.contours.len()).sum();
+        let [lo, hi] = note.window_hu;
+        let summary =
+            format!("{} planes, {n_contours} contours, window {lo:.0} to {hi:.0} HU", stack.planes.len());
+        self.held.sections = Some(stack);
+        self.held.volume = Some(kept);
+        Ok(Made { staging, summary, warnings: note.warnings })
+    }
+
+    /// The contours, read unless this process has just made them.
+    pub(crate) fn sections(&mut self) -> Result<&SectionStack, Error> {
+        if self.held.sections.is_none() {
+            let path = self.case.output(Stage::Segment, SECTIONS_FILE)?;
+            let stack = sections::format::from_json(&atomic::read_text(&path)?);
+            self.held.sections = Some(stack.map_err(|source| Error::SectionsFile { path, source })?);
+        }
+        Ok(self.held.sections.as_ref().expect("read just now"))
+    }
+
+    /// The kept part of the CT, read unless this process has just made it; `None` for a case without an image.
+    pub(crate) fn volume(&mut self) -> Result<Option<&Volume>, Error> {
+        if self.held.volume.is_none() && self.has_image() {
+            let path = self.case.output(Stage::Segment, VOLUME_FILE)?;
+            let bytes = std::fs::read(&path).map_err(atomic::failed("read", &path))?;
+            let volume = volume_file::from_bytes(&bytes);
+            self.held.volume = Some(volume.map_err(|source| Error::Volume { path, source })?);
+        }
+        Ok(self.held.volume.as_ref())
+    }
+
+    /// How the lumen was found; `None` for a case without an image.
+    pub(crate) fn segmentation_note(&self) -> Result<Option<SegmentationNote>, Error> {
+        if !self.has_image() {
+            return Ok(None);
+        }
+        let path = self.case.output(Stage::Segment, SEGMENTATION_FILE)?;
+        Ok(Some(read_json(&path)?))
+    }
+}
+
+fn segment_params(settings: &SegmentSettings, source: &Source) -> segment::Params {
+    let given = settings.seed_mm.iter().map(|&[x, y, z]| Point3::new(x, y, z));
+    let seeds_patient_mm = match source {
+        Source::Phantom(params) if settings.seed_mm.is_empty() => vec![phantom::default_seed(params)],
+        _ => given.collect(),
+    };
+    segment::Params {
+        seeds_patient_mm,
+        window_hu: settings.window_hu,
+        polarity: settings.polarity,
+        z_mm: settings.z_mm,
+    }
+}
+
+fn note(volume: &Volume, found: &Segmentation, warnings: Vec<Warning>) -> SegmentationNote {
+    let z = &volume.plane_z_mm[found.planes.clone()];
+    SegmentationNote {
+        window_hu: found.window_hu,
+        polarity: found.polarity,
+        n_planes: z.len(),
+        z_mm: [z.first().copied().unwrap_or_default(), z.last().copied().unwrap_or_default()],
+        n_voxels: found.mask.n_voxels(),
+        warnings,
+    }
+}
+
+/// The box around all contours and what a report shows beside them.
+fn lumen_bounds(stack: &SectionStack) -> Bounds2 {
+    let all = stack.planes.iter().flat_map(|p| &p.contours).filter_map(Contour::bounds);
+    all.reduce(Bounds2::union).expect("the contours of a segmentation are not empty").grown(MARGIN_MM)
+}
+
+/// The hash of all files below a path, whatever they are called and in whatever order they lie.
+fn hash_of_files(path: &Path) -> Result<String, FileError> {
+    let mut files = Vec::new();
+    collect_files(path, &mut files)?;
+    let hashes: Result<Vec<String>, FileError> = files.par_iter().map(|f| atomic::hash_of_path(f)).collect();
+    let mut hashes = hashes?;
+    hashes.sort();
+    Ok(atomic::hash_of_bytes(hashes.concat().as_bytes()))
+}
+
+fn collect_files(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), FileError> {
+    if !path.is_dir() {
+        files.push(path.to_owned());
+        return Ok(());
+    }
+    for entry in atomic::entries(path)? {
+        // A link to a directory may lead back up: not followed.
+        if !(entry.is_symlink() && entry.is_dir()) && entry.exists() {
+            collect_files(&entry, files)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,180 @@
+//! `volume.bin`: the CT around the lumen, so that reports can be drawn without the source.
+//!
+//! A line `lumenfab volume 1`, a line of JSON (dimensions, spacing, place; nothing about the patient), then the
+//! intensities as little-endian `f32`, x fastest, then y, then z.
+
+use crate::ct::Volume;
+use crate::geom::{Bounds2, RigidTransform};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+const MAGIC: &[u8] = b"lumenfab volume 1\n";
+
+/// How far the kept image reaches beyond the lumen: a thick wall and something of what surrounds it, mm.
+pub const MARGIN_MM: f64 = 12.0;
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    dims: [usize; 3],
+    origin_xy_mm: [f64; 2],
+    pixel_spacing_xy_mm: [f64; 2],
+    plane_z_mm: Vec<f64>,
+    slab_thickness_mm: f64,
+    patient_from_stack: RigidTransform,
+}
+
+/// The bytes are no volume.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum VolumeFileError {
+    /// The file does not begin as it should.
+    #[error("not a volume of this version of lumenfab")]
+    Foreign,
+    /// The header is damaged.
+    #[error("damaged header: {0}")]
+    Header(String),
+    /// There is more or less than the header says.
+    #[error("found {found} bytes of intensities, expected {expected}: the file is damaged")]
+    Length {
+        /// Bytes that are there.
+        found: usize,
+        /// Bytes that the header promises.
+        expected: usize,
+    },
+}
+
+/// The part of a volume within `bounds`, in the given planes.
+///
+/// # Panics
+/// Where `planes` reaches beyond the volume.
+#[must_use]
+pub fn crop(volume: &Volume, bounds: Bounds2, planes: Range<usize>) -> Volume {
+    let columns = range(volume, 0, bounds.min.x, bounds.max.x);
+    let rows = range(volume, 1, bounds.min.y, bounds.max.y);
+    let mut hu = Vec::with_capacity(columns.len() * rows.len() * planes.len());
+    for k in planes.clone() {
+        let plane = volume.plane(k);
+        for j in rows.clone() {
+            let start = j * volume.dims[0];
+            hu.extend_from_slice(&plane[start + columns.start..start + columns.end]);
+        }
+    }
+    let corner = volume.stack_from_voxel(columns.start as f64, rows.start as f64, planes.start);
+    Volume {
+        dims: [columns.len(), rows.len(), planes.len()],
+        hu,
+        origin_xy_mm: [corner.x, corner.y],
+        pixel_spacing_xy_mm: volume.pixel_spacing_xy_mm,
+        plane_z_mm: volume.plane_z_mm[planes].to_vec(),
+        slab_thickness_mm: volume.slab_thickness_mm,
+        patient_from_stack: volume.patient_from_stack,
+    }
+}
+
+/// Indices along an axis whose centres lie between two coordinates; at least one.
+fn range(volume: &Volume, axis: usize, from_mm: f64, to_mm: f64) -> Range<usize> {
+    let last = volume.dims[axis] - 1;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the volume")]
+    let at = |mm: f64, round: fn(f64) -> f64| {
+        let index = (mm - volume.origin_xy_mm[axis]) / volume.pixel_spacing_xy_mm[axis];
+        round(index).clamp(0.0, last as f64) as usize
+    };
+    at(from_mm, f64::floor)..at(to_mm, f64::ceil) + 1
+}
+
+/// The bytes of the file.
+#[must_use]
+pub fn to_bytes(volume: &Volume) -> Vec<u8> {
+    let header = Header {
+        dims: volume.dims,
+        origin_xy_mm: volume.origin_xy_mm,
+        pixel_spacing_xy_mm: volume.pixel_spacing_xy_mm,
+        plane_z_mm: volume.plane_z_mm.clone(),
+        slab_thickness_mm: volume.slab_thickness_mm,
+        patient_from_stack: volume.patient_from_stack,
+    };
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(serde_json::to_vec(&header).expect("finite numbers can be written as JSON"));
+    bytes.push(b'\n');
+    bytes.extend(volume.hu.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+/// Reads the file.
+///
+/// # Errors
+/// [`VolumeFileError`] where the bytes are not what [`to_bytes`] makes; the header is checked against the length
+/// before it is believed.
+pub fn from_bytes(bytes: &[u8]) -> Result<Volume, VolumeFileError> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or(VolumeFileError::Foreign)?;
+    let end = rest.iter().position(|&b| b == b'\n');
+    let end = end.ok_or_else(|| VolumeFileError::Header("it does not end".into()))?;
+    let header: Header =
+        serde_json::from_slice(&rest[..end]).map_err(|e| VolumeFileError::Header(e.to_string()))?;
+    if header.plane_z_mm.len() != header.dims[2] {
+        return Err(VolumeFileError::Header("one height a plane is needed".into()));
+    }
+    let values = &rest[end + 1..];
+    let expected = header.dims.iter().try_fold(4_usize, |product, &n| product.checked_mul(n));
+    let expected = expected.ok_or_else(|| VolumeFileError::Header("dimensions beyond any memory".into()))?;
+    if values.len() != expected {
+        return Err(VolumeFileError::Length { found: values.len(), expected });
+    }
+    let hu = values.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+    Ok(Volume {
+        dims: header.dims,
+        hu,
+        origin_xy_mm: header.origin_xy_mm,
+        pixel_spacing_xy_mm: header.pixel_spacing_xy_mm,
+        plane_z_mm: header.plane_z_mm,
+        slab_thickness_mm: header.slab_thickness_mm,
+        patient_from_stack: header.patient_from_stack,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Point2;
+
+    fn volume() -> Volume {
+        Volume {
+            dims: [5, 4, 3],
+            hu: (0..60_u8).map(f32::from).collect(),
+            origin_xy_mm: [-10.0, 20.0],
+            pixel_spacing_xy_mm: [0.5, 2.0],
+            plane_z_mm: vec![1.0, 4.0, 7.0],
+            slab_thickness_mm: 2.0,
+            patient_from_stack: RigidTransform::identity(),
+        }
+    }
+
+    #[test]
+    fn a_volume_reads_back() {
+        assert_eq!(from_bytes(&to_bytes(&volume())).unwrap(), volume());
+    }
+
+    #[test]
+    fn a_crop_keeps_every_voxel_in_its_place() {
+        let bounds = Bounds2 { min: Point2::new(-9.6, 21.9), max: Point2::new(-8.6, 23.9) };
+        let cropped = crop(&volume(), bounds, 1..3);
+        assert_eq!(cropped.dims, [4, 3, 2]);
+        let p = volume().stack_from_voxel(2.0, 1.0, 2);
+        let [i, j, k] = cropped.voxel_from_stack(p).unwrap();
+        assert_eq!(cropped.at(i, j, k), volume().at(2, 1, 2));
+        let everything = Bounds2 { min: Point2::new(-1e9, -1e9), max: Point2::new(1e9, 1e9) };
+        assert_eq!(crop(&volume(), everything, 0..3), volume());
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let bytes = to_bytes(&volume());
+        assert_eq!(from_bytes(b"PK").unwrap_err(), VolumeFileError::Foreign);
+        assert_eq!(
+            from_bytes(&bytes[..bytes.len() - 1]).unwrap_err(),
+            VolumeFileError::Length { found: 239, expected: 240 }
+        );
+        assert!(matches!(from_bytes(&bytes[..40]).unwrap_err(), VolumeFileError::Header(_)));
+        let huge = [MAGIC, b"{\"dims\":[4294967295,4294967295,4294967295]}\n"].concat();
+        assert!(matches!(from_bytes(&huge).unwrap_err(), VolumeFileError::Header(_)));
+    }
+}

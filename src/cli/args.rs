@@ -1,0 +1,387 @@
+//! What may be written on the command line. Each flag is checked here as far as it can be without its file.
+
+use crate::app::Skin;
+use crate::app::settings::{
+    self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, Fault, LAYER_MM, Limits,
+    SIMULATED_PORT, WALL_MM,
+};
+use crate::phantom::{self, Contrast, Kind};
+use crate::segment::Polarity;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// From a CT series of a blood vessel to a printed replica of its lumen, with proof of how faithful it is.
+///
+/// Without a command: the whole way once, with a built-in synthetic CT and a simulated printer.
+#[derive(Debug, Parser)]
+#[command(name = "lumenfab", version, max_term_width = 110, after_help = INTENDED_USE)]
+pub(crate) struct Cli {
+    /// One JSON document on stdout instead of text; progress and messages stay on stderr
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    #[command(subcommand)]
+    pub(crate) command: Option<Command>,
+}
+
+/// Said in the README and in every report too.
+const INTENDED_USE: &str = "Intended use: models for planning, teaching and research; not a medical device unless \
+the user's institution validates it as one.\n\nExit codes: 0 done; 1 the work failed; 2 wrong usage or \
+configuration; 3 done, but the quality gate of the report failed; 130 interrupted.";
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// The main job: every stage from CT to report
+    Run(RunArgs),
+    /// Write a synthetic CT as a DICOM series, with its truth
+    Phantom(PhantomArgs),
+    /// Show which series a folder holds, their geometry and what is wrong with them
+    Inspect {
+        /// Folder with DICOM files
+        path: PathBuf,
+    },
+    /// CT to contours: start a case with --ct and --out, or do the stage again
+    Segment(SegmentArgs),
+    /// Contours to the solid: start a case with --sections and --out, or do the stage again
+    Solid(SolidArgs),
+    /// Solid to layers, toolpaths and G-code
+    Slice(SliceArgs),
+    /// G-code to the printer
+    Print(PrintArgs),
+    /// Compare image, contours, solid, toolpaths and deposition
+    Report {
+        /// Case directory
+        case: PathBuf,
+    },
+    /// Write the solid as a triangle mesh
+    Export(ExportArgs),
+    /// Firmware and machine profiles
+    #[command(subcommand)]
+    Profiles(ProfilesCommand),
+    /// The simulated printer, as a process of its own
+    #[command(name = "hil-sim", hide = true, disable_help_flag = true)]
+    HilSim {
+        /// As for the program `hil-sim`
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        args: Vec<std::ffi::OsString>,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    /// Case directories, or case files (TOML; `ct = PATH` and any of the flags below with underscores)
+    #[arg(value_name = "CASE.toml|DIR")]
+    pub(crate) cases: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) ct: CtArgs,
+    #[command(flatten)]
+    pub(crate) body: BodyArgs,
+    #[command(flatten)]
+    pub(crate) layer: LayerArgs,
+    #[command(flatten)]
+    pub(crate) printer: PrinterArgs,
+    /// Case directory to make or to go on with [default: lumenfab-case; for a case file: beside it, its name
+    /// without .toml]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// Where the lumen is found, and how.
+#[derive(Debug, Args, Default)]
+pub(crate) struct CtArgs {
+    /// Folder with the DICOM files of a CT series
+    #[arg(long, value_name = "PATH")]
+    pub(crate) ct: Option<PathBuf>,
+    /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1
+    #[arg(long, value_name = "N", value_parser = settings::parse_series)]
+    pub(crate) series: Option<usize>,
+    /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once
+    #[arg(long, value_name = "X,Y,Z", value_parser = settings::parse_seed_mm, allow_hyphen_values = true)]
+    pub(crate) seed_mm: Vec<[f64; 3]>,
+    /// Intensities of the lumen, HU, LO < HI [default: found from the seed's neighbourhood]
+    #[arg(long, value_name = "LO,HI", value_parser = settings::parse_window_hu, allow_hyphen_values = true)]
+    pub(crate) window_hu: Option<[f64; 2]>,
+    /// Whether the lumen is brighter or darker than its wall; auto: found from the seed's neighbourhood
+    /// [default: auto]
+    #[arg(long, value_parser = named([("bright", Polarity::Bright), ("dark", Polarity::Dark), ("auto", Polarity::Auto)]))]
+    pub(crate) polarity: Option<Polarity>,
+    /// Planes to use: heights along the stack's normal, mm, A < B [default: all]
+    #[arg(long, value_name = "A,B", value_parser = settings::parse_z_mm, allow_hyphen_values = true)]
+    pub(crate) z_mm: Option<[f64; 2]>,
+}
+
+/// What is printed.
+#[derive(Debug, Args, Default)]
+pub(crate) struct BodyArgs {
+    #[arg(long, value_name = "T", value_parser = wall_mm, allow_hyphen_values = true, conflicts_with = "cast",
+          help = help("Print a hollow vessel with a wall of this thickness", WALL_MM, DEFAULT_WALL_MM))]
+    pub(crate) wall_mm: Option<f64>,
+    /// Print the lumen as a solid body instead
+    #[arg(long)]
+    pub(crate) cast: bool,
+}
+
+/// How it is sliced.
+#[derive(Debug, Args, Default)]
+pub(crate) struct LayerArgs {
+    #[arg(long, value_name = "H", value_parser = layer_mm, allow_hyphen_values = true,
+          help = help("Layer height, within the profile's limits", LAYER_MM, DEFAULT_LAYER_MM))]
+    pub(crate) layer_mm: Option<f64>,
+    #[arg(long, value_name = "NAME|FILE",
+          help = format!("Profile of the printer: a name (`lumenfab profiles list`) or a file [default: {DEFAULT_PROFILE}]"))]
+    pub(crate) profile: Option<String>,
+}
+
+/// Where it is printed.
+#[derive(Debug, Args, Default)]
+pub(crate) struct PrinterArgs {
+    #[arg(long, value_name = "sim|PATH",
+          help = format!("The printer's serial port, or `sim`: a simulated printer [default: {SIMULATED_PORT}]"))]
+    pub(crate) port: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SegmentArgs {
+    /// Case directory, to do the stage again
+    #[arg(required_unless_present = "out", conflicts_with = "out")]
+    pub(crate) case: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) ct: CtArgs,
+    /// Case directory to make
+    #[arg(long, value_name = "CASE", requires = "ct")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SolidArgs {
+    /// Case directory, to do the stage again
+    #[arg(required_unless_present = "out", conflicts_with = "out")]
+    pub(crate) case: Option<PathBuf>,
+    /// Ready contours (sections.json): no CT is needed
+    #[arg(long, value_name = "FILE", requires = "out")]
+    pub(crate) sections: Option<PathBuf>,
+    /// Case directory to make
+    #[arg(long, value_name = "CASE", requires = "sections")]
+    pub(crate) out: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) body: BodyArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SliceArgs {
+    /// Case directory
+    pub(crate) case: PathBuf,
+    #[command(flatten)]
+    pub(crate) layer: LayerArgs,
+    /// Write the G-code to this file too
+    #[arg(long, value_name = "F.gcode")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PrintArgs {
+    /// Case directory, or a file of G-code
+    #[arg(value_name = "CASE|JOB.gcode")]
+    pub(crate) what: PathBuf,
+    #[command(flatten)]
+    pub(crate) printer: PrinterArgs,
+    /// Profile of the printer, for a file of G-code: a name or a file [default: marlin]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) profile: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ExportArgs {
+    /// Case directory
+    pub(crate) case: PathBuf,
+    /// Binary STL to write
+    #[arg(long, value_name = "F")]
+    pub(crate) stl: PathBuf,
+    /// The printed body, or the lumen alone, closed by its caps
+    #[arg(long, default_value = "all", value_parser = named([("all", Skin::All), ("lumen", Skin::Lumen)]))]
+    pub(crate) skin: Skin,
+    #[arg(long, value_name = "D", value_parser = deflection_mm, allow_hyphen_values = true, default_value = "0.01",
+          help = range_help("Farthest that the surface may be from its triangles", settings::DEFLECTION_MM))]
+    pub(crate) deflection_mm: f64,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PhantomArgs {
+    /// Folder to write, new or empty
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// The vessel
+    #[arg(long, default_value = Kind::default().name(), value_parser = named(Kind::ALL.map(|k| (k.name(), k))))]
+    pub(crate) kind: Kind,
+    /// Whether its lumen is brighter or darker than its wall
+    #[arg(long, default_value = "bright", value_parser = named([("bright", Contrast::Bright), ("dark", Contrast::Dark)]))]
+    pub(crate) polarity: Contrast,
+    #[arg(long, value_name = "N", value_parser = noise_hu, allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().noise_hu,
+          help = range_help("Standard deviation of the noise", settings::NOISE_HU))]
+    pub(crate) noise_hu: f64,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum ProfilesCommand {
+    /// Names of the built-in profiles
+    List,
+    /// All values of a profile
+    Show {
+        /// Name or file
+        #[arg(value_name = "NAME|FILE")]
+        profile: String,
+    },
+    /// Check a profile file, or a built-in profile
+    Check {
+        /// Name or file
+        #[arg(value_name = "NAME|FILE")]
+        profile: String,
+    },
+}
+
+/// A parser of the given words.
+fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    names: [(&'static str, T); N],
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(names.map(|(name, _)| name)).map(move |text| {
+        let found = names.iter().find(|(name, _)| *name == text);
+        found.expect("only the given words pass").1
+    })
+}
+
+fn wall_mm(text: &str) -> Result<f64, Fault> {
+    WALL_MM.parse(text)
+}
+
+fn layer_mm(text: &str) -> Result<f64, Fault> {
+    LAYER_MM.parse(text)
+}
+
+fn deflection_mm(text: &str) -> Result<f64, Fault> {
+    settings::DEFLECTION_MM.parse(text)
+}
+
+fn noise_hu(text: &str) -> Result<f64, Fault> {
+    settings::NOISE_HU.parse(text)
+}
+
+fn range_help(text: &str, limits: Limits) -> String {
+    format!("{text}, {}, {} to {}", limits.unit, limits.min, limits.max)
+}
+
+fn help(text: &str, limits: Limits, default: f64) -> String {
+    format!("{} [default: {default}]", range_help(text, limits))
+}
+
+impl CtArgs {
+    pub(crate) fn patch(&self) -> CaseFile {
+        CaseFile {
+            ct: self.ct.clone(),
+            series: self.series,
+            seed_mm: (!self.seed_mm.is_empty()).then(|| self.seed_mm.clone()),
+            window_hu: self.window_hu,
+            polarity: self.polarity,
+            z_mm: self.z_mm,
+            ..CaseFile::default()
+        }
+    }
+}
+
+impl BodyArgs {
+    pub(crate) fn patch(&self) -> CaseFile {
+        CaseFile { wall_mm: self.wall_mm, cast: self.cast.then_some(true), ..CaseFile::default() }
+    }
+}
+
+impl LayerArgs {
+    pub(crate) fn patch(&self) -> CaseFile {
+        CaseFile { layer_mm: self.layer_mm, profile: self.profile.clone(), ..CaseFile::default() }
+    }
+}
+
+impl PrinterArgs {
+    pub(crate) fn patch(&self) -> CaseFile {
+        CaseFile { port: self.port.clone(), ..CaseFile::default() }
+    }
+}
+
+impl RunArgs {
+    pub(crate) fn patch(&self) -> CaseFile {
+        self.ct.patch().over(self.body.patch()).over(self.layer.patch()).over(self.printer.patch())
+    }
+}
+
+/// A refused command line as one line: the flag, what was found, what was expected.
+pub(crate) fn usage_line(error: &clap::Error) -> String {
+    use clap::error::{ContextKind, ContextValue};
+    let context = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.as_str()),
+        _ => None,
+    };
+    let fault = std::error::Error::source(error);
+    if let (Some(argument), Some(fault)) = (context(ContextKind::InvalidArg), fault) {
+        let flag = argument.split(' ').next().unwrap_or(argument);
+        return format!("{flag}: {fault}");
+    }
+    let text = error.to_string();
+    let what = text.split("\n\n").next().unwrap_or(&text).trim_start_matches("error: ");
+    let tip = text.split("\n\n").find_map(|p| p.trim_start().strip_prefix("tip: "));
+    let joined: Vec<&str> =
+        what.split_whitespace().chain(tip.into_iter().flat_map(str::split_whitespace)).collect();
+    format!("{} (see --help)", joined.join(" "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    fn refused(args: &[&str]) -> String {
+        usage_line(&Cli::try_parse_from([&["lumenfab"], args].concat()).unwrap_err())
+    }
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn negative_coordinates_may_stand_alone_or_behind_an_equals_sign() {
+        for args in [vec!["--seed-mm=-221.4,22.5,165.2"], vec!["--seed-mm", "-221.4,22.5,165.2"]] {
+            let cli = Cli::try_parse_from([vec!["lumenfab", "run"], args].concat()).unwrap();
+            let Some(Command::Run(run)) = cli.command else { panic!("not run") };
+            assert_eq!(run.ct.seed_mm, [[-221.4, 22.5, 165.2]]);
+        }
+    }
+
+    #[test]
+    fn a_refused_flag_is_one_line_with_found_and_expected() {
+        for (args, line) in [
+            (
+                vec!["run", "--seed-mm", "1,2"],
+                "--seed-mm: found \"1,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            ),
+            (
+                vec!["run", "--seed-mm", "1,NaN,2"],
+                "--seed-mm: found \"1,NaN,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            ),
+            (
+                vec!["run", "--window-hu", "300,200"],
+                "--window-hu: found 300,200, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
+            ),
+            (vec!["run", "--wall-mm", "0"], "--wall-mm: found 0, expected a number from 0.1 to 20 mm"),
+            (vec!["run", "--layer-mm=-0.2"], "--layer-mm: found -0.2, expected a number from 0.02 to 1 mm"),
+            (
+                vec!["run", "--z-mm", "9,1"],
+                "--z-mm: found 9,1, expected A,B: two heights in mm separated by a comma, A less than B",
+            ),
+        ] {
+            assert_eq!(refused(&args), line, "{args:?}");
+        }
+        for args in [vec!["export", "c"], vec!["runn"], vec!["run", "--wal-mm", "1"], vec!["segment"]] {
+            let line = refused(&args);
+            assert!(!line.contains('\n') && line.ends_with("(see --help)"), "{line}");
+        }
+    }
+}

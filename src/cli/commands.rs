@@ -1,0 +1,310 @@
+//! The commands: flags to parameters, results to text.
+
+use super::args::{
+    Cli, Command, ExportArgs, PhantomArgs, PrintArgs, ProfilesCommand, RunArgs, SegmentArgs, SliceArgs,
+    SolidArgs,
+};
+use super::face::{Face, error_document};
+use super::signals;
+use crate::app::settings::{CaseFile, SIMULATED_PORT, SourceName};
+use crate::app::source::Sources;
+use crate::app::{self, Context, Error, Event, Outcome, Session, case};
+use crate::progress::Task;
+use crate::{ct, phantom, profile};
+use clap::Parser;
+use serde_json::json;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Where `lumenfab run` puts its case where nothing is said.
+const DEFAULT_OUT: &str = "lumenfab-case";
+/// Exit code of a report whose gate failed.
+const GATE_FAILED: u8 = 3;
+
+/// Runs a command to its exit code.
+pub(super) fn run(cli: Cli) -> u8 {
+    let face = Face::new(cli.json);
+    let events = |event: Event| face.event(event);
+    let context =
+        Context { events: &events, cancel: signals::cancel_on_signal(), sources: Sources::of_user() };
+    let command = cli.command.unwrap_or_else(|| Command::Run(default_run()));
+    let done = match command {
+        Command::Run(args) => return run_cases(&args, &face, &context),
+        Command::Phantom(args) => make_phantom(&args, &face, &context),
+        Command::Inspect { path } => inspect(&path, &face, &context),
+        Command::Segment(args) => segment(&args, context).map(|o| show_case(&face, &o)),
+        Command::Solid(args) => solid(&args, context).map(|o| show_case(&face, &o)),
+        Command::Slice(args) => slice(&args, context).map(|o| show_case(&face, &o)),
+        Command::Print(args) => print(&args, &face, context),
+        Command::Report { case } => {
+            stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
+        }
+        Command::Export(args) => export(&args, &face, context),
+        Command::Profiles(command) => profiles(&command, &face),
+        Command::HilSim { args } => return simulate(args),
+    };
+    done.unwrap_or_else(|e| face.failed(&e))
+}
+
+/// `lumenfab` alone.
+fn default_run() -> RunArgs {
+    let Ok(Cli { command: Some(Command::Run(args)), .. }) = Cli::try_parse_from(["lumenfab", "run"]) else {
+        unreachable!("`run` needs no arguments")
+    };
+    args
+}
+
+/// Only where somebody writes a flag before it: otherwise the arguments never come here.
+fn simulate(args: Vec<std::ffi::OsString>) -> u8 {
+    let name = std::ffi::OsString::from("hil-sim");
+    let code = hil_sim::cli::main_from(std::iter::once(name).chain(args));
+    u8::from(code != std::process::ExitCode::SUCCESS)
+}
+
+/// A case to run: where it is or will be, and what was said about it.
+struct Job {
+    dir: PathBuf,
+    parameters: CaseFile,
+}
+
+fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
+    let jobs = match jobs(args) {
+        Ok(jobs) => jobs,
+        Err(line) => return face.usage_error(&line),
+    };
+    let mut documents = Vec::new();
+    let mut text = String::new();
+    let mut exit_code = 0;
+    for job in jobs {
+        match job.and_then(|job| run_case(job, context.clone())) {
+            Ok(outcome) => {
+                text += &case_text(&outcome);
+                documents.push(json!(outcome));
+                exit_code = worse(exit_code, if outcome.gate_failed() { GATE_FAILED } else { 0 });
+            }
+            Err(e) => {
+                face.error(&e);
+                documents.push(error_document(&e));
+                exit_code = worse(exit_code, e.exit_code());
+            }
+        }
+        if context.cancel.is_cancelled() {
+            break;
+        }
+    }
+    face.result(&json!({"cases": documents, "exit_code": exit_code}), &text);
+    exit_code
+}
+
+/// Of several cases the gravest counts: interrupted, wrong usage, failed, gate failed, done.
+fn worse(a: u8, b: u8) -> u8 {
+    const ORDER: [u8; 5] = [0, GATE_FAILED, 1, 2, 130];
+    let rank = |code| ORDER.iter().position(|&c| c == code).unwrap_or(ORDER.len());
+    if rank(b) > rank(a) { b } else { a }
+}
+
+fn run_case(job: Job, context: Context<'_>) -> Result<Outcome, Error> {
+    let mut session = Session::open_or_create(&job.dir, job.parameters, context)?;
+    session.run()?;
+    Ok(session.into_outcome())
+}
+
+type Jobs = Vec<Result<Job, Error>>;
+
+fn jobs(args: &RunArgs) -> Result<Jobs, String> {
+    if args.cases.is_empty() {
+        let mut parameters = args.patch();
+        let dir = args.out.clone().unwrap_or_else(|| DEFAULT_OUT.into());
+        if parameters.ct.is_none() && !(args.out.is_some() && case::is_case(&dir)) {
+            parameters.source = Some(SourceName::Phantom);
+        }
+        return Ok(vec![Ok(Job { dir, parameters })]);
+    }
+    if args.ct.ct.is_some() && args.cases.len() > 1 {
+        return Err("--ct: found several cases, expected one".into());
+    }
+    let several = args.cases.len() > 1;
+    args.cases.iter().map(|case| job(case, args, several)).collect()
+}
+
+fn job(path: &Path, args: &RunArgs, several: bool) -> Result<Result<Job, Error>, String> {
+    if path.is_dir() {
+        if args.out.is_some() {
+            return Err(format!(
+                "--out: found it together with the case {}, expected one of the two",
+                path.display()
+            ));
+        }
+        return Ok(Ok(Job { dir: path.to_owned(), parameters: args.patch() }));
+    }
+    let beside = path.with_extension("");
+    let dir = match &args.out {
+        Some(out) if several => out.join(beside.file_name().unwrap_or_default()),
+        Some(out) => out.clone(),
+        None => beside,
+    };
+    Ok(app::read_case_file(path).map(|file| Job { dir, parameters: args.patch().over(file) }))
+}
+
+/// One stage on a case directory.
+fn stage<'a>(
+    case: &Path,
+    changes: CaseFile,
+    context: Context<'a>,
+    work: impl FnOnce(&mut Session<'a>) -> Result<(), Error>,
+) -> Result<Outcome, Error> {
+    let mut session = Session::open(case, changes, context)?;
+    work(&mut session)?;
+    Ok(session.into_outcome())
+}
+
+fn segment(args: &SegmentArgs, context: Context<'_>) -> Result<Outcome, Error> {
+    let mut session = match (&args.case, &args.out) {
+        (Some(case), _) => Session::open(case, args.ct.patch(), context)?,
+        (None, out) => {
+            let dir = out.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
+            Session::open_or_create(dir, args.ct.patch(), context)?
+        }
+    };
+    session.segment()?;
+    Ok(session.into_outcome())
+}
+
+fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
+    let (Some(out), Some(file)) = (&args.out, &args.sections) else {
+        let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
+        return stage(case, args.body.patch(), context, Session::solid);
+    };
+    let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
+    let mut session = Session::open_or_create(out, parameters, context)?;
+    session.import_sections(file)?;
+    session.solid()?;
+    Ok(session.into_outcome())
+}
+
+fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
+    stage(&args.case, args.layer.patch(), context, |session| {
+        session.slice()?;
+        args.out.as_deref().map_or(Ok(()), |out| session.copy_job(out))
+    })
+}
+
+fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    if case::is_case(&args.what) || args.what.is_dir() {
+        let changes = CaseFile { profile: args.profile.clone(), ..args.printer.patch() };
+        return stage(&args.what, changes, context, Session::print_again).map(|o| show_case(face, &o));
+    }
+    let name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
+    let port = args.printer.port.as_deref().unwrap_or(SIMULATED_PORT);
+    let printed = app::print_file(&args.what, name, port, &context)?;
+    face.result(&printed, &format!("{printed}\n"));
+    Ok(0)
+}
+
+fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    let mut session = Session::open(&args.case, CaseFile::default(), context)?;
+    let exported = session.export_stl(&args.stl, args.skin, args.deflection_mm)?;
+    face.result(&exported, &format!("{exported}\n"));
+    Ok(0)
+}
+
+fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
+    let params = phantom::Params {
+        kind: args.kind,
+        polarity: args.polarity,
+        noise_hu: args.noise_hu,
+        ..phantom::Params::default()
+    };
+    let task = Task::new(&|_, _| {}, context.cancel.clone());
+    phantom::series::write(&args.out, &params, &task)?;
+    let seed = phantom::default_seed(&params);
+    let document = json!({
+        "series": args.out, "truth": args.out.join(phantom::series::TRUTH_FILE), "n_planes": params.n_planes,
+        "seed_mm": [seed.x, seed.y, seed.z],
+    });
+    let text = format!(
+        "{} planes in {}\nseed in the lumen: --seed-mm={:.3},{:.3},{:.3}\n",
+        params.n_planes,
+        args.out.display(),
+        seed.x,
+        seed.y,
+        seed.z
+    );
+    face.result(&document, &text);
+    Ok(0)
+}
+
+fn inspect(path: &Path, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
+    let task = Task::new(&|_, _| {}, context.cancel.clone());
+    let inspection = ct::reader::inspect(path, &task)?;
+    face.result(&inspection, &format!("{inspection}\n"));
+    Ok(0)
+}
+
+fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
+    match command {
+        ProfilesCommand::List => {
+            let all: Result<Vec<_>, _> = profile::builtin_names().into_iter().map(profile::builtin).collect();
+            let all = all?;
+            let rows: Vec<_> =
+                all.iter().map(|p| json!({"name": p.name, "description": p.description})).collect();
+            let mut text = String::new();
+            for p in &all {
+                writeln!(text, "{:<14} {}", p.name, p.description).expect("a string takes every line");
+            }
+            face.result(&json!({"profiles": rows}), &text);
+        }
+        ProfilesCommand::Show { profile } => {
+            let profile = profile::load::by_name(profile)?;
+            face.result(&profile, &toml::to_string(&profile).expect("a profile can be written as TOML"));
+        }
+        ProfilesCommand::Check { profile } => {
+            let profile = profile::load::by_name(profile)?;
+            face.result(&json!({"name": profile.name, "valid": true}), &format!("{}: valid\n", profile.name));
+        }
+    }
+    Ok(0)
+}
+
+/// Shows a case and says the exit code.
+fn show_case(face: &Face, outcome: &Outcome) -> u8 {
+    face.result(outcome, &case_text(outcome));
+    if outcome.gate_failed() { GATE_FAILED } else { 0 }
+}
+
+fn case_text(outcome: &Outcome) -> String {
+    let mut lines = vec![format!("case    {}", outcome.case.display())];
+    let times = outcome.stages.iter().filter(|s| s.done);
+    let times: Vec<String> = times.map(|s| format!("{} {:.2} s", s.stage, s.elapsed_s)).collect();
+    let all_s: f64 = outcome.stages.iter().map(|s| s.elapsed_s).sum();
+    if !times.is_empty() {
+        lines.push(format!("time    {}; {all_s:.2} s in all", times.join(", ")));
+    }
+    if let Some(report) = &outcome.report {
+        lines.push(format!("report  {}", report.index_html.display()));
+        lines.extend(report.headline.iter().map(|line| format!("        {line}")));
+    }
+    lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_several_cases_the_gravest_exit_code_counts() {
+        assert_eq!([0, 3, 1, 0].into_iter().fold(0, worse), 1);
+        assert_eq!([3, 0].into_iter().fold(0, worse), 3);
+        assert_eq!([1, 130, 2].into_iter().fold(0, worse), 130);
+    }
+
+    #[test]
+    fn without_arguments_the_phantom_is_run() {
+        let jobs = jobs(&default_run()).unwrap();
+        let job = jobs.into_iter().next().unwrap().unwrap();
+        assert_eq!(
+            (job.dir.as_path(), job.parameters.source),
+            (Path::new(DEFAULT_OUT), Some(SourceName::Phantom))
+        );
+    }
+}

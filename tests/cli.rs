@@ -1,0 +1,397 @@
+//! The command line as its users meet it: exit codes, one-line messages, JSON, what is done again and what is kept.
+
+use assert_cmd::Command;
+use lumenfab::phantom::{self, Kind, Params};
+use lumenfab::progress::Task;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use tempfile::TempDir;
+
+/// A place for a test's files, with a state directory of its own.
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    fn command(&self, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lumenfab"));
+        command.args(args).current_dir(self.0.path()).env("XDG_STATE_HOME", self.path("state"));
+        command
+    }
+
+    fn run(&self, args: &[&str]) -> Output {
+        self.command(args).output().unwrap()
+    }
+
+    /// The document of a command that ends with `code`.
+    fn json(&self, code: i32, args: &[&str]) -> Value {
+        let output = self.run(&[args, &["--json"]].concat());
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {}", text(&output.stderr));
+        serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|e| panic!("{args:?}: {e}: {}", text(&output.stdout)))
+    }
+
+    /// The one line of error of a command that ends with `code`.
+    fn refused(&self, code: i32, args: &[&str]) -> String {
+        let output = self.run(args);
+        let stderr = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {stderr}");
+        assert_eq!(text(&output.stdout), "", "{args:?}");
+        let mut errors = stderr.lines().filter_map(|l| l.strip_prefix("error: "));
+        let error = errors.next().unwrap_or_else(|| panic!("{args:?}: no error in {stderr}")).to_owned();
+        assert_eq!(errors.next(), None, "{args:?}");
+        assert!(!stderr.contains("panicked") && !stderr.contains("internal error"), "{args:?}: {stderr}");
+        error.replace(self.0.path().to_str().unwrap(), "")
+    }
+
+    /// A small synthetic CT; its seed as a flag.
+    fn phantom(&self, name: &str, params: &Params) -> String {
+        phantom::series::write(&self.path(name), params, &Task::quiet()).unwrap();
+        let seed = phantom::default_seed(params);
+        format!("--seed-mm={},{},{}", seed.x, seed.y, seed.z)
+    }
+
+    fn has_only(&self, names: &[&str]) {
+        let mut found: Vec<String> = fs::read_dir(self.0.path())
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .filter(|n| n != "state")
+            .collect();
+        found.sort();
+        assert_eq!(found, names, "left behind");
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// A tube small enough that a whole run takes a second or two.
+fn small() -> Params {
+    Params { kind: Kind::Tube, n_planes: 4, n_pixels: 128, pixel_mm: 0.4, ..Params::default() }
+}
+
+/// The stages of an answer that were done, and those that were kept.
+fn done_and_kept(case: &Value) -> (Vec<&str>, Vec<&str>) {
+    let stages = case["stages"].as_array().unwrap();
+    let (done, kept): (Vec<&Value>, Vec<&Value>) = stages.iter().partition(|s| s["done"] == true);
+    let names = |stages: Vec<&'_ Value>| -> Vec<String> {
+        stages.iter().map(|s| s["stage"].as_str().unwrap().to_owned()).collect()
+    };
+    let leak = |names: Vec<String>| names.into_iter().map(|n| &*n.leak()).collect();
+    (leak(names(done)), leak(names(kept)))
+}
+
+const STAGES: [&str; 5] = ["segment", "solid", "slice", "print", "report"];
+
+#[test]
+fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let answer = place.json(0, &["run", "--ct", "ct", &seed, "--out", "case"]);
+    let case = &answer["cases"][0];
+    assert_eq!(done_and_kept(case), (STAGES.to_vec(), vec![]));
+    assert!(case["report"]["passed"] == true && case["report"]["total"]["p95_mm"].as_f64().unwrap() <= 0.3, "{case}");
+    for file in ["case.toml", "sections.json", "solid.json", "job.gcode", "layers.json", "print.json"] {
+        assert!(place.path("case").join(file).is_file(), "{file}");
+    }
+    for file in ["beads.csv", "events.jsonl", "summary.json"] {
+        assert!(place.path("case/record").join(file).is_file(), "{file}");
+    }
+    for file in ["index.html", "report.json", "headline.txt"] {
+        assert!(place.path("case/report").join(file).is_file(), "{file}");
+    }
+
+    let again = place.json(0, &["run", "case"]);
+    assert_eq!(done_and_kept(&again["cases"][0]), (vec![], STAGES.to_vec()));
+    assert_eq!(again["cases"][0]["report"], case["report"]);
+
+    let thicker = place.json(0, &["run", "case", "--wall-mm", "1.6"]);
+    assert_eq!(done_and_kept(&thicker["cases"][0]), (STAGES[1..].to_vec(), vec!["segment"]));
+    assert_eq!(thicker["cases"][0]["stages"][1]["because_of"], serde_json::json!(["parameters"]));
+
+    let finer = place.json(0, &["run", "case", "--layer-mm", "0.25"]);
+    assert_eq!(done_and_kept(&finer["cases"][0]), (STAGES[2..].to_vec(), STAGES[..2].to_vec()));
+
+    fs::remove_file(place.path("case/report/index.html")).unwrap();
+    let mended = place.json(0, &["run", "case"]);
+    assert_eq!(done_and_kept(&mended["cases"][0]), (vec!["report"], STAGES[..4].to_vec()));
+}
+
+#[test]
+fn the_case_holds_no_path_and_its_ct_is_found_again_through_the_state_directory() {
+    let place = Place::new();
+    let seed = place.phantom("DOE_JANE", &small());
+    place.json(0, &["segment", "--ct", "DOE_JANE", &seed, "--out", "case"]);
+    place.json(0, &["solid", "case"]);
+    place.json(0, &["slice", "case"]);
+    for file in fs::read_dir(place.path("case")).unwrap() {
+        let bytes = fs::read(file.unwrap().path()).unwrap();
+        assert!(!String::from_utf8_lossy(&bytes).contains("DOE_JANE"));
+    }
+    let other_window = place.json(0, &["segment", "case", "--window-hu", "150,700"]);
+    assert_eq!(done_and_kept(&other_window), (vec!["segment"], vec![]));
+
+    // On a machine that does not know the CT, what is there is kept, and a new segmentation asks for it.
+    fs::remove_dir_all(place.path("state")).unwrap();
+    assert_eq!(done_and_kept(&place.json(0, &["segment", "case"])), (vec![], vec!["segment"]));
+    let error = place.refused(2, &["segment", "case", "--window-hu", "160,700"]);
+    assert_eq!(error, "where the CT of case lies is not known on this machine: name it with --ct");
+}
+
+#[test]
+fn a_stage_does_not_go_on_from_what_is_missing_or_outdated() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    place.json(0, &["segment", "--ct", "ct", &seed, "--out", "case"]);
+    let error = place.refused(2, &["slice", "case"]);
+    assert_eq!(
+        error,
+        "the output of solid in case is missing: run `lumenfab solid case` first, or `lumenfab run case`"
+    );
+    place.json(0, &["solid", "case"]);
+    place.json(0, &["segment", "case", "--z-mm", "-1,7"]);
+    let error = place.refused(2, &["slice", "case"]);
+    assert_eq!(
+        error,
+        "the output of solid in case is out of date (sections changed): run `lumenfab solid case` first, or \
+         `lumenfab run case`"
+    );
+}
+
+#[test]
+fn unusable_ct_folders_are_refused_with_one_line_and_leave_nothing_behind() {
+    let place = Place::new();
+    let params = Params { n_planes: 6, ..small() };
+    let seed = place.phantom("good", &params);
+    let copy = |name: &str| {
+        fs::create_dir(place.path(name)).unwrap();
+        for entry in fs::read_dir(place.path("good")).unwrap() {
+            let entry = entry.unwrap();
+            fs::copy(entry.path(), place.path(name).join(entry.file_name())).unwrap();
+        }
+    };
+    fs::create_dir(place.path("empty")).unwrap();
+    fs::create_dir(place.path("text")).unwrap();
+    fs::write(place.path("text/notes.txt"), "not DICOM").unwrap();
+    copy("truncated");
+    let slice = fs::read(place.path("truncated/IM0003.dcm")).unwrap();
+    fs::write(place.path("truncated/IM0003.dcm"), &slice[..slice.len() / 2]).unwrap();
+    copy("missing");
+    fs::remove_file(place.path("missing/IM0004.dcm")).unwrap();
+    copy("mixed");
+    place.phantom("other", &Params { kind: Kind::Carotid, n_pixels: 96, ..params });
+    for entry in fs::read_dir(place.path("other")).unwrap() {
+        let entry = entry.unwrap();
+        let name = format!("B{}", entry.file_name().to_string_lossy());
+        fs::copy(entry.path(), place.path("mixed").join(name)).unwrap();
+    }
+    fs::write(place.path("file"), "x").unwrap();
+
+    for (folder, parts) in [
+        ("empty", ["empty holds no file", "name the folder"]),
+        ("text", ["text holds no DICOM file", "name the folder"]),
+        ("file", ["file is no folder", "name the folder"]),
+        ("truncated", ["truncated/IM0003.dcm", "export it again"]),
+        ("missing", ["1 plane(s) missing between z = ", "export the series again"]),
+        ("mixed", ["2 series in the folder", "choose one"]),
+    ] {
+        let error = place.refused(1, &["run", "--ct", folder, &seed, "--out", "case"]);
+        assert!(parts.iter().all(|p| error.contains(p)), "{folder}: {error}");
+    }
+    let error = place.refused(2, &["run", "--ct", "nothing", &seed, "--out", "case"]);
+    assert_eq!(error, "--ct: found nothing at nothing, expected a folder with the DICOM files of a series");
+    place.has_only(&["empty", "file", "good", "missing", "mixed", "other", "text", "truncated"]);
+
+    // Chosen by its number, one of several series is used.
+    let answer = place.json(0, &["inspect", "mixed"]);
+    assert_eq!(answer["series"].as_array().unwrap().len(), 2);
+    let columns_of = |n: usize| answer["series"][n]["columns_rows"][0].as_u64().unwrap();
+    let number = if columns_of(0) == 128 { "1" } else { "2" };
+    place.json(0, &["segment", "--ct", "mixed", "--series", number, &seed, "--out", "case"]);
+}
+
+#[test]
+fn a_lumen_that_cannot_be_found_is_refused_with_one_line_and_leaves_nothing_behind() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    for (flags, part) in [
+        (vec!["--seed-mm=900,0,3"], "lies outside the volume"),
+        (vec!["--seed-mm=-20,-20,3", "--window-hu", "200,600"], "HU, outside the window 200 to 600 HU"),
+        (vec![seed.as_str(), "--window-hu", "5000,6000"], "window 5000 to 6000 HU selects nothing"),
+        (vec![seed.as_str(), "--window-hu=-2000,6000"], "leaks to the image border in plane "),
+    ] {
+        let error = place.refused(1, &[&["run", "--ct", "ct", "--out", "case"], &*flags].concat());
+        assert!(error.contains(part), "{flags:?}: {error}");
+    }
+    place.has_only(&["ct"]);
+}
+
+#[test]
+fn ports_that_do_not_exist_or_vanish_are_said_so() {
+    let place = Place::new();
+    let error = place.refused(1, &["run", "--port", "nowhere", "--out", "case"]);
+    assert_eq!(
+        error,
+        "port nowhere does not exist; check that the printer is on and connected, and the name of its port"
+    );
+    place.has_only(&[]);
+
+    let mut job = String::from("G28\nM109 S200\n");
+    (0..20_000).for_each(|i| job += &format!("G1 X{} Y{} F3000\n", 10 + i % 100, 10 + i % 7));
+    fs::write(place.path("job.gcode"), job).unwrap();
+    let mut simulator = std::process::Command::new(env!("CARGO_BIN_EXE_lumenfab"))
+        .args(["hil-sim", "--profile", "marlin", "--speed", "max", "--once", "--fault", "disconnect:line=5000"])
+        .args(["--link", &place.text("port")])
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    while !place.path("port").exists() {
+        assert!(simulator.try_wait().unwrap().is_none(), "the simulator ended");
+        std::thread::yield_now();
+    }
+    let error = place.refused(1, &["print", "job.gcode", "--port", "port"]);
+    simulator.kill().ok();
+    simulator.wait().unwrap();
+    assert!(error.starts_with("port port vanished during the print; whether the heaters are on is unknown"), "{error}");
+}
+
+#[test]
+fn wrong_usage_is_one_line_with_found_and_expected() {
+    let place = Place::new();
+    fs::create_dir(place.path("thesis")).unwrap();
+    fs::write(place.path("thesis/chapter1.tex"), "").unwrap();
+    fs::write(place.path("bad.toml"), "seed_mm = [[1, 2, 3]]\nwall = 1\n").unwrap();
+    for (args, line) in [
+        (
+            vec!["run", "--seed-mm", "1,nan,3"],
+            "--seed-mm: found \"1,nan,3\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+        ),
+        (vec!["run", "--wall-mm", "0"], "--wall-mm: found 0, expected a number from 0.1 to 20 mm"),
+        (vec!["run", "--layer-mm", "nan"], "--layer-mm: found NaN, expected a number from 0.02 to 1 mm"),
+        (
+            vec!["run", "--window-hu", "650,250"],
+            "--window-hu: found 650,250, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
+        ),
+        (vec!["segment", "--ct", "."], "the following required arguments were not provided: <CASE> (see --help)"),
+        (
+            vec!["segment", "--ct", ".", "--out", "case"],
+            "--seed-mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+        ),
+        (vec!["run", "--profile", "ender9"], "there is no profile \"ender9\""),
+        (vec!["run", "bad.toml"], "bad.toml: line 2: unknown field `wall`"),
+        (vec!["run", "absent.toml"], "absent.toml: not found: expected a case directory or a case file (TOML)"),
+        (vec!["run", "--out", "thesis"], "thesis exists, is not empty and is no case: name a new or empty directory"),
+        (vec!["slice", "thesis"], "thesis is no case directory (it has no case.toml): name another directory"),
+        (vec!["report", "nowhere"], "no case at nowhere: start one with `lumenfab run`"),
+        (vec!["slyce"], "unrecognized subcommand 'slyce'"),
+        (vec!["export", "nowhere"], "the following required arguments were not provided: --stl <F>"),
+    ] {
+        let error = place.refused(2, &args);
+        assert!(error.starts_with(line), "{args:?}: {error}");
+    }
+    place.has_only(&["bad.toml", "thesis"]);
+}
+
+#[test]
+fn every_command_answers_with_one_json_document() {
+    let place = Place::new();
+    let answer = place.json(0, &["phantom", "--out", "ct", "--kind", "tube", "--noise-hu", "0"]);
+    assert_eq!(answer["n_planes"], 46);
+    assert_eq!(place.json(0, &["inspect", "ct"])["series"][0]["verdict"], "usable");
+    assert_eq!(place.json(0, &["profiles", "list"])["profiles"][0]["name"], "marlin");
+    assert_eq!(place.json(0, &["profiles", "show", "reference"])["machine"]["bed_mm"][2], 250.0);
+    assert_eq!(place.json(0, &["profiles", "check", "marlin"])["valid"], true);
+    let refused = place.json(2, &["run", "--wall-mm", "0"]);
+    assert_eq!(refused["error"], "--wall-mm: found 0, expected a number from 0.1 to 20 mm");
+    assert_eq!(place.json(2, &["slice", "nowhere"])["exit_code"], 2);
+}
+
+#[test]
+fn case_files_are_run_one_after_the_other_and_each_is_answered_for() {
+    let place = Place::new();
+    let tube = "[phantom]\nkind = \"tube\"\nn_planes = 3\nn_pixels = 128\npixel_mm = 0.4\n";
+    fs::write(place.path("a.toml"), tube).unwrap();
+    fs::write(place.path("b.toml"), "ct = \"nothing\"\nseed_mm = [[0, 0, 0]]\n").unwrap();
+    let answer = place.json(2, &["run", "a.toml", "b.toml", "--out", "cases"]);
+    assert_eq!(answer["cases"][0]["report"]["passed"], true, "{answer}");
+    assert!(answer["cases"][1]["error"].as_str().unwrap().starts_with("--ct: found nothing"), "{answer}");
+    assert!(place.path("cases/a/report/index.html").is_file() && !place.path("cases/b").exists());
+}
+
+#[test]
+fn ready_contours_become_closed_meshes_of_their_volume() {
+    let place = Place::new();
+    let circle: Vec<[f64; 2]> = (0..256)
+        .map(|i| f64::from(i) / 256.0 * std::f64::consts::TAU)
+        .map(|a| [5.0 * a.cos(), 5.0 * a.sin()])
+        .collect();
+    let planes: Vec<Value> =
+        (0..5).map(|k| serde_json::json!({"z_mm": 2.0 * f64::from(k), "contours": [circle]})).collect();
+    let document = serde_json::json!({"units": "mm", "frame": "LPS", "planes": planes});
+    fs::write(place.path("s.json"), document.to_string()).unwrap();
+    place.json(0, &["solid", "--sections", "s.json", "--out", "case"]);
+    let lumen = place.json(0, &["export", "case", "--stl", "l.stl", "--skin", "lumen"]);
+    let wall = place.json(0, &["export", "case", "--stl", "w.stl"]);
+    let volume = |r: f64| std::f64::consts::PI * r * r * 10.0;
+    let close = |answer: &Value, expected: f64| {
+        let found = answer["volume_mm3"].as_f64().unwrap();
+        assert!((found / expected - 1.0).abs() < 5e-3, "{found} against {expected}");
+    };
+    close(&lumen, volume(5.0));
+    close(&wall, volume(6.0) - volume(5.0));
+    fs::write(place.path("broken.json"), &document.to_string()[..100]).unwrap();
+    let error = place.refused(1, &["solid", "--sections", "broken.json", "--out", "other"]);
+    assert!(error.starts_with("broken.json: not a sections document: EOF while parsing"), "{error}");
+    assert!(!place.path("other").exists());
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_fault() {
+    let place = Place::new();
+    for args in ["--help", "profiles show marlin"] {
+        let script = format!("{} {args} | true; exit ${{PIPESTATUS[0]}}", env!("CARGO_BIN_EXE_lumenfab"));
+        let output = Command::new("bash").args(["-c", &script]).output().unwrap();
+        assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()), "{args}");
+    }
+    drop(place);
+}
+
+#[test]
+fn an_interrupted_run_ends_with_130_and_leaves_no_half_case() {
+    let place = Place::new();
+    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_lumenfab"))
+        .args(["run", "--out", &place.text("case")])
+        .env("XDG_STATE_HOME", place.path("state"))
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // As soon as the first stage is through, the case is there.
+    while !place.path("case").exists() {
+        assert!(run.try_wait().unwrap().is_none(), "the run ended before its first stage was done");
+        std::thread::yield_now();
+    }
+    let interrupted = std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap();
+    assert!(interrupted.success());
+    let output = run.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    let hidden = |dir: &Path| {
+        let names = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        names.filter(|n| n.starts_with('.')).collect::<Vec<_>>()
+    };
+    assert_eq!(hidden(&place.path("case")), Vec::<String>::new());
+    assert_eq!(hidden(place.0.path()), Vec::<String>::new());
+}
