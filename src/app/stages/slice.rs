@@ -132,8 +132,7 @@ impl Session<'_> {
         self.note(Stage::Slice, "planning toolpaths");
         let planned = toolpath::plan(&layers, profile, task)?;
         self.held.sliced = Some(Sliced { layers, paths: planned.paths });
-        let warning = |w: toolpath::Warning| Warning { code: w.code.into(), text: w.text };
-        Ok(planned.warnings.into_iter().map(warning).collect())
+        Ok(planned.warnings)
     }
 
     /// Layers and toolpaths; planned again unless this process has just done it, which gives the same.
