@@ -103,7 +103,10 @@ fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
     let answer = place.json(0, &["run", "--ct", "ct", &seed, "--out", "case"]);
     let case = &answer["cases"][0];
     assert_eq!(done_and_kept(case), (STAGES.to_vec(), vec![]));
-    assert!(case["report"]["passed"] == true && case["report"]["total"]["p95_mm"].as_f64().unwrap() <= 0.3, "{case}");
+    assert!(
+        case["report"]["passed"] == true && case["report"]["total"]["p95_mm"].as_f64().unwrap() <= 0.3,
+        "{case}"
+    );
     for file in ["case.toml", "sections.json", "solid.json", "job.gcode", "layers.json", "print.json"] {
         assert!(place.path("case").join(file).is_file(), "{file}");
     }
@@ -253,7 +256,16 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
     (0..20_000).for_each(|i| job += &format!("G1 X{} Y{} F3000\n", 10 + i % 100, 10 + i % 7));
     fs::write(place.path("job.gcode"), job).unwrap();
     let mut simulator = std::process::Command::new(env!("CARGO_BIN_EXE_lumenfab"))
-        .args(["hil-sim", "--profile", "marlin", "--speed", "max", "--once", "--fault", "disconnect:line=5000"])
+        .args([
+            "hil-sim",
+            "--profile",
+            "marlin",
+            "--speed",
+            "max",
+            "--once",
+            "--fault",
+            "disconnect:line=5000",
+        ])
         .args(["--link", &place.text("port")])
         .stderr(std::process::Stdio::null())
         .spawn()
@@ -265,7 +277,10 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
     let error = place.refused(1, &["print", "job.gcode", "--port", "port"]);
     simulator.kill().ok();
     simulator.wait().unwrap();
-    assert!(error.starts_with("port port vanished during the print; whether the heaters are on is unknown"), "{error}");
+    assert!(
+        error.starts_with("port port vanished during the print; whether the heaters are on is unknown"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -285,16 +300,28 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
             vec!["run", "--window-hu", "650,250"],
             "--window-hu: found 650,250, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
         ),
-        (vec!["segment", "--ct", "."], "the following required arguments were not provided: <CASE> (see --help)"),
+        (
+            vec!["segment", "--ct", "."],
+            "the following required arguments were not provided: <CASE> (see --help)",
+        ),
         (
             vec!["segment", "--ct", ".", "--out", "case"],
             "--seed-mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
         ),
         (vec!["run", "--profile", "ender9"], "there is no profile \"ender9\""),
         (vec!["run", "bad.toml"], "bad.toml: line 2: unknown field `wall`"),
-        (vec!["run", "absent.toml"], "absent.toml: not found: expected a case directory or a case file (TOML)"),
-        (vec!["run", "--out", "thesis"], "thesis exists, is not empty and is no case: name a new or empty directory"),
-        (vec!["slice", "thesis"], "thesis is no case directory (it has no case.toml): name another directory"),
+        (
+            vec!["run", "absent.toml"],
+            "absent.toml: not found: expected a case directory or a case file (TOML)",
+        ),
+        (
+            vec!["run", "--out", "thesis"],
+            "thesis exists, is not empty and is no case: name a new or empty directory",
+        ),
+        (
+            vec!["slice", "thesis"],
+            "thesis is no case directory (it has no case.toml): name another directory",
+        ),
         (vec!["report", "nowhere"], "no case at nowhere: start one with `lumenfab run`"),
         (vec!["slyce"], "unrecognized subcommand 'slyce'"),
         (vec!["export", "nowhere"], "the following required arguments were not provided: --stl <F>"),
@@ -384,7 +411,8 @@ fn an_interrupted_run_ends_with_130_and_leaves_no_half_case() {
         assert!(run.try_wait().unwrap().is_none(), "the run ended before its first stage was done");
         std::thread::yield_now();
     }
-    let interrupted = std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap();
+    let interrupted =
+        std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap();
     assert!(interrupted.success());
     let output = run.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
