@@ -92,9 +92,9 @@ impl Case {
         let print = driver::print(job, link, &profile, &sender, &cancel);
         let result = tokio::time::timeout(limit, print).await.expect("the print hangs");
         drop(sender);
-        let ended = tokio::time::timeout(Duration::from_secs(20), simulator.finish()).await;
+        // After a fault the simulator may wait for a cable that nobody plugs in: it goes when it is dropped.
         if result.is_ok() {
-            ended.expect("the simulator ends when its user leaves").unwrap();
+            simulator.finish().await.unwrap();
         }
         let beads = read(&record.path().join("beads.csv"));
         (result, listener.await.unwrap(), beads)
