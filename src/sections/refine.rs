@@ -125,11 +125,16 @@ impl Curve {
         gaussian(length_mm / self.spacing_mm)
     }
 
-    /// Grey values along the normals, averaged along the contour.
-    fn profiles(&self, image: &Image<'_>, averaging: Averaging) -> Profiles {
+    /// The mean of the profiles of all points, as far as the lumen reaches.
+    fn mean_profile(&self, image: &Image<'_>) -> Profile {
         let pixel_mm = image.pixel_mm();
-        let step_mm = pixel_mm / SAMPLES_PER_PIXEL;
         let reach_mm = (REACH_PIXELS * pixel_mm).min(self.radius_mm.max(2.0 * pixel_mm));
+        self.profiles(image, Averaging::None, reach_mm).mean()
+    }
+
+    /// Grey values along the normals up to a distance on either side.
+    fn profiles(&self, image: &Image<'_>, averaging: Averaging, reach_mm: f64) -> Profiles {
+        let step_mm = image.pixel_mm() / SAMPLES_PER_PIXEL;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "28 at most")]
         let half = (reach_mm / step_mm).round() as usize;
         let n_samples = 2 * half + 1;
@@ -196,13 +201,13 @@ impl Profiles {
 /// `None` where the model does not fit.
 pub(super) fn edge_of(contour: &Contour, image: &Image<'_>) -> Option<Edge> {
     let mut curve = Curve::rough(contour, image.pixel_mm());
-    let rough = curve.profiles(image, Averaging::None).mean().rough_edge()?;
+    let rough = curve.mean_profile(image).rough_edge()?;
     for _ in 0..N_ROUNDS {
         let offsets = smooth_offsets(&curve, image, rough.half_level());
         shift(&mut curve, &offsets);
     }
     let reach_mm = REACH_BLURS * rough.blur_mm;
-    curve.profiles(image, Averaging::None).mean().within(reach_mm).edge()
+    curve.mean_profile(image).within(reach_mm).edge()
 }
 
 /// What the boundary is.
@@ -235,7 +240,7 @@ pub(super) fn cleaned(mut curve: Curve, noise_mm3: f64, blur_mm: f64) -> Curve {
 /// How far each point has to move, smoothed along the contour; where no edge is in reach its neighbours decide.
 fn smooth_offsets(curve: &Curve, image: &Image<'_>, level: f64) -> Vec<f64> {
     let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
-    let profiles = curve.profiles(image, Averaging::AlongContour);
+    let profiles = curve.profiles(image, Averaging::AlongContour, limit + image.pixel_mm());
     let found: Vec<Vector2> = (0..curve.points.len())
         .map(|i| {
             let limits = [-limit - curve.moved_mm[i], limit - curve.moved_mm[i]];
