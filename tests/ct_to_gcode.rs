@@ -1,5 +1,7 @@
 //! From the intensities of a CT to a print job, stage by stage: what has to hold between the stages.
 
+#![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
+
 use lumenfab::geom::{Bounds2, Point2};
 use lumenfab::phantom::{self, Contrast, Kind, Params};
 use lumenfab::profile::{self, Profile};
