@@ -1,5 +1,7 @@
 //! The command line as its users meet it: exit codes, one-line messages, JSON, what is done again and what is kept.
 
+#![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
+
 use assert_cmd::Command;
 use lumenfab::phantom::{self, Kind, Params};
 use lumenfab::progress::Task;

@@ -45,6 +45,9 @@ pub struct Outcome {
     /// The report, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<ReportPlace>,
+    /// Why there is none, although the whole way was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_report: Option<&'static str>,
 }
 
 impl Outcome {
@@ -79,6 +82,7 @@ pub struct Session<'a> {
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
     pub(crate) report: Option<ReportPlace>,
+    no_report: Option<&'static str>,
     /// Stages that were found or made up to date in this session.
     fresh: Vec<Stage>,
     outcomes: Vec<StageOutcome>,
@@ -133,6 +137,7 @@ impl<'a> Session<'a> {
             context,
             held: Held::default(),
             report: None,
+            no_report: None,
             fresh: Vec::new(),
             outcomes: Vec::new(),
         }
@@ -164,7 +169,7 @@ impl<'a> Session<'a> {
             return self.report();
         }
         // What a real printer laid down is not known: nothing that a report could compare.
-        self.note(Stage::Report, "no report: a real printer keeps no record of what it deposits");
+        self.no_report = Some("a real printer keeps no record of what it deposits");
         Ok(())
     }
 
@@ -176,6 +181,7 @@ impl<'a> Session<'a> {
             id: self.case.id().to_owned(),
             stages: self.outcomes,
             report: self.report,
+            no_report: self.no_report,
         }
     }
 

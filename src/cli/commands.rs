@@ -284,6 +284,7 @@ fn case_text(outcome: &Outcome) -> String {
         lines.push(format!("report  {}", report.index_html.display()));
         lines.extend(report.headline.iter().map(|line| format!("        {line}")));
     }
+    lines.extend(outcome.no_report.map(|why| format!("report  none: {why}")));
     lines.join("\n") + "\n"
 }
 

@@ -54,6 +54,7 @@ impl Face {
 
     /// A result: a document, or its text.
     pub(super) fn result(&self, document: &impl Serialize, text: &str) {
+        self.end_bar();
         if self.json {
             let json =
                 serde_json::to_string(document).expect("results hold numbers, names and lists of them");
