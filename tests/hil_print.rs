@@ -1,5 +1,8 @@
 //! Prints on the simulated printer: a process of its own behind a real pseudo-terminal.
 
+#![expect(clippy::unwrap_used, reason = "a test fails where something is wrong")]
+#![expect(clippy::print_stdout, reason = "what was measured is shown with --nocapture")]
+
 use lumenfab::printer::driver::{self, PrintEvent, Printed};
 use lumenfab::printer::job::Job;
 use lumenfab::printer::sim::{Options, Simulator};
@@ -142,7 +145,9 @@ async fn faults_of_the_wire_leave_no_trace_in_the_deposition() {
         "bit-error:rate=0.01,dir=tx",
         "lost-byte:rate=0.01",
         "doubled-byte:rate=0.01",
-        "half-line:rate=0.01",
+        // Half a line runs together with the next one, and one time in 256 the sum of both is right by chance, which no
+        // host can see: a few such lines at known places, not many at random ones.
+        "half-line:line=300",
         "lost-ok:rate=0.003",
         "spurious-resend:rate=0.003",
         "wrong-resend:rate=0.01",

@@ -31,6 +31,8 @@
 //!
 //! # Limits
 //!
+//! The checksum has eight bits: of damages that hit more than one bit (two lines run together, for one) one in 256
+//! passes it, and the firmware then executes what it has read.
 //! Firmware without line numbers gets one line at a time and no proof; what noise does to those lines is not found out.
 //! Memory is bounded: a few hundred lines of history.
 
