@@ -261,20 +261,14 @@ impl Mesher {
     ) -> Result<Vec<Vec<u32>>, Error> {
         let start = |side: usize, i: usize| rows[side][i][0].at;
         let end = |side: usize, i: usize| rows[side][i][rows[side][i].len() - 1].at;
-        let mut grid = vec![vec![0; n + 1]; n + 1];
-        for j in 0..=n {
-            for i in 0..=n {
-                let at = match (i, j) {
-                    (i, 0) => start(0, i),
-                    (0, j) => end(1, j),
-                    (i, j) if i == n => end(0, n - j),
-                    (i, j) if j == n => start(1, n - i),
-                    _ => slab.saddle.at(i as f64 / n as f64, j as f64 / n as f64),
-                };
-                grid[j][i] = self.mesh.push(at)?;
-            }
-        }
-        Ok(grid)
+        let place = |i: usize, j: usize| match (i, j) {
+            (i, 0) => start(0, i),
+            (0, j) => end(1, j),
+            (i, j) if i == n => end(0, n - j),
+            (i, j) if j == n => start(1, n - i),
+            _ => slab.saddle.at(i as f64 / n as f64, j as f64 / n as f64),
+        };
+        (0..=n).map(|j| (0..=n).map(|i| self.mesh.push(place(i, j))).collect()).collect()
     }
 
     fn saddle_triangles(&mut self, grid: &[Vec<u32>], flip: bool) {

@@ -98,3 +98,49 @@ fn an_stl_file_is_read_back_as_the_closed_mesh_it_was() {
     // Into a directory that is not there: an error, and no file.
     assert!(stl::write(&dir.path().join("none/vessel.stl"), &mesh).is_err());
 }
+
+/// A trunk through all planes and beside it, at `x`, a branch of radius 1.5 mm in planes 2 to 5 of 9 only.
+fn trunk_and_stump(x: f64, body: Body) -> Solid {
+    let plane = |k: u32| {
+        let mut contours = vec![Contour::circle(Point2::origin(), 3.0, 128)];
+        if (2..=5).contains(&k) {
+            contours.push(Contour::circle(Point2::new(x, 0.0), 1.5, 128));
+        }
+        PlaneSections { z_mm: 2.0 * f64::from(k), contours }
+    };
+    solid((0..9).map(plane).collect(), body)
+}
+
+#[test]
+fn a_branch_that_ends_inside_the_stack_is_capped() {
+    let pi = std::f64::consts::PI;
+    let cast = tessellate(&trunk_and_stump(9.0, Body::Cast), &fine(SkinChoice::All, 0.002)).unwrap();
+    let expected = pi * 9.0 * 18.0 + pi * 2.25 * 6.0;
+    assert!((cast.volume_mm3() / expected - 1.0).abs() < 2e-3, "{} {expected}", cast.volume_mm3());
+    // Apart from the trunk: its own closed body with a closed void in it. Grown into it: one body.
+    for x in [9.0, 5.6] {
+        let hollow = trunk_and_stump(x, Body::Wall { wall_mm: 1.0 });
+        for skin in [SkinChoice::All, SkinChoice::Lumen] {
+            let mesh = tessellate(&hollow, &fine(skin, 0.02)).unwrap();
+            assert!(mesh.volume_mm3() > 0.0, "x {x} {skin:?}");
+        }
+        // Beyond the stump's flat end the wall closes over it: within its thickness where it stands alone, within
+        // a millimetre more where it ends in a ledge on the trunk's wall.
+        let outer = |z: f64| hollow.section(z, 1e-3).outer.contains(Point2::new(x + 0.3, 0.0));
+        let past = if x > 8.0 { 0.1 } else { 1.0 };
+        assert!(outer(10.9) && !outer(11.0 + past) && outer(3.1) && !outer(3.0 - past), "x {x}");
+    }
+}
+
+#[test]
+fn two_lumens_in_one_wall_share_its_caps() {
+    let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 128);
+    let plane = |k: u32| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![disk(0.0), disk(5.0)] };
+    let pair = solid((0..5).map(plane).collect(), Body::Wall { wall_mm: 1.0 });
+    let mesh = tessellate(&pair, &fine(SkinChoice::All, 0.002)).unwrap();
+    // Two disks of 3 mm, 5 mm apart, overlap in a lens.
+    let half_angle = (2.5f64 / 3.0).acos();
+    let lens = 2.0 * 9.0 * (half_angle - half_angle.sin() * half_angle.cos());
+    let expected = (2.0 * std::f64::consts::PI * (9.0 - 4.0) - lens) * 10.0;
+    assert!((mesh.volume_mm3() / expected - 1.0).abs() < 4e-3, "{} {expected}", mesh.volume_mm3());
+}

@@ -152,7 +152,7 @@ fn minimum(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
 }
 
 /// The contour at height w that belongs to daughter i: the one that holds its anchor, else the nearest one.
-pub(super) fn component<'a>(contours: &'a [Contour], anchor: Point2) -> Option<(usize, &'a Contour)> {
+pub(super) fn component(contours: &[Contour], anchor: Point2) -> Option<(usize, &Contour)> {
     let distance = |c: &Contour| {
         let index = SegmentIndex::try_new(std::slice::from_ref(c));
         index.map_or(f64::INFINITY, |i| i.signed_distance_mm(anchor))

@@ -4,6 +4,9 @@
 //! sqrt(t² - dz²). The lumen is sampled at heights t / 10 apart, which scallops the union by t (1 + m²) / 800 for a
 //! branch of slope m; it is first continued by t beyond its open ends, along its end tangents. The sections (at
 //! most a millimetre apart) go through the same steps as the lumen's: graph, branches, patches at the events.
+//!
+//! Limits: creases are rounded over the spacing of the sections' points. Where a lumen ends beside another branch the
+//! true outer skin has a horizontal ledge on that branch's wall; here it slopes over about half a millimetre.
 
 use super::assemble::{Recipe, assemble};
 use super::event::Slab;

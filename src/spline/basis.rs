@@ -124,10 +124,10 @@ impl Basis {
         weights[0] = 1.0;
         for d in 1..=p {
             let mut saved = 0.0;
-            for r in 0..d {
+            for (r, weight) in weights[..d].iter_mut().enumerate() {
                 let (left, right) = (self.knots[j + 1 + r - d], self.knots[j + 1 + r]);
-                let term = weights[r] / (right - left);
-                weights[r] = saved + (right - t) * term;
+                let term = *weight / (right - left);
+                *weight = saved + (right - t) * term;
                 saved = (t - left) * term;
             }
             weights[d] = saved;

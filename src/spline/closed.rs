@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn closed_curve_is_close_to_the_ellipse_it_was_sampled_from() {
         let curve = ClosedCurve::through(&ellipse(128)).unwrap();
-        let off = |p: Point2| (((p.x / 3.0 - 7.0).powi(2) + (p.y / 2.0 + 2.0).powi(2)).sqrt() - 1.0).abs();
+        let off = |p: Point2| ((p.x / 3.0 - 7.0).hypot(p.y / 2.0 + 2.0) - 1.0).abs();
         let points = curve.resampled(1000, 0.37);
         assert!(points.iter().all(|&p| off(p) < 1e-6));
         let gaps: Vec<f64> = Contour::new(points).edges().map(|(a, b)| (b - a).norm()).collect();
