@@ -5,7 +5,7 @@
 //! the published three-patch construction (lateral, lateral, saddle) on an implicit field that is fitted to the
 //! sections on both sides of the event, so that the crotch lies where they say.
 //!
-//! The outer skin of a wall goes through the same steps with sections of the parallel surface ([`wall`]).
+//! The outer skin of a wall goes through the same steps with sections of the parallel surface.
 //!
 //! What it does not do yet: domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
 //! an explicit edge (it is smoothed over a fraction of a millimetre).

@@ -3,7 +3,7 @@
 use crate::geom::{Contour, Point2, Vector2};
 
 /// Control points of the uniform periodic cubic B-spline through the points: control point i belongs to the
-/// curve point i, which is (c[i-1] + 4 c[i] + c[i+1]) / 6. `values` holds rows of `width` numbers.
+/// curve point i, which is `(c[i-1] + 4 c[i] + c[i+1]) / 6`. `values` holds rows of `width` numbers.
 ///
 /// Cyclic tridiagonal solve by Sherman-Morrison, O(n).
 ///
