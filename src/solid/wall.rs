@@ -19,8 +19,10 @@ use crate::sections::{PlaneSections, SectionStack};
 use crate::topology;
 use rayon::prelude::*;
 
-/// Heights per wall thickness at which the lumen is sampled.
+/// Heights per wall thickness at which the lumen is sampled, and the least distance between them, mm: a thinner
+/// wall would cost memory for less than the tolerance of its sections.
 const SAMPLES_PER_WALL: f64 = 10.0;
+const LEAST_SAMPLE_STEP_MM: f64 = 0.05;
 /// Farthest that neighbouring outer sections lie apart, mm.
 const MOST_STEP_MM: f64 = 1.0;
 /// Points of an outer section.
@@ -113,7 +115,7 @@ fn fill(heights: &mut Vec<f64>, z: f64) {
 impl Wall {
     fn around(lumen: &Skin, wall_mm: f64) -> Self {
         let [low, high] = lumen.z_range_mm();
-        let step = wall_mm / SAMPLES_PER_WALL;
+        let step = (wall_mm / SAMPLES_PER_WALL).max(LEAST_SAMPLE_STEP_MM);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
         let n = ((high - low + 2.0 * wall_mm) / step).ceil() as usize;
         let sample = |k: usize| {
@@ -140,7 +142,8 @@ impl Wall {
         let lean = self.steepest(z_mm);
         // A sample farther off than the normals lean is hidden under its neighbours.
         let share = if lean.is_finite() { lean / lean.hypot(1.0) } else { 1.0 };
-        let most_dz = self.wall_mm * (share + 2.0 / SAMPLES_PER_WALL);
+        let most_dz =
+            self.wall_mm * share + 2.0 * (self.wall_mm / SAMPLES_PER_WALL).max(LEAST_SAMPLE_STEP_MM);
         let parts = self
             .reaching(z_mm)
             .filter(|(s, _)| (s.z_mm - z_mm).abs() <= most_dz)
