@@ -37,7 +37,9 @@ pub enum Error {
     #[error("the mesh would have more than 2^32 vertices: ask for a larger deflection")]
     TooLarge,
     /// The rim of a cap cannot be filled.
-    #[error("the cap at z {z_mm} mm cannot be triangulated: its rim crosses itself")]
+    #[error(
+        "the cap at z {z_mm} mm cannot be triangulated: its rim crosses or touches itself; look at the contour there"
+    )]
     Cap {
         /// Height of the cap.
         z_mm: f64,
@@ -57,6 +59,28 @@ impl TriMesh {
         let six_fold: f64 =
             self.triangles.iter().map(|t| corner(t[0]).dot(&corner(t[1]).cross(&corner(t[2])))).sum();
         six_fold / 6.0
+    }
+
+    /// The mesh as a file of 32-bit floats holds it: vertices that fall together there are one.
+    #[must_use]
+    pub fn in_single_precision(&self) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "the precision of the file")]
+        let single = |v: f64| v as f32 + 0.0;
+        let rounded: Vec<[u32; 3]> =
+            self.vertices.iter().map(|p| [single(p.x), single(p.y), single(p.z)].map(f32::to_bits)).collect();
+        let mut order: Vec<u32> = (0..).take(rounded.len()).collect();
+        order.sort_unstable_by_key(|&i| (rounded[i as usize], i));
+        // Each vertex stands for the first one with the same bits.
+        let mut first = order.clone();
+        for group in order.chunk_by(|&a, &b| rounded[a as usize] == rounded[b as usize]) {
+            group.iter().for_each(|&i| first[i as usize] = group[0]);
+        }
+        let vertices = rounded.iter().map(|bits| {
+            let [x, y, z] = bits.map(|b| f64::from(f32::from_bits(b)));
+            Point3::new(x, y, z)
+        });
+        let triangles = self.triangles.iter().map(|t| t.map(|i| first[i as usize])).collect();
+        Self { vertices: vertices.collect(), triangles }
     }
 
     /// Adds a vertex and returns its index.

@@ -11,12 +11,11 @@ pub(super) struct Station {
 }
 
 /// Appends the triangles between two closed rows, both counter-clockwise seen from above, `upper` above `lower`;
-/// their normals point outward. With `flip` they point inward.
+/// their normals point outward.
 pub(super) fn between_rings(
     lower: &[Station],
     upper: &[Station],
     vertices: &[Point3],
-    flip: bool,
     triangles: &mut Vec<[u32; 3]>,
 ) {
     // Both rings begin near the parameter of the lower ring's first vertex; parameters are made to ascend from there.
@@ -33,7 +32,7 @@ pub(super) fn between_rings(
     let first = centred(&upper[nearest]);
     let turned: Vec<Station> = upper[nearest..].iter().chain(&upper[..nearest]).copied().collect();
     let upper_row = unrolled(&turned, |s| first + (s.u - turned[0].u).rem_euclid(1.0));
-    between_rows(&lower_row, &upper_row, vertices, flip, triangles);
+    between_rows(&lower_row, &upper_row, vertices, false, triangles);
 }
 
 /// The ring as an open row that ends in its first vertex again, one period on.
@@ -44,7 +43,8 @@ fn unrolled(ring: &[Station], u: impl Fn(&Station) -> f64) -> Vec<Station> {
 }
 
 /// Appends the triangles between two open rows whose parameters ascend: at each step the row whose next vertex
-/// makes the shorter diagonal goes on, unless the other one would fall more than a step behind.
+/// makes the shorter diagonal goes on, unless the other one would fall more than a step behind. Normals point to the
+/// right of the rows' direction with `upper` upward, with `flip` to the left.
 pub(super) fn between_rows(
     lower: &[Station],
     upper: &[Station],

@@ -31,7 +31,8 @@ pub enum SkinChoice {
 pub struct Tessellation {
     /// Which skins.
     pub skin: SkinChoice,
-    /// Farthest that the surface may lie from its triangles, mm.
+    /// Sag allowed to the chords of rows and edges, mm. Points inside a triangle may lie up to twice as far off where
+    /// the surface bends strongly both ways; a proven bound is still to come.
     pub deflection_mm: f64,
 }
 
@@ -44,17 +45,18 @@ pub fn tessellate(solid: &Solid, how: &Tessellation) -> Result<TriMesh, Error> {
         return Err(Error::Deflection(how.deflection_mm));
     }
     let mut mesher = Mesher { mesh: TriMesh::default(), deflection_mm: how.deflection_mm };
-    let mut rims = mesher.skin(&solid.lumen, false)?;
+    let mut rims = mesher.skin(&solid.lumen)?;
     if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward; lumen caps inside the body do, too.
         mesher.mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         rims.iter_mut().for_each(|r| r.is_hole = true);
-        let outer_rims = mesher.skin(outer, false)?;
+        let outer_rims = mesher.skin(outer)?;
         rims.extend(outer_rims);
     }
     mesher.caps(rims)?;
     let mesh = mesher.mesh;
-    let found: Closedness = closedness(&mesh);
+    // As a file will hold it: triangles that vanish there would leave edges with too many neighbours.
+    let found: Closedness = closedness(&mesh.in_single_precision());
     if found.is_closed() { Ok(mesh) } else { Err(Error::Open(found)) }
 }
 
@@ -79,22 +81,16 @@ struct Mesher {
 }
 
 impl Mesher {
-    fn skin(&mut self, skin: &Skin, flip: bool) -> Result<Vec<RimAt>, Error> {
-        let rings = skin.slabs.iter().map(|s| self.slab(s, flip)).collect::<Result<Vec<_>, _>>()?;
+    fn skin(&mut self, skin: &Skin) -> Result<Vec<RimAt>, Error> {
+        let rings = skin.slabs.iter().map(|s| self.slab(s)).collect::<Result<Vec<_>, _>>()?;
         let mut rims = Vec::new();
         for tube in &skin.tubes {
-            self.tube(tube, &rings, flip, &mut rims)?;
+            self.tube(tube, &rings, &mut rims)?;
         }
         Ok(rims)
     }
 
-    fn tube(
-        &mut self,
-        tube: &Tube,
-        rings: &[SlabRings],
-        flip: bool,
-        rims: &mut Vec<RimAt>,
-    ) -> Result<(), Error> {
+    fn tube(&mut self, tube: &Tube, rings: &[SlabRings], rims: &mut Vec<RimAt>) -> Result<(), Error> {
         let [low, high] = tube.surface.z_range_mm();
         let heights = self.row_heights(tube);
         let shared = |end: End| match end {
@@ -122,7 +118,7 @@ impl Mesher {
                 rims.push(RimAt { z_mm, downward: k == 0, is_hole: false, vertices });
             }
             if let Some(lower) = &below {
-                between_rings(lower, &row, &self.mesh.vertices, flip, &mut self.mesh.triangles);
+                between_rings(lower, &row, &self.mesh.vertices, &mut self.mesh.triangles);
             }
             below = Some(row);
         }
@@ -191,7 +187,7 @@ impl Mesher {
         (side * EQUILATERAL * ROW_STRETCH / lean.sqrt()).min(by_bend)
     }
 
-    fn slab(&mut self, slab: &Slab, flip: bool) -> Result<SlabRings, Error> {
+    fn slab(&mut self, slab: &Slab) -> Result<SlabRings, Error> {
         let n = self.slab_rows(slab);
         let heights: Vec<f64> =
             (0..=n).map(|i| slab.w_mm[0] + (slab.w_mm[1] - slab.w_mm[0]) * i as f64 / n as f64).collect();
@@ -204,7 +200,8 @@ impl Mesher {
             [(0..=n).map(|i| grid[0][i]).collect(), (0..=n).map(|i| grid[n - i][n]).collect()],
             [(0..=n).map(|i| grid[n][n - i]).collect(), (0..=n).map(|i| grid[i][0]).collect()],
         ];
-        let flip = flip == slab.upward;
+        // Seen along w a merge is mirrored.
+        let flip = !slab.upward;
         let mut first_rows: [Vec<u32>; 2] = Default::default();
         let mut last_rows: [Vec<u32>; 2] = Default::default();
         for side in 0..2 {

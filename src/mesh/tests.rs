@@ -133,6 +133,51 @@ fn a_branch_that_ends_inside_the_stack_is_capped() {
 }
 
 #[test]
+fn straight_sides_are_capped_vertex_by_vertex() {
+    // A rounded bar whose long sides run along x, exactly.
+    let bar = |n: u32| {
+        let bottom = (0..n).map(|i| Point2::new(f64::from(i) * 6.0 / f64::from(n - 1), 0.0));
+        let right = (1..40)
+            .map(|i| (f64::from(i) * std::f64::consts::PI / 40.0).sin_cos())
+            .map(|(s, c)| Point2::new(6.0 + s, 1.0 - c));
+        let top = (0..n).map(|i| Point2::new(6.0 - f64::from(i) * 6.0 / f64::from(n - 1), 2.0));
+        let left = (1..40)
+            .map(|i| (f64::from(i) * std::f64::consts::PI / 40.0).sin_cos())
+            .map(|(s, c)| Point2::new(-s, 1.0 + c));
+        Contour::new(bottom.chain(right).chain(top).chain(left).collect())
+    };
+    let planes =
+        (0..4).map(|k| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![bar(80)] }).collect();
+    let mesh = tessellate(&solid(planes, Body::Wall { wall_mm: 0.5 }), &fine(SkinChoice::All, 0.01)).unwrap();
+    assert!(mesh.volume_mm3() > 0.0);
+}
+
+#[test]
+fn a_square_with_vertices_along_its_sides_is_filled() {
+    let mut mesh = TriMesh::default();
+    let corner = |i: u32| match i / 5 {
+        0 => (f64::from(i), 0.0),
+        1 => (5.0, f64::from(i - 5)),
+        2 => (15.0 - f64::from(i), 5.0),
+        _ => (0.0, 20.0 - f64::from(i)),
+    };
+    let rim: Vec<u32> =
+        (0..20).map(corner).map(|(x, y)| mesh.push(Point3::new(x, y, 1.0)).unwrap()).collect();
+    cap::fill(&mut mesh, &rim, &[], false).unwrap();
+    assert_eq!(mesh.triangles.len(), 18);
+    assert_eq!(closedness(&mesh).free, 20);
+}
+
+#[test]
+fn vertices_that_fall_together_in_the_file_are_noticed() {
+    let mut mesh = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.05)).unwrap();
+    let moved = mesh.vertices[1] + (mesh.vertices[0] - mesh.vertices[1]) * (1.0 - 1e-9);
+    mesh.vertices[1] = moved;
+    assert!(closedness(&mesh).is_closed());
+    assert!(!closedness(&mesh.in_single_precision()).is_closed());
+}
+
+#[test]
 fn two_lumens_in_one_wall_share_its_caps() {
     let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 128);
     let plane = |k: u32| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![disk(0.0), disk(5.0)] };

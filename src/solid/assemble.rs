@@ -22,6 +22,8 @@ const SLAB_BELOW_MM: f64 = 0.3;
 const SLAB_ABOVE_MM: f64 = 0.15;
 /// The share of the way to the next plane that a slab may take.
 const SLAB_SHARE: f64 = 0.35;
+/// A slab thinner than this, mm, is rounding: its patches would have no shape.
+const LEAST_SLAB_MM: f64 = 1e-3;
 /// The radius that lengths in this file are stated for.
 const STATED_RADIUS_MM: f64 = 3.0;
 /// Virtual sections of a daughter above the apex, mm.
@@ -54,16 +56,17 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
     let branches = branches(graph);
     let mut strands: Vec<Strand> = branches.iter().map(|b| strand(graph, b)).collect();
     let events: Vec<usize> = (0..graph.stars.len()).filter(|&s| is_event(&graph.stars[s])).collect();
-    let built: Vec<Event> = events
+    let built: Vec<Result<Event, Error>> = events
         .par_iter()
         .map(|&star| {
             task.check()?;
             Event::build(graph, &branches, star, recipe)
         })
-        .collect::<Result<_, Error>>()?;
+        .collect();
     let mut slabs = Vec::new();
+    // The lowest fault is reported, on any number of threads.
     for event in built {
-        event.install(&mut strands, &mut slabs);
+        event?.install(&mut strands, &mut slabs);
     }
     if recipe.is_measured() {
         branches.iter().zip(&mut strands).for_each(|(b, s)| extend_ends(graph, b, s));
@@ -188,12 +191,16 @@ impl Event {
                 continue;
             }
             let last = clusters.len() == 2;
-            let floor = if last { w_parent } else { apexes.get(k + 1).map_or(w_parent, |next| next.w) };
+            let third = |a: &&Apex| {
+                let joins = |c: &Cluster| a.lobes.iter().filter(|l| c.lobes.contains(l)).count();
+                joins(&clusters[x]) + joins(&clusters[y]) == 1
+            };
+            let floor = apexes[k + 1..].iter().find(third).map_or(w_parent, |next| next.w);
             let roof = clusters[x].w_top.min(clusters[y].w_top);
             let below = (SLAB_BELOW_MM * unit).min(SLAB_SHARE * (apex.w - floor));
             let above = (SLAB_ABOVE_MM * unit).min(SLAB_SHARE * (roof - apex.w));
-            if below < 1e-4 || above < 1e-4 {
-                return Err(EventFault::NoApex);
+            if below < LEAST_SLAB_MM || above < LEAST_SLAB_MM {
+                return Err(if floor > w_parent { EventFault::Simultaneous } else { EventFault::NoApex });
             }
             let slab = build_slab(source, *apex, [apex.w - below, apex.w + above], self.upward)?;
             let part = if last {

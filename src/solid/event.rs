@@ -64,6 +64,11 @@ pub enum EventFault {
     /// The apex is not where the sections say it must be.
     #[error("the crotch cannot be located between the planes")]
     NoApex,
+    /// Three or more branches part at one height.
+    #[error(
+        "more than two branches part at the same height: move one of the contours a little, or add a plane"
+    )]
+    Simultaneous,
     /// The sections beside the apex do not have the expected number of contours.
     #[error("{found} contours where {expected} were expected beside the crotch")]
     Components {
@@ -95,22 +100,25 @@ pub(super) fn apex(source: &dyn EventSource, lobes: [usize; 2], [low, high]: [f6
     if fa >= 0.0 || fb <= 0.0 {
         return None;
     }
-    // Illinois variant of the regula falsi: keeps the bracket, converges superlinearly.
-    for _ in 0..30 {
-        let w = (a * fb - b * fa) / (fb - fa);
-        let f = neck(w);
-        if f < 0.0 {
-            (a, fa) = (w, f);
-            fb *= 0.5;
-        } else {
-            (b, fb) = (w, f);
-            fa *= 0.5;
-        }
+    // Illinois variant of the regula falsi: an end that stays twice counts for half, so that both ends close in.
+    let mut root = a;
+    let mut low_end_moved = None;
+    for _ in 0..40 {
+        root = (a * fb - b * fa) / (fb - fa);
+        let f = neck(root);
         if f.abs() < 1e-6 || b - a < 1e-6 {
             break;
         }
+        if f < 0.0 {
+            (a, fa) = (root, f);
+            fb *= if low_end_moved == Some(true) { 0.5 } else { 1.0 };
+        } else {
+            (b, fb) = (root, f);
+            fa *= if low_end_moved == Some(false) { 0.5 } else { 1.0 };
+        }
+        low_end_moved = Some(f < 0.0);
     }
-    Some(Apex { w: 0.5 * (a + b), lobes })
+    Some(Apex { w: root, lobes })
 }
 
 /// The field's value at its saddle in the plane w: the highest value that a path from lobe to lobe must cross.

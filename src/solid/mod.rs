@@ -7,7 +7,7 @@
 //!
 //! The outer skin of a wall goes through the same steps with sections of the parallel surface.
 //!
-//! What it does not do yet: domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
+//! What it does not do yet: a validity check of the surfaces themselves (the mesh is checked for closedness), domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
 //! an explicit edge (it is smoothed over a fraction of a millimetre).
 
 mod assemble;
@@ -158,16 +158,21 @@ pub struct Built {
 /// # Errors
 /// [`Error`], naming the planes.
 pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<Built, Error> {
-    let graph = topology::graph(stack)?;
-    let lumen = lumen::build(&graph, task)?;
-    let outer = match params.body {
+    let wall_mm = match params.body {
         Body::Cast => None,
-        Body::Wall { wall_mm } if (0.1..=20.0).contains(&wall_mm) => {
-            Some(wall::build(&lumen, wall_mm, task)?)
-        }
+        Body::Wall { wall_mm } if (0.1..=20.0).contains(&wall_mm) => Some(wall_mm),
         Body::Wall { wall_mm } => return Err(Error::WallThickness(wall_mm)),
     };
-    Ok(Built { solid: Solid { lumen, outer }, warnings: graph.warnings })
+    let graph = topology::graph(stack)?;
+    let lumen = lumen::build(&graph, task)?;
+    let mut warnings = graph.warnings;
+    let mut outer = None;
+    if let Some(wall_mm) = wall_mm {
+        let (skin, noticed) = wall::build(&lumen, wall_mm, task)?;
+        outer = Some(skin);
+        warnings.extend(noticed);
+    }
+    Ok(Built { solid: Solid { lumen, outer }, warnings })
 }
 
 impl Sectioned for Solid {

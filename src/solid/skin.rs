@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// Points round a tube's section. 128 at the waist cost a factor of four in accuracy.
 const SECTION_POINTS: usize = 256;
+/// Samples along a lateral patch's row from which its bending is taken.
+const ARC_SAMPLES: usize = 64;
 /// Grid on which the saddle patch is cut by a plane.
 const SADDLE_GRID: usize = 48;
 
@@ -61,7 +63,8 @@ pub(super) struct Strand {
 
 /// Skins every strand.
 pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<BuiltSlab>) -> Result<Skin, SplineError> {
-    let tubes = strands.into_par_iter().map(tube).collect::<Result<_, _>>()?;
+    let tubes: Vec<Result<Tube, SplineError>> = strands.into_par_iter().map(tube).collect();
+    let tubes = tubes.into_iter().collect::<Result<_, _>>()?;
     Ok(Skin { tubes, slabs: slabs.into_iter().map(|b| b.slab).collect() })
 }
 
@@ -76,12 +79,11 @@ fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
         return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
     }
     let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
-    for (i, curve) in curves.iter().enumerate() {
+    for curve in &curves {
         let start_mm = match sections.last() {
             None => least_x_start(curve),
             Some(previous) => least_twist_start(curve, previous),
         };
-        let _ = i;
         sections.push(curve.resampled(SECTION_POINTS, start_mm));
     }
     Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
@@ -143,22 +145,19 @@ impl Skin {
     }
 }
 
-/// How many chords keep a closed curve within the tolerance: those of a circle of its length, half as many again
-/// because vessels are not round.
-fn n_chords(length_mm: f64, tolerance_mm: f64) -> usize {
-    let radius = length_mm / std::f64::consts::TAU;
-    let n = 1.5 * std::f64::consts::PI * (radius / (2.0 * tolerance_mm)).sqrt();
+/// Most chords of a curve: beyond it a tolerance below what contours know.
+const MOST_CHORDS: f64 = 4096.0;
+
+/// How many equal steps of the parameter keep a curve within the tolerance of its chords, from its largest second
+/// derivative over a parameter from 0 to 1: a chord over a step h leaves the curve by at most bend h² / 8.
+fn n_chords(bend_mm: f64, tolerance_mm: f64) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    let n = n.ceil().clamp(48.0, 2048.0) as usize;
+    let n = (bend_mm / (8.0 * tolerance_mm)).sqrt().ceil().clamp(16.0, MOST_CHORDS) as usize;
     n
 }
 
 fn polyline(curve: &SectionCurve, tolerance_mm: f64) -> Contour {
-    let rough = Contour::new(curve.points());
-    let n = n_chords(rough.perimeter_mm(), tolerance_mm);
-    if n == rough.len() {
-        return rough;
-    }
+    let n = n_chords(curve.bend_mm(), tolerance_mm);
     Contour::new((0..n).map(|i| curve.at(i as f64 / n as f64)).collect())
 }
 
@@ -184,9 +183,10 @@ impl Slab {
                 let p: Point3 = row.at(u);
                 Point2::new(p.x, p.y)
             };
-            let rough: f64 =
-                (0..32).map(|i| (at(f64::from(i + 1) / 32.0) - at(f64::from(i) / 32.0)).norm()).sum();
-            let n = n_chords(rough, tolerance_mm);
+            let samples: Vec<Point2> = (0..=ARC_SAMPLES).map(|i| at(i as f64 / ARC_SAMPLES as f64)).collect();
+            let bends = samples.windows(3).map(|s| ((s[2] - s[1]) - (s[1] - s[0])).norm());
+            let bend_mm = bends.fold(0.0, f64::max) * (ARC_SAMPLES * ARC_SAMPLES) as f64;
+            let n = n_chords(bend_mm, tolerance_mm);
             (0..=n).map(|i| at(i as f64 / n as f64)).collect::<Vec<_>>()
         });
         close_loops(laterals.to_vec(), self.saddle_curves(w))

@@ -98,6 +98,45 @@ fn three_daughters_part_one_after_the_other() {
 }
 
 #[test]
+fn branches_that_part_at_one_height_are_named() {
+    let daughter = |turn: f64| {
+        let (sin, cos) = (turn * std::f64::consts::TAU / 3.0).sin_cos();
+        Contour::circle(Point2::new(3.2 * cos, 3.2 * sin), 2.2, 128)
+    };
+    let planes = (0..6)
+        .map(|k| PlaneSections {
+            z_mm: 3.0 * f64::from(k),
+            contours: if k < 3 {
+                vec![Contour::circle(Point2::origin(), 4.5, 128)]
+            } else {
+                [0.0, 1.0, 2.0].map(daughter).to_vec()
+            },
+        })
+        .collect();
+    let result = build(&stack(planes), &Params { body: Body::Cast }, &Task::quiet());
+    // Either rounding parts them, or the place is named; never a body that is not what was asked.
+    match result {
+        Ok(built) => assert_eq!(built.solid.lumen.slabs.len(), 2),
+        Err(error) => assert!(error.to_string().starts_with("between planes 2 and 3: "), "{error}"),
+    }
+}
+
+#[test]
+fn chords_keep_the_tolerance_on_a_flat_lumen() {
+    let flat = |k: u32| {
+        let points = Contour::circle(Point2::origin(), 1.0, 256).points;
+        let squeezed = points.iter().map(|p| Point2::new(6.0 * p.x, 0.5 * p.y + 0.1 * f64::from(k)));
+        PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![Contour::new(squeezed.collect())] }
+    };
+    let solid = cast(&stack((0..5).map(flat).collect()));
+    for tolerance_mm in [0.02, 0.005, 0.001] {
+        let coarse = solid.section(3.1, tolerance_mm).outer;
+        let fine = solid.section(3.1, 1e-6).outer;
+        assert!(farthest(&fine, &coarse) <= tolerance_mm, "{tolerance_mm}: {}", farthest(&fine, &coarse));
+    }
+}
+
+#[test]
 fn the_body_goes_on_half_a_plane_interval_beyond_its_ends() {
     assert_eq!(cast(&cylinder(2.0, 5)).z_range_mm(), [-1.0, 9.0]);
     assert_eq!(wall(&cylinder(2.0, 5), 1.0).z_range_mm(), [-1.0, 9.0]);

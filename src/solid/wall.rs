@@ -13,8 +13,9 @@ use super::event::Slab;
 use super::event::{EventPlanes, EventSource};
 use super::skin::{End, Skin, Tube};
 use super::{Error, Place};
+use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Region, RigidTransform, SegmentIndex};
-use crate::progress::Task;
+use crate::progress::{Cancelled, Task};
 use crate::sections::{PlaneSections, SectionStack};
 use crate::topology;
 use rayon::prelude::*;
@@ -48,26 +49,27 @@ struct Wall {
 }
 
 /// Builds the outer skin around a lumen.
-pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Skin, Error> {
-    let wall = Wall::around(lumen, wall_mm);
-    task.check()?;
+pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
+    let wall = Wall::around(lumen, wall_mm, task)?;
     let heights = heights(lumen, wall_mm);
-    let planes = heights
-        .par_iter()
-        .map(|&z_mm| {
-            task.check()?;
-            Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
-        })
-        .collect::<Result<_, Error>>()?;
+    let plane = |&z_mm: &f64| {
+        task.check()?;
+        Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
+    };
+    let planes: Vec<Result<PlaneSections, Cancelled>> = heights.par_iter().map(plane).collect();
+    let planes = planes.into_iter().collect::<Result<_, _>>()?;
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
     let graph = topology::graph(&stack).map_err(Error::OuterTopology)?;
-    assemble(&graph, &wall, task).map_err(|error| match error {
+    let skin = assemble(&graph, &wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
         Error::Event { place: Place::Planes { lower, upper }, fault } => {
             Error::Outer { z_mm: [graph.z_mm[lower], graph.z_mm[upper]], fault }
         }
         other => other,
-    })
+    })?;
+    let about_wall =
+        |w: &Warning| Warning { text: format!("outer skin of the wall: {}", w.text), code: w.code.clone() };
+    Ok((skin, graph.warnings.iter().map(about_wall).collect()))
 }
 
 /// Whether a tube ends openly at the top or bottom of the stack.
@@ -113,18 +115,20 @@ fn fill(heights: &mut Vec<f64>, z: f64) {
 }
 
 impl Wall {
-    fn around(lumen: &Skin, wall_mm: f64) -> Self {
+    fn around(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Self, Cancelled> {
         let [low, high] = lumen.z_range_mm();
         let step = (wall_mm / SAMPLES_PER_WALL).max(LEAST_SAMPLE_STEP_MM);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
         let n = ((high - low + 2.0 * wall_mm) / step).ceil() as usize;
         let sample = |k: usize| {
+            task.check()?;
             let z_mm = low - wall_mm + step * k as f64;
             let region = Region::new(continued_section(lumen, z_mm));
             let index = SegmentIndex::try_new(&region.contours);
-            Sample { z_mm, region, index, lean: lean(lumen, z_mm) }
+            Ok(Sample { z_mm, region, index, lean: lean(lumen, z_mm) })
         };
-        Self { wall_mm, samples: (0..=n).into_par_iter().map(sample).collect() }
+        let samples: Result<Vec<Sample>, Cancelled> = (0..=n).into_par_iter().map(sample).collect();
+        Ok(Self { wall_mm, samples: samples? })
     }
 
     /// Samples within the wall's reach of z, with the radius by which they are grown.

@@ -100,6 +100,17 @@ impl SectionCurve {
         self.values.chunks_exact(2).map(|p| Point2::new(p[0], p[1])).collect()
     }
 
+    /// Largest second derivative with respect to u, mm: the second derivative of a cubic spline is linear between
+    /// its knots, so it is largest at one of them.
+    #[must_use]
+    pub fn bend_mm(&self) -> f64 {
+        let n = self.len();
+        let control = |i: usize, k: usize| self.control[2 * (i % n) + k];
+        let second = |i: usize, k: usize| control(i + n - 1, k) - 2.0 * control(i, k) + control(i + 1, k);
+        let largest = (0..n).map(|i| second(i, 0).hypot(second(i, 1))).fold(0.0, f64::max);
+        largest * (n * n) as f64
+    }
+
     /// The point at u (periodic in 1).
     #[must_use]
     pub fn at(&self, u: f64) -> Point2 {

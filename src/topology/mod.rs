@@ -139,7 +139,7 @@ pub fn graph(stack: &SectionStack) -> Result<Graph, Error> {
     let mut links = Vec::new();
     for interval in 0..stack.planes.len() - 1 {
         link_interval(&nodes, interval, &mut links);
-        reduce_to_stars(&nodes, interval, &mut links, &mut warnings);
+        reduce_to_stars(&nodes, stack.planes[interval].z_mm, interval, &mut links, &mut warnings);
     }
     if links.is_empty() {
         return Err(Error::NothingContinues);
@@ -270,7 +270,13 @@ fn moved_on(contour: &Contour, by: Vector2) -> Contour {
 }
 
 /// Drops the weakest links between nodes that both have others, until only stars are left.
-fn reduce_to_stars(nodes: &[Node], interval: usize, links: &mut Vec<Link>, warnings: &mut Vec<Warning>) {
+fn reduce_to_stars(
+    nodes: &[Node],
+    z_mm: f64,
+    interval: usize,
+    links: &mut Vec<Link>,
+    warnings: &mut Vec<Warning>,
+) {
     loop {
         let here = |l: &&Link| nodes[l.lower].plane == interval;
         let degree_lower = |n: usize| links.iter().filter(here).filter(|l| l.lower == n).count();
@@ -286,7 +292,7 @@ fn reduce_to_stars(nodes: &[Node], interval: usize, links: &mut Vec<Link>, warni
         warnings.push(warning(
             "topology.link_dropped",
             format!(
-                "planes {interval} and {}: several contours meet several others; the link with the least overlap ({:.0} %) was dropped",
+                "planes {interval} and {} (z {z_mm:.3} mm): several contours meet several others; the link with the least overlap ({:.0} %) was dropped",
                 interval + 1,
                 100.0 * link.overlap
             ),
@@ -320,8 +326,7 @@ fn without_islands(graph: Graph) -> Graph {
     let linked = |i: usize| graph.stars.iter().any(|s| s.lower.contains(&i) || s.upper.contains(&i));
     let kept: Vec<usize> = (0..graph.nodes.len()).filter(|&i| linked(i)).collect();
     let mut warnings = graph.warnings.clone();
-    for (i, node) in graph.nodes.iter().enumerate().filter(|(i, _)| !linked(*i)) {
-        let _ = i;
+    for (_, node) in graph.nodes.iter().enumerate().filter(|(i, _)| !linked(*i)) {
         let area = node.contour.signed_area_mm2();
         warnings.push(warning(
             "topology.island_dropped",
