@@ -566,8 +566,14 @@ fn lossless_encodings_of_one_image_agree_pixel_by_pixel() {
             );
         }
         let lossy = sample(&format!("{series}_J2KI.dcm")).unwrap().unwrap();
-        let differences = lossy.iter().zip(&run_length).map(|(a, b)| f64::from((a - b).abs()));
-        let mean = differences.sum::<f64>() / lossy.len() as f64;
+        // Padding becomes air by its exact value, which lossy compression does not keep: left out.
+        let differences: Vec<f64> = lossy
+            .iter()
+            .zip(&run_length)
+            .filter(|(_, b)| **b > -1024.0)
+            .map(|(a, b)| f64::from((a - b).abs()))
+            .collect();
+        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
         assert!(mean < 40.0, "{series}: {mean} HU");
     }
 }
