@@ -18,13 +18,17 @@ fn program() -> Command {
     Command::new(env!("CARGO_BIN_EXE_hil-sim"))
 }
 
-/// Waits up to ten seconds for something.
+/// How long anything may take before its test fails.
+const LIMIT: Duration = Duration::from_secs(10);
+
+/// Waits for something, within [`LIMIT`].
 fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
-    for _ in 0..1000 {
+    let pause = Duration::from_millis(10);
+    for _ in 0..LIMIT.as_millis() / pause.as_millis() {
         if holds() {
             return;
         }
-        hil_sim::pty::pause(Duration::from_millis(10)).unwrap();
+        hil_sim::pty::pause(pause).unwrap();
     }
     panic!("waited in vain for {what}");
 }
@@ -86,7 +90,18 @@ impl Host {
     fn answer(&mut self) -> String {
         // The echo of a damaged line may hold any byte.
         let mut line = Vec::new();
-        self.answers.read_until(b'\n', &mut line).unwrap();
+        while line.last() != Some(&b'\n') {
+            assert!(
+                self.has_more(LIMIT),
+                "waited in vain for an answer after {:?}",
+                String::from_utf8_lossy(&line)
+            );
+            let heard = self.answers.fill_buf().unwrap();
+            assert!(!heard.is_empty(), "the port hung up after {:?}", String::from_utf8_lossy(&line));
+            let n_bytes = heard.iter().position(|&byte| byte == b'\n').map_or(heard.len(), |i| i + 1);
+            line.extend_from_slice(&heard[..n_bytes]);
+            self.answers.consume(n_bytes);
+        }
         String::from_utf8_lossy(&line).trim_end().to_owned()
     }
 
@@ -101,14 +116,14 @@ impl Host {
 
     /// The next answer, unless none begins within a quarter of a second.
     fn answer_soon(&mut self) -> Option<String> {
-        if self.answers.buffer().is_empty() {
-            let wait = Timespec { tv_sec: 0, tv_nsec: 250_000_000 };
-            let ready = poll(&mut [PollFd::new(&self.port, PollFlags::IN)], Some(&wait)).unwrap();
-            if ready == 0 {
-                return None;
-            }
-        }
-        Some(self.answer())
+        self.has_more(Duration::from_millis(250)).then(|| self.answer())
+    }
+
+    /// Whether something more is said, or the port hangs up, within a time.
+    fn has_more(&self, wait: Duration) -> bool {
+        let wait = Timespec::try_from(wait).unwrap();
+        !self.answers.buffer().is_empty()
+            || poll(&mut [PollFd::new(&self.port, PollFlags::IN)], Some(&wait)).unwrap() > 0
     }
 
     /// Prints a job, three lines at a time with a mark behind them, going back to what is asked for or missing.
@@ -243,8 +258,9 @@ fn disconnect_removes_the_port_and_brings_it_back() {
     while !host.answer().starts_with("ok N1") {}
     host.send(&numbered(2, "M107"));
     // The port hangs up: end of file or an error.
-    let mut rest = Vec::new();
-    drop(std::io::Read::read_to_end(&mut host.answers, &mut rest));
+    while host.has_more(LIMIT) && host.answers.fill_buf().is_ok_and(|rest| !rest.is_empty()) {
+        host.answers.consume(host.answers.buffer().len());
+    }
     wait_for("the link to go", || fs::symlink_metadata(&simulator.link).is_err());
     drop(host);
     wait_for("the link to come back", || simulator.link.exists());

@@ -55,8 +55,12 @@ fn start_log() {
     drop(log.try_init());
 }
 
-/// A fault of the program: one line that can be reported, no backtrace over the operator's screen.
+/// A fault of the program: one line that can be reported, no backtrace over the operator's screen. A decoder that gives up on a
+/// damaged file is none: that becomes an error of the file.
 fn say_panic(info: &panic::PanicHookInfo<'_>) {
+    if crate::ct::reader::is_decoding() {
+        return;
+    }
     let payload = info.payload();
     let text = payload.downcast_ref::<&str>().copied().map(str::to_owned);
     let text = text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default();

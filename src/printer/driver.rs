@@ -235,6 +235,7 @@ impl<'a, R: BufRead + Seek> Session<'a, R> {
         let now = self.clock.now();
         if self.core.poll_timeout().is_some_and(|due| due <= now) {
             self.core.handle_timeout(now);
+            self.exchange();
         }
         if self.cancel.is_cancelled() && !matches!(self.core.state(), State::Cancelling) {
             self.command(Command::Cancel);

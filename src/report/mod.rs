@@ -138,7 +138,7 @@ pub enum Error {
     NoLayers,
     /// The job was turned away from the CT planes.
     #[error(
-        "the job's layers are not parallel to the CT planes (tilted by {tilt_deg:.2} degrees): a report needs a job in the stack's orientation, slice it again without --orient"
+        "the job's layers are not parallel to the CT planes (tilted by {tilt_deg:.2} degrees): a report needs a job in the stack's orientation: slice the case again, its part upright as it lies in the CT"
     )]
     Tilted {
         /// Angle between the bed's and the stack's z, degrees.

@@ -31,10 +31,11 @@ pub struct Verdict {
 }
 
 impl Verdict {
+    /// `pixel_mm`: size of the image's pixels; none if there is no image.
     pub(super) fn of(gate: Gate, pixel_mm: Option<f64>, blocks: &[Block; 6]) -> Self {
         let gate = Gate { total_p95_mm: gate.total_p95_mm.max(pixel_mm.unwrap_or(0.0)), ..gate };
         let mut failures = Vec::new();
-        failures.extend(total_failure(gate, &blocks[Stage::Total as usize]));
+        failures.extend(total_failure(gate, pixel_mm.is_some(), &blocks[Stage::Total as usize]));
         failures.extend(layer_failure(gate, &blocks[Stage::Deposition as usize]));
         failures.extend(missing(&blocks[Stage::Deposition as usize]));
         Self { passed: failures.is_empty(), gate, failures }
@@ -53,8 +54,11 @@ impl Verdict {
     }
 }
 
-fn total_failure(gate: Gate, total: &Block) -> Option<String> {
-    let p95 = total.overall?.figures.p95_mm?;
+/// Without an image there is no total; with one, a total that was not measured proves nothing.
+fn total_failure(gate: Gate, has_image: bool, total: &Block) -> Option<String> {
+    let Some(p95) = total.overall.and_then(|o| o.figures.p95_mm) else {
+        return has_image.then(|| "the total deviation from the image was not measured in any plane".into());
+    };
     (p95 > gate.total_p95_mm)
         .then(|| format!("the total 95th percentile is {p95:.3} mm, allowed are {:.3} mm", gate.total_p95_mm))
 }
@@ -114,5 +118,12 @@ mod tests {
     fn without_a_ct_the_total_is_no_failure_without_deposition_there_is_one() {
         assert!(Verdict::of(Gate::default(), None, &blocks(None, Some(0.98))).passed);
         assert!(!Verdict::of(Gate::default(), None, &blocks(None, None)).passed);
+    }
+
+    #[test]
+    fn an_image_without_a_total_is_a_failure_with_its_name() {
+        let verdict = Verdict::of(Gate::default(), Some(0.2), &blocks(None, Some(0.98)));
+        assert!(!verdict.passed);
+        assert!(verdict.sentence().contains("total deviation"), "{}", verdict.sentence());
     }
 }

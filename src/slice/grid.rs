@@ -10,7 +10,7 @@
 //!
 //! Not done: adapting heights to the slope of the surface.
 
-use super::{Error, LayerGrid, LayerSlot};
+use super::{End, Error, LayerGrid, LayerSlot};
 
 /// What the grid is made to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,10 +131,10 @@ impl Chain<'_> {
             })
             .min_by(|a, b| a.2.total_cmp(&b.2))
             .map(|(i, n, _)| (i, n))
-            .ok_or_else(|| self.too_close(last))?;
+            .ok_or_else(|| self.end_of_body(End::Above))?;
         let mut heights = vec![(0.0, 0); self.planes.len()];
         for k in (0..self.planes.len()).rev() {
-            let Some(b) = best[k][at] else { return Err(self.too_close(k)) };
+            let b = best[k][at].expect("only heights that a way leads to are chosen");
             heights[k] = (candidates[k][at], b.n_below);
             at = b.from;
         }
@@ -147,7 +147,11 @@ impl Chain<'_> {
             let (cost, n_below) = self.cheapest(below - h / 2.0, &[h], true)?;
             Some(Best { cost: cost + self.off_wanted(h), from: 0, n_below })
         };
-        let mut best = vec![candidates[0].iter().map(start).collect::<Vec<_>>()];
+        let lowest: Vec<Option<Best>> = candidates[0].iter().map(start).collect();
+        if lowest.iter().all(Option::is_none) {
+            return Err(self.end_of_body(End::Below));
+        }
+        let mut best = vec![lowest];
         for k in 1..self.planes.len() {
             let dz = self.planes[k].z_mm - self.planes[k - 1].z_mm;
             let row: Vec<Option<Best>> = candidates[k]
@@ -208,8 +212,9 @@ impl Chain<'_> {
         layered.chain(given_up).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
+    /// Plane `k`, not the first, finds no place above its predecessor.
     fn too_close(&self, k: usize) -> Error {
-        let below = self.planes[k.saturating_sub(1)];
+        let below = self.planes[k - 1];
         Error::PlanesTooClose {
             plane: self.planes[k].idx,
             z_mm: self.planes[k].z_mm,
@@ -217,6 +222,16 @@ impl Chain<'_> {
             thinnest_mm: self.params.height_limits_mm[0],
             thickest_mm: self.params.height_limits_mm[1],
         }
+    }
+
+    fn end_of_body(&self, end: End) -> Error {
+        let [first, last] = [self.planes[0], self.planes[self.planes.len() - 1]];
+        let (plane, distance_mm) = match end {
+            End::Below => (first, first.z_mm - self.bottom),
+            End::Above => (last, self.top - last.z_mm),
+        };
+        let [thinnest_mm, thickest_mm] = self.params.height_limits_mm;
+        Error::EndOfBody { end, plane: plane.idx, z_mm: plane.z_mm, distance_mm, thinnest_mm, thickest_mm }
     }
 
     /// `heights`: per plane the height of its layer and the number of layers between it and the plane below.
@@ -342,6 +357,22 @@ mod tests {
         assert!(text(grid(&[0.0, 0.0], [-1.0, 1.0], &PARAMS)).contains("plane 1"));
         assert!(text(grid(&[0.0, 1.0], [0.0, 1e9], &PARAMS)).contains("layers"));
         assert!(text(grid(&[0.0, 0.03, 3.0], range, &PARAMS)).contains("0.03"));
+    }
+
+    #[test]
+    fn an_end_that_no_layers_fill_is_named() {
+        let params = GridParams { layer_mm: 0.2, height_limits_mm: [0.2, 0.2] };
+        let fault = |planes: &[f64], range| match grid(planes, range, &params).unwrap_err() {
+            Error::EndOfBody { end, plane, distance_mm, .. } => {
+                (end, plane, (distance_mm * 1e3).round() / 1e3)
+            }
+            other => panic!("{other}"),
+        };
+        assert_eq!(fault(&[0.0, 3.0], [-1.33, 4.5]), (End::Below, 0, 1.33));
+        assert_eq!(fault(&[0.0, 3.0], [-1.5, 4.33]), (End::Above, 1, 1.33));
+        assert_eq!(fault(&[-9.0, 0.0], [-1.33, 1.5]), (End::Below, 1, 1.33));
+        let text = grid(&[0.0], [-1.5, 1.33], &params).unwrap_err().to_string();
+        assert!(text.starts_with("the body reaches 1.33 mm above CT plane 0 at z 0 mm"), "{text}");
     }
 
     proptest! {

@@ -49,6 +49,24 @@ pub struct Layer {
     pub lumen: Region,
 }
 
+/// An end of the body, seen from the CT plane nearest to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// Towards the bed.
+    Below,
+    /// Away from the bed.
+    Above,
+}
+
+impl std::fmt::Display for End {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Below => "below",
+            Self::Above => "above",
+        })
+    }
+}
+
 /// What keeps a body from being cut into layers.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -128,6 +146,25 @@ pub enum Error {
         /// Its height, mm.
         z_mm: f64,
         /// Distance of the two planes, mm.
+        distance_mm: f64,
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
+    /// No heights within the limits fill an end of the body.
+    #[error(
+        "the body reaches {distance_mm} mm {end} CT plane {plane} at z {z_mm} mm: no layers of {thinnest_mm} to {thickest_mm} mm \
+         fill that and have the plane as the middle of one; widen the layer height limits or choose another z range"
+    )]
+    EndOfBody {
+        /// Which end.
+        end: End,
+        /// The plane nearest to it, counted from 0.
+        plane: usize,
+        /// Its height, mm.
+        z_mm: f64,
+        /// From the plane to the end, mm.
         distance_mm: f64,
         /// Thinnest layer of the machine, mm.
         thinnest_mm: f64,

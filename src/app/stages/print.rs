@@ -195,7 +195,8 @@ impl Order<'_> {
         };
         let simulator = Simulator::start(&options).await?;
         let port = simulator.port().to_owned();
-        let printed = self.print_on(job, &port, task, context).await?;
+        let order = Order { profile: &options.profile_for(self.profile), ..*self };
+        let printed = order.print_on(job, &port, task, context).await?;
         simulator.finish().await?;
         Ok(printed)
     }

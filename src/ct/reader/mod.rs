@@ -14,6 +14,8 @@ mod header;
 mod lengths;
 mod pixels;
 
+pub use pixels::is_decoding;
+
 use super::series::{Series, group, listing};
 use super::stack::{Stack, arrange};
 use super::{Error, Inspection, Loaded, SeriesChoice, SeriesReport, Volume, Warning};

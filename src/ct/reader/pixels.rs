@@ -8,6 +8,7 @@ use dicom_dictionary_std::tags;
 use dicom_object::DefaultDicomObject;
 use dicom_pixeldata::PixelDecoder;
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// What a CT's padding outside the scanned circle becomes: air, as low as 12 bits go, HU.
@@ -50,17 +51,34 @@ fn plain_words<'a>(header: &Header, object: &'a DefaultDicomObject) -> Result<Co
 
 /// Stored words of a compressed image.
 fn decoded_words<'a>(header: &Header, object: &'a DefaultDicomObject) -> Result<Cow<'a, [u16]>, Error> {
-    // The JPEG 2000 decoder is a translation from C and may panic on a damaged stream.
-    let decoded = catch_unwind(AssertUnwindSafe(|| object.decode_pixel_data()));
-    match decoded {
-        Ok(Ok(pixels)) if pixels.bits_allocated() == header.pixels.bits_allocated => {
+    match panics_caught(|| object.decode_pixel_data()) {
+        Some(Ok(pixels)) if pixels.bits_allocated() == header.pixels.bits_allocated => {
             Ok(Cow::Owned(words_of_bytes(pixels.data(), header.pixels.bits_allocated)))
         }
-        Ok(Err(fault)) if is_unsupported(&fault) => {
+        Some(Err(fault)) if is_unsupported(&fault) => {
             Err(Error::UnsupportedSyntax { path: header.path.clone(), syntax: header.syntax.name.to_owned() })
         }
         _ => Err(damaged(&header.path, "its compressed pixels cannot be decoded")),
     }
+}
+
+thread_local! {
+    static IS_DECODING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether this thread is within a decoder of compressed pixels, whose panics become an error of the file: a panic hook need not
+/// speak of them.
+#[must_use]
+pub fn is_decoding() -> bool {
+    IS_DECODING.get()
+}
+
+/// What the decoder gives; none if it panics. The JPEG 2000 decoder is a translation from C and may, on a damaged stream.
+fn panics_caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
+    IS_DECODING.set(true);
+    let decoded = catch_unwind(AssertUnwindSafe(decode));
+    IS_DECODING.set(false);
+    decoded.ok()
 }
 
 /// Whether the decoder is not built in; the library tells it in words only.
@@ -133,6 +151,13 @@ mod tests {
     fn intensity(bits_stored: u16, high_bit: u16, is_signed: bool) -> Intensity {
         let format = PixelFormat { bits_allocated: 16, bits_stored, high_bit, is_signed };
         Intensity { format, slope: 2.0, intercept: -1000.0, padding: Some([-2000, -2000]) }
+    }
+
+    #[test]
+    fn a_decoder_that_panics_is_expected_until_it_has_ended() {
+        assert_eq!(panics_caught(is_decoding), Some(true));
+        assert_eq!(panics_caught::<()>(|| panic!("a damaged stream")), None);
+        assert!(!is_decoding());
     }
 
     #[test]
