@@ -125,7 +125,8 @@ enum Way {
 /// Fills the material under all skins.
 pub(super) fn fill(skins: &Skins, params: &FillParams) -> Filled {
     let filler = Filler { skins, params };
-    let ways: Vec<Vec<Way>> = skins.skins.iter().map(|s| filler.ways(s)).collect();
+    let mut ways: Vec<Vec<Way>> = skins.skins.iter().map(|s| filler.ways(s)).collect();
+    filler.agree(&mut ways);
     let mut paths = Vec::new();
     let mut lost = Vec::new();
     for (idx, (skin, ways)) in skins.skins.iter().zip(&ways).enumerate() {
@@ -183,6 +184,36 @@ impl Filler<'_> {
             }
         }
         single
+    }
+
+    /// Makes both skins of a wall see a single bead where one of them does: else the one leaves its half of the wall
+    /// to a bead that the other does not lay.
+    fn agree(&self, ways: &mut [Vec<Way>]) {
+        let mut joined = Vec::new();
+        for (skin_idx, skin) in self.skins.skins.iter().enumerate() {
+            for (i, s) in skin.samples.iter().enumerate() {
+                let single_there = self.opposite(s).is_some_and(|(k, j)| ways[k][j] == Way::Single);
+                if single_there && ways[skin_idx][i] != Way::Single {
+                    joined.push((skin_idx, i));
+                }
+            }
+        }
+        joined.into_iter().for_each(|(skin_idx, i)| ways[skin_idx][i] = Way::Single);
+    }
+
+    /// The sample across the wall: its skin and number.
+    fn opposite(&self, s: &Sample) -> Option<(usize, usize)> {
+        let Contact::Wall { contour_idx, edge_idx, at } = s.contact else { return None };
+        let samples = &self.skins.skins[contour_idx].samples;
+        let n = samples.len();
+        // The samples of the touched edge and one on either side.
+        let first = samples.partition_point(|o| o.edge_idx < edge_idx) + n - 1;
+        let last = samples.partition_point(|o| o.edge_idx <= edge_idx) + n;
+        let distance = |j: &usize| (samples[*j].at - at).norm_squared();
+        (first..=last)
+            .map(|j| j % n)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .map(|j| (contour_idx, j))
     }
 
     /// The `level`-th bead below a skin, wherever there are as many.
