@@ -308,10 +308,13 @@ impl Event {
     }
 }
 
-/// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be.
+/// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be. The
+/// apex is looked for beyond the nearest planes, too: where branches all but touch on one of them, rounding decides
+/// on which side of it they seem to part.
 fn with_room(source: &dyn EventSource, mut planes: EventPlanes) -> EventPlanes {
     let unit = planes.mean_radius_mm() / STATED_RADIUS_MM;
-    let range = [planes.parents[0].w, planes.daughters[0].w];
+    let (farthest_parent, farthest_daughters) = (planes.parents.last(), planes.daughters.last());
+    let range = [farthest_parent, farthest_daughters].map(|p| p.map_or(0.0, |p| p.w));
     let n = planes.daughters[0].contours.len();
     let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| [i, j]));
     let heights: Vec<f64> = pairs.filter_map(|pair| apex(source, pair, range)).map(|a| a.w).collect();

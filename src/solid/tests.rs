@@ -181,6 +181,17 @@ fn the_wall_is_as_thick_across_a_split() {
 }
 
 #[test]
+fn every_phantom_gets_a_wall_of_any_usual_thickness() {
+    for kind in [Kind::Merge, Kind::Trifurcation] {
+        let stack = phantom_stack(kind);
+        for wall_mm in [0.5, 1.0, 2.0] {
+            let built = build(&stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet());
+            assert!(built.is_ok(), "{kind:?} {wall_mm}: {:?}", built.err());
+        }
+    }
+}
+
+#[test]
 fn a_solid_is_read_back_as_it_was_written() {
     let solid = wall(&cylinder(3.0, 4), 1.0);
     let text = serde_json::to_string(&solid).unwrap();

@@ -153,8 +153,22 @@ impl Wall {
             .filter(|(s, _)| (s.z_mm - z_mm).abs() <= most_dz)
             .filter_map(|(s, radius)| s.index.as_ref().map(|index| (&s.region, index, radius)));
         let union = Region::union_of_grown(parts, CHORD_MM);
-        let outers = union.contours.into_iter().filter(Contour::is_ccw);
-        outers.map(|c| c.resampled(OUTER_POINTS)).collect()
+        let resampled = self.resampled(union);
+        // Contours that all but touch may cross once they are resampled.
+        let clean = Region::union_all([&resampled]);
+        if clean.contours.len() == resampled.contours.len() {
+            resampled.contours
+        } else {
+            self.resampled(clean).contours
+        }
+    }
+
+    /// The outer contours of a region, evenly resampled. Slivers between arcs are no wall: a true outline encloses at
+    /// least a lumen.
+    fn resampled(&self, region: Region) -> Region {
+        let least_mm2 = 0.1 * self.wall_mm * self.wall_mm;
+        let outers = region.contours.into_iter().filter(|c| c.signed_area_mm2() > least_mm2);
+        Region::new(outers.map(|c| c.resampled(OUTER_POINTS)).collect())
     }
 
     /// Steepest slope of the lumen within the wall's reach of z: sideways motion over height. Infinite where the

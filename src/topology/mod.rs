@@ -63,6 +63,16 @@ pub enum Error {
         /// The other one.
         second: usize,
     },
+    /// A plane without contours between planes that have some.
+    #[error(
+        "plane {plane} (z {z_mm} mm) has no contour, but planes below and above it have: draw one, or leave the plane out"
+    )]
+    EmptyPlane {
+        /// Plane, counted from 0.
+        plane: usize,
+        /// Height of the plane.
+        z_mm: f64,
+    },
     /// No contour is continued on any other plane.
     #[error("no contour overlaps one of the next plane: the planes lie too far apart, or in the wrong order")]
     NothingContinues,
@@ -135,6 +145,11 @@ pub fn graph(stack: &SectionStack) -> Result<Graph, Error> {
     let planes: std::collections::BTreeSet<usize> = nodes.iter().map(|n| n.plane).collect();
     if planes.len() < 2 {
         return Err(Error::TooFewPlanes { found: planes.len() });
+    }
+    if let Some(plane) =
+        planes.iter().zip(planes.iter().skip(1)).find_map(|(a, b)| (b - a > 1).then_some(a + 1))
+    {
+        return Err(Error::EmptyPlane { plane, z_mm: stack.planes[plane].z_mm });
     }
     let mut links = Vec::new();
     for interval in 0..stack.planes.len() - 1 {

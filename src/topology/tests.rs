@@ -68,6 +68,8 @@ fn planes_out_of_order_are_named() {
     unsorted.planes[2].z_mm = 1.0;
     assert!(matches!(graph(&unsorted), Err(Error::PlaneOrder { plane: 2, .. })));
     assert_eq!(graph(&stack(vec![vec![disk(0.0, 2.0)], vec![]])), Err(Error::TooFewPlanes { found: 1 }));
+    let gap = stack(vec![vec![disk(0.0, 2.0)], vec![], vec![disk(0.0, 2.0)]]);
+    assert_eq!(graph(&gap), Err(Error::EmptyPlane { plane: 1, z_mm: 3.0 }));
     let apart = stack(vec![vec![disk(0.0, 2.0)], vec![disk(9.0, 2.0)]]);
     assert_eq!(graph(&apart), Err(Error::NothingContinues));
 }
