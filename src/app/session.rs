@@ -9,7 +9,7 @@ use super::source::Sources;
 use super::stages::report::ReportPlace;
 use super::stages::slice::Sliced;
 use crate::ct::{Volume, Warning};
-use crate::progress::{CancelToken, Cancelled, Task};
+use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
 use crate::solid::Solid;
 use serde::Serialize;
@@ -232,10 +232,11 @@ impl<'a> Session<'a> {
         let clock = Stopwatch::start();
         let sink = move |done, total| events(Event::Progress { stage, done, total });
         let task = Task::new(&sink, self.context.cancel.clone());
-        // Whatever words a stage finds for it: where the operator asked to stop, that is why it ended.
-        let interrupted = |e| if task.check().is_err() { Error::Interrupted(Cancelled) } else { e };
-        let made = work(self, &task).map_err(interrupted)?;
-        task.check()?;
+        let made = work(self, &task).map_err(Error::or_interrupted)?;
+        // What a printer has laid down cannot be taken back: that it did so is kept, however late the request came.
+        if stage != Stage::Print {
+            task.check()?;
+        }
         let was_new = self.case.is_new();
         self.case.commit(stage, made_from, made.staging)?;
         if was_new && self.ct.is_some() {

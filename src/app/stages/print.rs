@@ -16,7 +16,7 @@ use crate::printer::protocol::{self, Stats};
 use crate::printer::sim::{Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
 use crate::profile::{self, Profile};
-use crate::progress::{CancelToken, Cancelled, Task};
+use crate::progress::{Cancelled, Task};
 use serde::Serialize;
 use std::fs::File;
 use std::io::BufReader;
@@ -146,7 +146,7 @@ pub fn print_file(
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
     let order = Order { job, profile: &profile, port, record: None };
-    order.print(&task, context)
+    order.print(&task, context).map_err(Error::or_interrupted)
 }
 
 /// Says early what opening the port would say late.
@@ -195,7 +195,9 @@ impl Order<'_> {
         };
         let simulator = Simulator::start(&options).await?;
         let port = simulator.port().to_owned();
-        let printed = self.print_on(job, &port, task, context).await?;
+        let printed = self.print_on(job, &port, task, context).await;
+        // Ctrl-C reaches the simulator too: that its port then vanishes leaves nothing hot.
+        let printed = printed.map_err(|e| if task.check().is_err() { Cancelled.into() } else { e })?;
         simulator.finish().await?;
         Ok(printed)
     }
@@ -215,21 +217,13 @@ impl Order<'_> {
             driver::print(job, link, self.profile, &sender, &cancel).await
         };
         let (printed, ()) = tokio::join!(printing, show(receiver, task, context));
-        let printed = printed.map_err(|e| cancelled_or(e, &cancel))?;
+        let printed = printed?;
         Ok(Printed {
             simulated: self.port == SIMULATED_PORT,
             n_lines: printed.n_lines,
             elapsed_s: printed.elapsed.as_secs_f64(),
             wire: printed.stats,
         })
-    }
-}
-
-/// Where the operator asked to stop, that is why the print ended.
-fn cancelled_or(error: printer::Error, cancel: &CancelToken) -> Error {
-    match error {
-        printer::Error::Cancelled if cancel.is_cancelled() => Error::Interrupted(Cancelled),
-        other => other.into(),
     }
 }
 
