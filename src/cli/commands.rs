@@ -20,6 +20,8 @@ use std::path::{Path, PathBuf};
 const DEFAULT_OUT: &str = "lumenfab-case";
 /// Exit code of a report whose gate failed.
 const GATE_FAILED: u8 = 3;
+/// Exit code of work that the operator stopped.
+const INTERRUPTED: u8 = 130;
 
 /// Runs a command to its exit code.
 pub(super) fn run(cli: Cli) -> u8 {
@@ -75,7 +77,8 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
     let mut documents = Vec::new();
     let mut text = String::new();
     let mut exit_code = 0;
-    for job in jobs {
+    let mut jobs = jobs.into_iter();
+    while let Some(job) = jobs.next() {
         match job.and_then(|job| run_case(job, context.clone())) {
             Ok(outcome) => {
                 text += &case_text(&outcome);
@@ -89,6 +92,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
             }
         }
         if context.cancel.is_cancelled() {
+            exit_code = if jobs.len() > 0 { INTERRUPTED } else { exit_code };
             break;
         }
     }
@@ -98,7 +102,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
 
 /// Of several cases the gravest counts: interrupted, wrong usage, failed, gate failed, done.
 fn worse(a: u8, b: u8) -> u8 {
-    const ORDER: [u8; 5] = [0, GATE_FAILED, 1, 2, 130];
+    const ORDER: [u8; 5] = [0, GATE_FAILED, 1, 2, INTERRUPTED];
     let rank = |code| ORDER.iter().position(|&c| c == code).unwrap_or(ORDER.len());
     if rank(b) > rank(a) { b } else { a }
 }
