@@ -9,6 +9,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A place for a test's files, with a state directory of its own.
@@ -78,6 +79,17 @@ impl Place {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Waits until a process has made something.
+#[expect(clippy::disallowed_methods, reason = "the test waits for another process")]
+fn wait_for(path: &Path, process: &mut std::process::Child) {
+    let start = Instant::now();
+    while !path.exists() {
+        assert!(process.try_wait().unwrap().is_none(), "the process ended before it made {}", path.display());
+        assert!(start.elapsed() < Duration::from_secs(120), "{} is still not there", path.display());
+        std::thread::sleep(Duration::from_millis(2));
+    }
 }
 
 /// A tube small enough that a whole run takes a second or two.
@@ -272,10 +284,7 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
         .stderr(std::process::Stdio::null())
         .spawn()
         .unwrap();
-    while !place.path("port").exists() {
-        assert!(simulator.try_wait().unwrap().is_none(), "the simulator ended");
-        std::thread::yield_now();
-    }
+    wait_for(&place.path("port"), &mut simulator);
     let error = place.refused(1, &["print", "job.gcode", "--port", "port"]);
     simulator.kill().ok();
     simulator.wait().unwrap();
@@ -409,10 +418,7 @@ fn an_interrupted_run_ends_with_130_and_leaves_no_half_case() {
         .spawn()
         .unwrap();
     // As soon as the first stage is through, the case is there.
-    while !place.path("case").exists() {
-        assert!(run.try_wait().unwrap().is_none(), "the run ended before its first stage was done");
-        std::thread::yield_now();
-    }
+    wait_for(&place.path("case"), &mut run);
     let interrupted =
         std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap();
     assert!(interrupted.success());
