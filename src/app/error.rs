@@ -143,6 +143,8 @@ impl Error {
                 | CaseError::NotACase(_)
                 | CaseError::Occupied(_)
                 | CaseError::OtherSource(_)
+                | CaseError::Edited { .. }
+                | CaseError::ContoursLost(_)
                 | CaseError::NotYet { .. }
                 | CaseError::Stale { .. },
             ) => 2,

@@ -13,6 +13,7 @@ use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -128,7 +129,24 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
         return Err("--ct: found several cases, expected one".into());
     }
     let several = args.cases.len() > 1;
-    args.cases.iter().map(|case| job(case, args, several)).collect()
+    let jobs: Jobs = args.cases.iter().map(|case| job(case, args, several)).collect::<Result<_, _>>()?;
+    refuse_shared_directory(&jobs)?;
+    Ok(jobs)
+}
+
+/// Two cases in one directory would be two patients in one case.
+fn refuse_shared_directory(jobs: &Jobs) -> Result<(), String> {
+    let mut seen = BTreeSet::new();
+    for Job { dir, .. } in jobs.iter().flatten() {
+        let place = dir.canonicalize().or_else(|_absent| std::path::absolute(dir));
+        if !seen.insert(place.unwrap_or_else(|_unknown| dir.clone())) {
+            let shown = dir.display();
+            return Err(format!(
+                "--out: found {shown} for two cases, expected a directory of its own for each"
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn job(path: &Path, args: &RunArgs, several: bool) -> Result<Result<Job, Error>, String> {
