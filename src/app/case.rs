@@ -197,7 +197,7 @@ fn sweep_drafts(parent: &Path) {
     }
 }
 
-fn is_unfinished(path: &PathBuf) -> bool {
+fn is_unfinished(path: &Path) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(UNFINISHED))
 }
 
@@ -297,12 +297,6 @@ impl Case {
             self.has_new_settings = false;
         }
         Ok(())
-    }
-
-    /// Whether no stage of the case was ever done.
-    #[must_use]
-    pub const fn is_new(&self) -> bool {
-        self.draft.is_some()
     }
 
     /// Path of a file or directory of the case, whether it is there or not.

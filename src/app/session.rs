@@ -310,7 +310,7 @@ pub(crate) fn hash_of(parameters: &impl Serialize) -> String {
     atomic::hash_of_bytes(&text)
 }
 
-/// A name that tells nothing: time and chance.
+/// A name that tells when the case was started, and nothing else: time and chance.
 fn new_id() -> String {
     uuid::Uuid::now_v7().to_string()
 }

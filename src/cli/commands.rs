@@ -214,11 +214,13 @@ fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
 fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes = CaseFile { profile: args.profile.clone(), ..args.printer.patch() };
-        return stage(&args.what, changes, context, Session::print_again).map(|o| show_case(face, &o));
+        return stage(&args.what, changes, context, |session| session.print_again(args.baud))
+            .map(|o| show_case(face, &o));
     }
-    let name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
+    let profile_name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
     let port = args.printer.port.as_deref().unwrap_or(SIMULATED_PORT);
-    let printed = app::print_file(&args.what, name, port, &context)?;
+    let printer = app::Printer { profile_name, port, baud: args.baud };
+    let printed = app::print_file(&args.what, printer, &context)?;
     face.result(&printed, &format!("{printed}\n"));
     Ok(0)
 }

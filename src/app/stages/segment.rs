@@ -143,8 +143,9 @@ impl Session<'_> {
 
     fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
         self.note(Stage::Segment, "reading the CT");
-        let choice = self.settings().segment.series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
-        let loaded = ct::reader::load(path, &choice, task)?;
+        let SegmentSettings { series, allow_gaps, .. } = self.settings().segment;
+        let choice = series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
+        let loaded = ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
         Ok((loaded.volume, loaded.warnings))
     }
 
