@@ -9,6 +9,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A place for a test's files, with a state directory of its own.
@@ -78,6 +79,17 @@ impl Place {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Waits until a process has made something.
+#[expect(clippy::disallowed_methods, reason = "the test waits for another process")]
+fn wait_for(path: &Path, process: &mut std::process::Child) {
+    let start = Instant::now();
+    while !path.exists() {
+        assert!(process.try_wait().unwrap().is_none(), "the process ended before it made {}", path.display());
+        assert!(start.elapsed() < Duration::from_secs(120), "{} is still not there", path.display());
+        std::thread::sleep(Duration::from_millis(2));
+    }
 }
 
 /// A tube small enough that a whole run takes a second or two.
@@ -177,6 +189,88 @@ fn a_stage_does_not_go_on_from_what_is_missing_or_outdated() {
 }
 
 #[test]
+fn a_case_keeps_to_the_patient_it_was_made_from() {
+    let place = Place::new();
+    let seed = place.phantom("a", &small());
+    place.phantom("b", &Params { seed: 5, ..small() });
+    place.json(0, &["segment", "--ct", "a", &seed, "--out", "case"]);
+    let before = fs::read(place.path("case/case.toml")).unwrap();
+    let refusal =
+        "case is a case already, made from another source: choose another --out, or delete that directory";
+    assert_eq!(place.refused(2, &["run", "--ct", "b", &seed, "--out", "case"]), refusal);
+    assert_eq!(place.refused(2, &["segment", "case", "--ct", "b"]), refusal);
+    assert_eq!(fs::read(place.path("case/case.toml")).unwrap(), before);
+    let again = place.json(0, &["segment", "--ct", "a", &seed, "--out", "case"]);
+    assert_eq!(done_and_kept(&again), (vec![], vec!["segment"]));
+
+    let sections = place.path("case/sections.json");
+    let document = fs::read_to_string(&sections).unwrap();
+    fs::write(place.path("s.json"), &document).unwrap();
+    fs::write(place.path("t.json"), format!("{document} ")).unwrap();
+    place.json(0, &["solid", "--sections", "s.json", "--out", "ready"]);
+    let refusal = refusal.replace("case is a", "ready is a");
+    assert_eq!(place.refused(2, &["solid", "--sections", "t.json", "--out", "ready"]), refusal);
+
+    // Contours that were lost are asked for, and taken in again.
+    fs::remove_file(place.path("ready/sections.json")).unwrap();
+    let error = place.refused(2, &["solid", "ready"]);
+    assert!(error.ends_with("run `lumenfab solid --sections FILE --out ready` with them"), "{error}");
+    place.json(0, &["solid", "--sections", "s.json", "--out", "ready"]);
+
+    // What was corrected by hand is neither lost nor taken for what was made.
+    for case in ["case", "ready"] {
+        let sections = place.path(case).join("sections.json");
+        fs::write(&sections, format!("{document} ")).unwrap();
+        for command in ["run", "solid"] {
+            let error = place.refused(2, &[command, case]);
+            let advice = format!("run `lumenfab solid --sections {case}/sections.json --out NEW`");
+            assert!(error.contains("was changed by hand") && error.contains(&advice), "{error}");
+        }
+        assert_eq!(fs::read_to_string(&sections).unwrap(), format!("{document} "));
+    }
+    place.json(0, &["solid", "--sections", "case/sections.json", "--out", "corrected"]);
+}
+
+#[test]
+fn a_printer_that_cannot_be_is_refused_first_and_not_remembered() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let profile = place.run(&["profiles", "show", "marlin"]).stdout;
+    fs::write(place.path("own.toml"), profile).unwrap();
+    let simulated = "--profile: found the file own.toml with the simulated printer, expected a name of \
+                     `lumenfab profiles list`, or the --port of a real printer";
+    assert_eq!(
+        place.refused(2, &["run", "--ct", "ct", &seed, "--profile", "own.toml", "--out", "case"]),
+        simulated
+    );
+    place.has_only(&["ct", "own.toml"]);
+    fs::write(place.path("job.gcode"), "G28\n").unwrap();
+    assert_eq!(place.refused(2, &["print", "job.gcode", "--profile", "own.toml"]), simulated);
+    let error = place.refused(2, &["print", "job.gcode", "--baud", "115200"]);
+    assert!(error.starts_with("--baud: found 115200 with the simulated printer"), "{error}");
+
+    place.json(0, &["run", "--ct", "ct", &seed, "--out", "case"]);
+    for command in ["run", "print"] {
+        place.refused(1, &[command, "case", "--port", "nowhere"]);
+    }
+    place.refused(2, &["slice", "case", "--profile", "ender9"]);
+    assert_eq!(done_and_kept(&place.json(0, &["report", "case"])), (vec![], vec!["report"]));
+    let again = place.json(0, &["run", "case"]);
+    assert_eq!(done_and_kept(&again["cases"][0]), (vec![], STAGES.to_vec()));
+}
+
+#[test]
+fn missing_planes_are_passed_over_only_where_that_is_asked_for() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &Params { n_planes: 6, ..small() });
+    fs::remove_file(place.path("ct/IM0004.dcm")).unwrap();
+    place.refused(1, &["segment", "--ct", "ct", &seed, "--out", "case"]);
+    let answer = place.json(0, &["segment", "--ct", "ct", &seed, "--allow-gaps", "--out", "case"]);
+    let warnings = answer["stages"][0]["warnings"].as_array().unwrap();
+    assert!(warnings.iter().any(|w| w["code"] == "ct.missing_planes"), "{answer}");
+}
+
+#[test]
 fn unusable_ct_folders_are_refused_with_one_line_and_leave_nothing_behind() {
     let place = Place::new();
     let params = Params { n_planes: 6, ..small() };
@@ -272,10 +366,7 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
         .stderr(std::process::Stdio::null())
         .spawn()
         .unwrap();
-    while !place.path("port").exists() {
-        assert!(simulator.try_wait().unwrap().is_none(), "the simulator ended");
-        std::thread::yield_now();
-    }
+    wait_for(&place.path("port"), &mut simulator);
     let error = place.refused(1, &["print", "job.gcode", "--port", "port"]);
     simulator.kill().ok();
     simulator.wait().unwrap();
@@ -290,6 +381,10 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
     let place = Place::new();
     fs::create_dir(place.path("thesis")).unwrap();
     fs::write(place.path("thesis/chapter1.tex"), "").unwrap();
+    for dir in ["a", "b"] {
+        fs::create_dir(place.path(dir)).unwrap();
+        fs::write(place.path(dir).join("x.toml"), "").unwrap();
+    }
     fs::write(place.path("bad.toml"), "seed_mm = [[1, 2, 3]]\nwall = 1\n").unwrap();
     for (args, line) in [
         (
@@ -309,6 +404,14 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         (
             vec!["segment", "--ct", ".", "--out", "case"],
             "--seed-mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+        ),
+        (
+            vec!["run", "--seed-mm", "1,2,3", "--out", "case"],
+            "--ct: found none, but seed_mm, expected the folder with the DICOM files that it is meant for",
+        ),
+        (
+            vec!["run", "a/x.toml", "b/x.toml", "--out", "cases"],
+            "--out: found cases/x for two cases, expected a directory of its own for each",
         ),
         (vec!["run", "--profile", "ender9"], "there is no profile \"ender9\""),
         (vec!["run", "bad.toml"], "bad.toml: line 2: unknown field `wall`"),
@@ -331,7 +434,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         let error = place.refused(2, &args);
         assert!(error.starts_with(line), "{args:?}: {error}");
     }
-    place.has_only(&["bad.toml", "thesis"]);
+    place.has_only(&["a", "b", "bad.toml", "thesis"]);
 }
 
 #[test]
@@ -409,10 +512,7 @@ fn an_interrupted_run_ends_with_130_and_leaves_no_half_case() {
         .spawn()
         .unwrap();
     // As soon as the first stage is through, the case is there.
-    while !place.path("case").exists() {
-        assert!(run.try_wait().unwrap().is_none(), "the run ended before its first stage was done");
-        std::thread::yield_now();
-    }
+    wait_for(&place.path("case"), &mut run);
     let interrupted =
         std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap();
     assert!(interrupted.success());

@@ -5,6 +5,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 /// A file or directory could not be read or written.
@@ -43,9 +44,22 @@ pub fn read_text(path: &Path) -> Result<String, FileError> {
 /// # Errors
 /// [`FileError`] where the directory cannot be written or the disk is full; the old file is then untouched.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write_with_mode(path, bytes, 0o600)
+}
+
+/// Writes a file that the operator named whole or not at all; its rights are those of every other new file (umask).
+///
+/// # Errors
+/// As [`write`].
+pub fn write_export(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write_with_mode(path, bytes, 0o666)
+}
+
+fn write_with_mode(path: &Path, bytes: &[u8], mode: u32) -> Result<(), FileError> {
     let dir = parent(path);
     let mut file = tempfile::Builder::new()
         .prefix(".lumenfab-")
+        .permissions(fs::Permissions::from_mode(mode))
         .tempfile_in(dir)
         .map_err(failed("create a file in", dir))?;
     file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(failed("write", path))?;
@@ -136,6 +150,17 @@ mod tests {
         write(&path, b"two").unwrap();
         assert_eq!(read_text(&path).unwrap(), "two");
         assert_eq!(entries(dir.path()).unwrap(), [path]);
+    }
+
+    #[test]
+    fn what_is_exported_has_the_rights_of_any_new_file_and_the_rest_is_private() {
+        let dir = tempfile::tempdir().unwrap();
+        let [plain, exported, private] = ["a", "b", "c"].map(|n| dir.path().join(n));
+        fs::write(&plain, "").unwrap();
+        write_export(&exported, b"").unwrap();
+        write(&private, b"").unwrap();
+        let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode() & 0o777;
+        assert_eq!((mode(&exported), mode(&private)), (mode(&plain), 0o600));
     }
 
     #[test]

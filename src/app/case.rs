@@ -32,6 +32,8 @@ use tempfile::TempDir;
 pub const CASE_FILE: &str = "case.toml";
 const MANIFEST_FILE: &str = "stages.toml";
 const LOCK_FILE: &str = "stages.lock";
+/// The result that operators are told to correct by hand.
+pub(crate) const CONTOURS_FILE: &str = "sections.json";
 /// Begins the name of everything that is not finished.
 const UNFINISHED: &str = ".lumenfab-";
 
@@ -48,8 +50,20 @@ pub enum CaseError {
     #[error("{} exists, is not empty and is no case: name a new or empty directory with --out", .0.display())]
     Occupied(PathBuf),
     /// There is a case already.
-    #[error("{} is a case already, made from another source: name a new directory with --out", .0.display())]
+    #[error("{} is a case already, made from another source: choose another --out, or delete that directory", .0.display())]
     OtherSource(PathBuf),
+    /// A result was changed since it was made; making it again would lose that.
+    #[error("{} was changed by hand since it was made: {}", path.display(), how_to_keep(path))]
+    Edited {
+        /// The result.
+        path: PathBuf,
+    },
+    /// The contours that a case was started from are gone.
+    #[error(
+        "{} has lost the contours it was started from: run `lumenfab solid --sections FILE --out {}` with them",
+        .0.display(), .0.display()
+    )]
+    ContoursLost(PathBuf),
     /// Another process works on it.
     #[error("{} is being worked on by another lumenfab: wait until that one has ended", .0.display())]
     InUse(PathBuf),
@@ -89,6 +103,18 @@ pub enum CaseError {
     File(#[from] FileError),
 }
 
+/// What to do with a result that was changed by hand.
+fn how_to_keep(path: &Path) -> String {
+    let shown = path.display();
+    if path.file_name().is_some_and(|name| name == CONTOURS_FILE) {
+        format!(
+            "to go on from it, run `lumenfab solid --sections {shown} --out NEW`; to have it made again, delete it"
+        )
+    } else {
+        "move it away to keep it; it is then made again".into()
+    }
+}
+
 fn stale(changed: &[String]) -> String {
     if changed.is_empty() {
         return "missing".into();
@@ -108,15 +134,84 @@ struct Record {
 
 type Manifest = BTreeMap<Stage, Record>;
 
+/// A new case while it is put together; removed with all that is in it unless it is published.
+#[derive(Debug)]
+struct Draft {
+    dir: TempDir,
+    /// Tells it from one whose process was killed.
+    lock: File,
+    /// After `dir`, so that they are empty when their turn comes.
+    parents: NewParents,
+}
+
+impl Draft {
+    fn beside(place: &Path) -> Result<Self, CaseError> {
+        let parent = atomic::parent(place);
+        let parents = NewParents::above(place);
+        fs::create_dir_all(parent).map_err(failed("create", parent))?;
+        // Private to its owner: it holds a patient's images, though not the patient's name.
+        let dir = tempfile::Builder::new()
+            .prefix(UNFINISHED)
+            .permissions(fs::Permissions::from_mode(0o700))
+            .tempdir_in(parent)
+            .map_err(failed("create a directory in", parent))?;
+        let lock = lock(dir.path())?;
+        Ok(Self { dir, lock, parents })
+    }
+}
+
+/// Directories that were made for a case, the deepest first; removed again where the case never came into being.
+#[derive(Debug)]
+struct NewParents(Vec<PathBuf>);
+
+impl NewParents {
+    /// Those that are missing now.
+    fn above(place: &Path) -> Self {
+        Self(atomic::parent(place).ancestors().take_while(|p| !p.exists()).map(Path::to_owned).collect())
+    }
+
+    fn keep(mut self) {
+        self.0.clear();
+    }
+}
+
+impl Drop for NewParents {
+    fn drop(&mut self) {
+        for dir in &self.0 {
+            // One that somebody else has put something into meanwhile stays.
+            if let Err(e) = fs::remove_dir(dir) {
+                tracing::debug!("an empty directory stays: {e}");
+            }
+        }
+    }
+}
+
+/// Removes what processes that were killed left of new cases: drafts that nobody has locked.
+fn sweep_drafts(parent: &Path) {
+    let is_draft = |p: &PathBuf| is_unfinished(p) && p.join(LOCK_FILE).is_file();
+    for draft in atomic::entries(parent).unwrap_or_default().into_iter().filter(is_draft) {
+        // Somebody else's, or at work: it is left alone.
+        if let Err(e) = lock(&draft).and_then(|_lock| Ok(atomic::remove(&draft)?)) {
+            tracing::debug!("an unfinished case stays: {e}");
+        }
+    }
+}
+
+fn is_unfinished(path: &Path) -> bool {
+    path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(UNFINISHED))
+}
+
 /// A case directory, locked for this process.
 #[derive(Debug)]
 pub struct Case {
     /// Where the case is, or will be once its first stage is done.
     dir: PathBuf,
     /// Where it is put together while it is new.
-    draft: Option<OnceCell<TempDir>>,
+    draft: Option<OnceCell<Draft>>,
     id: String,
     settings: Settings,
+    /// Whether they differ from what is written down.
+    has_new_settings: bool,
     manifest: Manifest,
     /// Held as long as the case is open.
     lock: Option<File>,
@@ -132,7 +227,16 @@ impl Case {
             return Err(CaseError::Occupied(dir.to_owned()));
         }
         let draft = Some(OnceCell::new());
-        Ok(Self { dir: dir.to_owned(), draft, id, settings, manifest: Manifest::new(), lock: None })
+        sweep_drafts(atomic::parent(dir));
+        Ok(Self {
+            dir: dir.to_owned(),
+            draft,
+            id,
+            settings,
+            has_new_settings: true,
+            manifest: Manifest::new(),
+            lock: None,
+        })
     }
 
     /// Opens a case and locks it; leftovers of a process that was killed are removed.
@@ -145,12 +249,18 @@ impl Case {
             return Err(if vacant { CaseError::Missing } else { CaseError::NotACase }(dir.to_owned()));
         }
         let lock = lock(dir)?;
-        let unfinished =
-            |p: &PathBuf| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with(UNFINISHED));
-        atomic::entries(dir)?.iter().filter(|p| unfinished(p)).try_for_each(|p| atomic::remove(p))?;
+        atomic::entries(dir)?.iter().filter(|p| is_unfinished(p)).try_for_each(|p| atomic::remove(p))?;
         let (id, settings) = read_settings(&dir.join(CASE_FILE))?;
         let manifest = read_manifest(&dir.join(MANIFEST_FILE))?;
-        Ok(Self { dir: dir.to_owned(), draft: None, id, settings, manifest, lock: Some(lock) })
+        Ok(Self {
+            dir: dir.to_owned(),
+            draft: None,
+            id,
+            settings,
+            has_new_settings: false,
+            manifest,
+            lock: Some(lock),
+        })
     }
 
     /// Where the case is, or will be once its first stage is done.
@@ -171,24 +281,22 @@ impl Case {
         &self.settings
     }
 
-    /// Changes the parameters; written with the next stage that is done or found up to date.
-    ///
-    /// # Errors
-    /// [`FileError`] where `case.toml` of a case that exists cannot be written.
-    pub fn set_settings(&mut self, settings: Settings) -> Result<(), CaseError> {
-        if self.settings != settings {
-            self.settings = settings;
-            if self.draft.is_none() {
-                self.write_settings(&self.dir)?;
-            }
-        }
-        Ok(())
+    /// Changes the parameters; written with the next stage that is done, or by [`Case::keep_settings`].
+    pub fn set_settings(&mut self, settings: Settings) {
+        self.has_new_settings |= self.settings != settings;
+        self.settings = settings;
     }
 
-    /// Whether no stage of the case was ever done.
-    #[must_use]
-    pub const fn is_new(&self) -> bool {
-        self.draft.is_some()
+    /// Writes changed parameters down, once they were of use to a stage.
+    ///
+    /// # Errors
+    /// [`FileError`] where `case.toml` cannot be written.
+    pub fn keep_settings(&mut self) -> Result<(), CaseError> {
+        if self.has_new_settings && self.draft.is_none() {
+            self.write_settings(&self.dir)?;
+            self.has_new_settings = false;
+        }
+        Ok(())
     }
 
     /// Path of a file or directory of the case, whether it is there or not.
@@ -221,19 +329,23 @@ impl Case {
     }
 
     /// Why a stage has to be done: the names of what is new or changed since it was last done; `None` where it is
-    /// up to date. What it made counts too: a file that was removed or changed by hand is made again.
+    /// up to date. What it made counts too: what was removed is made again.
     ///
     /// # Errors
-    /// [`FileError`] where an output cannot be read.
+    /// [`CaseError::Edited`] where a file it made was changed by hand; [`FileError`] where one cannot be read.
     pub fn outdated(&self, stage: Stage, made_from: &MadeFrom) -> Result<Option<Vec<String>>, CaseError> {
         let Some(record) = self.manifest.get(&stage) else { return Ok(Some(Vec::new())) };
         let changed = |(name, hash): &(&&str, &String)| record.made_from.get(**name) != Some(*hash);
         let mut reasons: Vec<String> = made_from.iter().filter(changed).map(|(n, _)| (*n).into()).collect();
         for (name, hash) in &record.made {
             let path = self.path(name);
-            if !path.exists() || atomic::hash_of_path(&path)? != *hash {
-                reasons.push(name.clone());
+            if path.exists() && atomic::hash_of_path(&path)? == *hash {
+                continue;
             }
+            if path.is_file() {
+                return Err(CaseError::Edited { path });
+            }
+            reasons.push(name.clone());
         }
         Ok((!reasons.is_empty()).then_some(reasons))
     }
@@ -273,8 +385,9 @@ impl Case {
         drop(staging);
         atomic::sync_dir(&base)?;
         self.manifest.insert(stage, record);
-        if self.draft.is_some() {
+        if self.has_new_settings {
             self.write_settings(&base)?;
+            self.has_new_settings = false;
         }
         self.write_manifest(&base)?;
         self.publish()
@@ -283,31 +396,25 @@ impl Case {
     /// The directory that is written to: the case, or its draft.
     fn base(&self) -> Result<&Path, CaseError> {
         let Some(draft) = &self.draft else { return Ok(&self.dir) };
-        if let Some(dir) = draft.get() {
-            return Ok(dir.path());
+        if let Some(made) = draft.get() {
+            return Ok(made.dir.path());
         }
-        let parent = atomic::parent(&self.dir);
-        fs::create_dir_all(parent).map_err(failed("create", parent))?;
-        // Private to its owner: it holds a patient's images, though not the patient's name.
-        let made = tempfile::Builder::new()
-            .prefix(UNFINISHED)
-            .permissions(fs::Permissions::from_mode(0o700))
-            .tempdir_in(parent)
-            .map_err(failed("create a directory in", parent))?;
-        Ok(draft.get_or_init(|| made).path())
+        let made = Draft::beside(&self.dir)?;
+        Ok(draft.get_or_init(|| made).dir.path())
     }
 
     /// Brings a new case to its place.
     fn publish(&mut self) -> Result<(), CaseError> {
         let Some(made) = self.draft.take().and_then(OnceCell::into_inner) else { return Ok(()) };
-        atomic::sync_dir(made.path())?;
+        atomic::sync_dir(made.dir.path())?;
         // Renaming onto an empty directory replaces it; one that has been filled meanwhile is left alone.
-        fs::rename(made.path(), &self.dir).map_err(failed("create", &self.dir))?;
+        fs::rename(made.dir.path(), &self.dir).map_err(failed("create", &self.dir))?;
         // What the guard of the draft would remove is not there any more.
-        let _moved = made.keep();
-        atomic::sync_dir(atomic::parent(&self.dir))?;
-        self.lock = Some(lock(&self.dir)?);
-        Ok(())
+        let _moved = made.dir.keep();
+        made.parents.keep();
+        // The lock has moved with the directory.
+        self.lock = Some(made.lock);
+        Ok(atomic::sync_dir(atomic::parent(&self.dir))?)
     }
 
     fn write_settings(&self, base: &Path) -> Result<(), CaseError> {
@@ -443,7 +550,7 @@ mod tests {
     #[test]
     fn a_first_stage_that_fails_leaves_nothing_behind() {
         let root = tempfile::tempdir().unwrap();
-        let case = new_case(&root.path().join("case"));
+        let case = new_case(&root.path().join("deep/down/case"));
         let staging = case.staging().unwrap();
         staging.write("sections.json", b"{").unwrap();
         drop(staging);
@@ -458,10 +565,49 @@ mod tests {
         assert_eq!(case.outdated(Stage::Segment, &made_from("1")).unwrap(), Some(vec![]));
         do_stage(&mut case, "1", &[("sections.json", "{}"), ("volume.bin", "v")]);
         assert_eq!(case.outdated(Stage::Segment, &made_from("2")).unwrap(), Some(vec!["ct".into()]));
-        fs::write(case.path("sections.json"), "{ }").unwrap();
         fs::remove_file(case.path("volume.bin")).unwrap();
         let reasons = case.outdated(Stage::Segment, &made_from("1")).unwrap().unwrap();
-        assert_eq!(reasons, ["sections.json", "volume.bin"]);
+        assert_eq!(reasons, ["volume.bin"]);
+    }
+
+    #[test]
+    fn a_result_that_was_changed_by_hand_is_not_made_again() {
+        let root = tempfile::tempdir().unwrap();
+        let mut case = new_case(&root.path().join("case"));
+        do_stage(&mut case, "1", &[("sections.json", "{}"), ("volume.bin", "v")]);
+        fs::write(case.path("sections.json"), "{ }").unwrap();
+        let message = case.outdated(Stage::Segment, &made_from("2")).unwrap_err().to_string();
+        assert!(message.contains("/case/sections.json was changed by hand"), "{message}");
+        assert!(message.contains("run `lumenfab solid --sections /"), "{message}");
+    }
+
+    #[test]
+    fn parameters_are_written_down_when_a_stage_had_use_for_them() {
+        let root = tempfile::tempdir().unwrap();
+        let dir = root.path().join("case");
+        do_stage(&mut new_case(&dir), "1", &[("a", "1")]);
+        let other = Settings { port: "/dev/ttyUSB0".into(), ..settings() };
+        let mut case = Case::open(&dir).unwrap();
+        case.set_settings(other.clone());
+        drop(case);
+        let mut case = Case::open(&dir).unwrap();
+        assert_eq!(case.settings(), &settings());
+        case.set_settings(other.clone());
+        case.keep_settings().unwrap();
+        drop(case);
+        assert_eq!(Case::open(&dir).unwrap().settings(), &other);
+    }
+
+    #[test]
+    fn drafts_of_killed_processes_are_swept_and_those_of_others_stay() {
+        let root = tempfile::tempdir().unwrap();
+        let killed = root.path().join(".lumenfab-killed");
+        fs::create_dir(&killed).unwrap();
+        fs::write(killed.join(LOCK_FILE), "").unwrap();
+        let working = new_case(&root.path().join("one"));
+        let staging = working.staging().unwrap();
+        drop(new_case(&root.path().join("two")));
+        assert!(staging.path().exists() && !killed.exists());
     }
 
     #[test]

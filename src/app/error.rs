@@ -102,11 +102,36 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether the work ended because the operator asked it to, in whatever words a stage says so. A fault that shows
+    /// itself meanwhile is none of these: a printer that vanished may still be hot.
+    #[must_use]
+    pub const fn is_interruption(&self) -> bool {
+        matches!(
+            self,
+            Self::Interrupted(_)
+                | Self::Ct(ct::Error::Cancelled(_))
+                | Self::Phantom(phantom::Error::Cancelled(_))
+                | Self::Segment(segment::Error::Cancelled(_))
+                | Self::Sections(sections::Error::Cancelled(_))
+                | Self::Solid(solid::Error::Cancelled(_))
+                | Self::Slice(slice::Error::Cancelled(_))
+                | Self::Toolpath(toolpath::Error::Cancelled(_))
+                | Self::Motion(motion::Error::Cancelled(_))
+                | Self::Report(report::Error::Cancelled(_))
+                | Self::Printer(printer::Error::Cancelled)
+        )
+    }
+
+    /// An interruption in one word; every other error as it is.
+    pub(crate) fn or_interrupted(self) -> Self {
+        if self.is_interruption() { Self::Interrupted(progress::Cancelled) } else { self }
+    }
+
     /// The process's exit code: 1 the work failed, 2 wrong usage or configuration, 130 interrupted.
     #[must_use]
     pub const fn exit_code(&self) -> u8 {
         match self {
-            Self::Interrupted(_) => 130,
+            interrupted if interrupted.is_interruption() => 130,
             Self::Setting(_)
             | Self::CaseFile { .. }
             | Self::CtMissing(_)
@@ -118,10 +143,29 @@ impl Error {
                 | CaseError::NotACase(_)
                 | CaseError::Occupied(_)
                 | CaseError::OtherSource(_)
+                | CaseError::Edited { .. }
+                | CaseError::ContoursLost(_)
                 | CaseError::NotYet { .. }
                 | CaseError::Stale { .. },
             ) => 2,
             _ => 1,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_interruption_is_one() {
+        let cancelled = Error::Printer(printer::Error::Cancelled);
+        assert_eq!(cancelled.exit_code(), 130);
+        assert!(matches!(cancelled.or_interrupted(), Error::Interrupted(_)));
+        assert_eq!(Error::Slice(progress::Cancelled.into()).exit_code(), 130);
+        let vanished = Error::Printer(printer::Error::PortVanished { port: "p".into() });
+        assert_eq!(vanished.exit_code(), 1);
+        let told = vanished.or_interrupted().to_string();
+        assert!(told.contains("whether the heaters are on is unknown"), "{told}");
     }
 }

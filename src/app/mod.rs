@@ -20,11 +20,11 @@ pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
 pub use stages::export::{Exported, Skin};
-pub use stages::print::{Printed, print_file};
+pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 
 use settings::{CaseFile, Settings};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Reads an input case file; a relative `ct` in it is taken from the file's own directory.
 ///
@@ -44,7 +44,8 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
     }
     // What flags may still add is no fault of the file; what it says has to be right.
     let seed_mm = file.seed_mm.clone().or_else(|| Some(vec![[0.0; 3]]));
-    Settings::try_from(CaseFile { seed_mm, ..file.clone() }).map_err(|e| problem(e.to_string()))?;
+    let ct = file.ct.clone().or_else(|| file.phantom.is_none().then(PathBuf::new));
+    Settings::try_from(CaseFile { ct, seed_mm, ..file.clone() }).map_err(|e| problem(e.to_string()))?;
     file.ct = file.ct.map(|ct| atomic::parent(path).join(ct));
     Ok(file)
 }

@@ -9,10 +9,11 @@ use super::source::Sources;
 use super::stages::report::ReportPlace;
 use super::stages::slice::Sliced;
 use crate::ct::{Volume, Warning};
-use crate::progress::{CancelToken, Cancelled, Task};
+use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
 use crate::solid::Solid;
 use serde::Serialize;
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -79,6 +80,10 @@ pub struct Session<'a> {
     pub(crate) case: Case,
     /// Where its CT lies, where that is known.
     pub(crate) ct: Option<PathBuf>,
+    /// Whether the operator has named it, so that it has to be remembered.
+    ct_is_named: bool,
+    /// Of the CT's files: they may be many.
+    pub(crate) ct_hash: OnceCell<String>,
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
     pub(crate) report: Option<ReportPlace>,
@@ -109,13 +114,25 @@ impl<'a> Session<'a> {
         }
         let ct = changes.ct.clone();
         let settings = Settings::try_from(CaseFile { ct: None, ..changes }.over(before))?;
-        case.set_settings(settings)?;
-        let mut session = Self::new(case, ct.clone(), context);
-        match ct {
-            Some(_) => session.remember_ct(),
-            None => session.ct = session.context.sources.recall(session.case.id()),
+        case.set_settings(settings);
+        let mut session = Self::new(case, ct, context);
+        if session.ct_is_named {
+            session.refuse_other_ct()?;
+        } else {
+            session.ct = session.context.sources.recall(session.case.id());
         }
         Ok(session)
+    }
+
+    /// Another CT may be another patient's: a case keeps the one it was made from.
+    fn refuse_other_ct(&self) -> Result<(), Error> {
+        let known = self.case.made_from(Stage::Segment).and_then(|m| m.get("ct"));
+        match known {
+            Some(known) if *known != self.ct_hash()? => {
+                Err(CaseError::OtherSource(self.case.dir().to_owned()).into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Starts a case at `dir`; nothing is written before its first stage is done.
@@ -133,7 +150,9 @@ impl<'a> Session<'a> {
     fn new(case: Case, ct: Option<PathBuf>, context: Context<'a>) -> Self {
         Self {
             case,
+            ct_is_named: ct.is_some(),
             ct,
+            ct_hash: OnceCell::new(),
             context,
             held: Held::default(),
             report: None,
@@ -200,9 +219,8 @@ impl<'a> Session<'a> {
         let made_from = self.made_from(stage)?;
         match self.case.outdated(stage, &made_from)? {
             None => self.skip(stage),
-            Some(because_of) => return self.redo(stage, &made_from, because_of, work),
+            Some(because_of) => self.redo(stage, &made_from, because_of, work),
         }
-        Ok(())
     }
 
     pub(crate) fn is_fresh(&self, stage: Stage) -> bool {
@@ -214,9 +232,12 @@ impl<'a> Session<'a> {
     }
 
     /// Says that there is nothing to do for a stage.
-    pub(crate) fn skip(&mut self, stage: Stage) {
+    pub(crate) fn skip(&mut self, stage: Stage) -> Result<(), Error> {
+        self.case.keep_settings()?;
+        self.remember_ct();
         let (because_of, summary, warnings) = (Vec::new(), String::new(), Vec::new());
         self.ended(StageOutcome { stage, done: false, because_of, elapsed_s: 0.0, summary, warnings });
+        Ok(())
     }
 
     /// Does a stage.
@@ -232,15 +253,13 @@ impl<'a> Session<'a> {
         let clock = Stopwatch::start();
         let sink = move |done, total| events(Event::Progress { stage, done, total });
         let task = Task::new(&sink, self.context.cancel.clone());
-        // Whatever words a stage finds for it: where the operator asked to stop, that is why it ended.
-        let interrupted = |e| if task.check().is_err() { Error::Interrupted(Cancelled) } else { e };
-        let made = work(self, &task).map_err(interrupted)?;
-        task.check()?;
-        let was_new = self.case.is_new();
-        self.case.commit(stage, made_from, made.staging)?;
-        if was_new && self.ct.is_some() {
-            self.remember_ct();
+        let made = work(self, &task).map_err(Error::or_interrupted)?;
+        // What a printer has laid down cannot be taken back: that it did so is kept, however late the request came.
+        if stage != Stage::Print {
+            task.check()?;
         }
+        self.case.commit(stage, made_from, made.staging)?;
+        self.remember_ct();
         let elapsed_s = clock.elapsed_s();
         let (summary, warnings) = (made.summary, made.warnings);
         self.ended(StageOutcome { stage, done: true, because_of, elapsed_s, summary, warnings });
@@ -261,8 +280,9 @@ impl<'a> Session<'a> {
         (self.context.events)(Event::Note { stage, text: text.into() });
     }
 
-    fn remember_ct(&self) {
-        let Some(ct) = &self.ct else { return };
+    fn remember_ct(&mut self) {
+        let named = std::mem::take(&mut self.ct_is_named);
+        let Some(ct) = self.ct.as_ref().filter(|_| named) else { return };
         if let Err(e) = self.context.sources.remember(self.case.id(), ct) {
             // The case is complete without it; only a later segmentation will ask for --ct.
             let warning = Warning { code: "app.source_not_kept".into(), text: e.to_string() };
@@ -290,7 +310,7 @@ pub(crate) fn hash_of(parameters: &impl Serialize) -> String {
     atomic::hash_of_bytes(&text)
 }
 
-/// A name that tells nothing: time and chance.
+/// A name that tells when the case was started, and nothing else: time and chance.
 fn new_id() -> String {
     uuid::Uuid::now_v7().to_string()
 }

@@ -161,6 +161,8 @@ pub enum Source {
 pub struct SegmentSettings {
     /// Number of the series in the folder, from 1; `None`: the only one.
     pub series: Option<usize>,
+    /// Whether a stack with missing planes is used.
+    pub allow_gaps: bool,
     /// Points inside the lumen, LPS, mm; none for a phantom, which knows its own.
     pub seed_mm: Vec<[f64; 3]>,
     /// Intensities of the lumen; `None`: found from the seed's neighbourhood.
@@ -224,6 +226,8 @@ pub struct CaseFile {
     pub ct: Option<PathBuf>,
     /// Number of the series in the CT's folder, where there are several.
     pub series: Option<usize>,
+    /// Use a stack with missing planes, with a warning.
+    pub allow_gaps: Option<bool>,
     /// Points inside the lumen, LPS, mm.
     pub seed_mm: Option<Vec<[f64; 3]>>,
     /// Intensities of the lumen, HU.
@@ -290,6 +294,7 @@ impl CaseFile {
             source: Some(source),
             ct: None,
             series: segment.series,
+            allow_gaps: segment.allow_gaps.then_some(true),
             seed_mm: (!segment.seed_mm.is_empty()).then(|| segment.seed_mm.clone()),
             window_hu: segment.window_hu,
             polarity: Some(segment.polarity),
@@ -317,6 +322,7 @@ impl CaseFile {
             source: self.source.or(below.source),
             ct: self.ct.or(below.ct),
             series: self.series.or(below.series),
+            allow_gaps: self.allow_gaps.or(below.allow_gaps),
             seed_mm: self.seed_mm.or(below.seed_mm),
             window_hu: self.window_hu.or(below.window_hu),
             polarity: self.polarity.or(below.polarity),
@@ -335,6 +341,7 @@ impl CaseFile {
             self.source.unwrap_or(if self.ct.is_some() { SourceName::Ct } else { SourceName::Phantom });
         match named {
             SourceName::Sections => Ok(Source::Sections),
+            SourceName::Phantom if self.phantom.is_none() => self.default_phantom(),
             SourceName::Phantom => {
                 let phantom = self.phantom.clone().unwrap_or_default();
                 let unusable = |e: phantom::Error| Fault {
@@ -350,6 +357,22 @@ impl CaseFile {
             }
             SourceName::Ct => Ok(Source::Ct),
         }
+    }
+
+    /// The phantom that nobody has asked for: whoever says how a CT is to be read has forgotten to name it.
+    fn default_phantom(&self) -> Result<Source, SettingError> {
+        let meant_for_a_ct = [
+            ("seed_mm", self.seed_mm.is_some()),
+            ("window_hu", self.window_hu.is_some()),
+            ("z_mm", self.z_mm.is_some()),
+            ("series", self.series.is_some()),
+            ("allow_gaps", self.allow_gaps.is_some()),
+        ];
+        let Some((given, _)) = meant_for_a_ct.into_iter().find(|(_, is_given)| *is_given) else {
+            return Ok(Source::Phantom(phantom::Params::default()));
+        };
+        let expected = "the folder with the DICOM files that it is meant for".to_owned();
+        Err(SettingError { name: "ct", fault: Fault { found: format!("none, but {given}"), expected } })
     }
 
     fn body(&self) -> Result<Body, SettingError> {
@@ -383,6 +406,7 @@ impl CaseFile {
         };
         Ok(SegmentSettings {
             series: self.series.map(checked_series).transpose().map_err(in_setting("series"))?,
+            allow_gaps: self.allow_gaps.unwrap_or(false),
             seed_mm,
             window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
             polarity: self.polarity.unwrap_or_default(),
@@ -475,6 +499,10 @@ mod tests {
             (
                 "[phantom]\nnoise_hu = -1",
                 "phantom: found phantom parameter noise_hu is -1: choose a value from 0 to 500, expected a phantom within its ranges",
+            ),
+            (
+                "window_hu = [200, 300]",
+                "ct: found none, but window_hu, expected the folder with the DICOM files that it is meant for",
             ),
             ("ct = \"d\"\n[phantom]", "phantom: found a CT and a phantom, expected one of the two"),
             ("format = 9", "format is 9, expected 1: written by another version of lumenfab"),

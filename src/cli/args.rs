@@ -95,6 +95,9 @@ pub(crate) struct CtArgs {
     /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1
     #[arg(long, value_name = "N", value_parser = settings::parse_series)]
     pub(crate) series: Option<usize>,
+    /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap
+    #[arg(long)]
+    pub(crate) allow_gaps: bool,
     /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once
     #[arg(long, value_name = "X,Y,Z", value_parser = settings::parse_seed_mm, allow_hyphen_values = true)]
     pub(crate) seed_mm: Vec<[f64; 3]>,
@@ -188,6 +191,9 @@ pub(crate) struct PrintArgs {
     /// Profile of the printer, for a file of G-code: a name or a file [default: marlin]
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) profile: Option<String>,
+    /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    pub(crate) baud: Option<u32>,
 }
 
 #[derive(Debug, Args)]
@@ -279,6 +285,7 @@ impl CtArgs {
         CaseFile {
             ct: self.ct.clone(),
             series: self.series,
+            allow_gaps: self.allow_gaps.then_some(true),
             seed_mm: (!self.seed_mm.is_empty()).then(|| self.seed_mm.clone()),
             window_hu: self.window_hu,
             polarity: self.polarity,
@@ -353,6 +360,22 @@ mod tests {
             let Some(Command::Run(run)) = cli.command else { panic!("not run") };
             assert_eq!(run.ct.seed_mm, [[-221.4, 22.5, 165.2]]);
         }
+    }
+
+    #[test]
+    fn gaps_are_allowed_and_a_rate_is_set_only_where_asked_for() {
+        let parse = |args: &[&str]| {
+            Cli::try_parse_from([&["lumenfab"], args].concat()).unwrap().command.expect("there is one")
+        };
+        for (args, allowed) in
+            [(vec!["segment", "c"], None), (vec!["segment", "c", "--allow-gaps"], Some(true))]
+        {
+            let Command::Segment(segment) = parse(&args) else { panic!("not segment") };
+            assert_eq!(segment.ct.patch().allow_gaps, allowed);
+        }
+        let Command::Print(print) = parse(&["print", "c", "--baud", "250000"]) else { panic!("not print") };
+        assert_eq!(print.baud, Some(250_000));
+        assert!(refused(&["print", "c", "--baud", "12"]).starts_with("--baud: "));
     }
 
     #[test]

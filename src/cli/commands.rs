@@ -13,6 +13,7 @@ use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,8 @@ use std::path::{Path, PathBuf};
 const DEFAULT_OUT: &str = "lumenfab-case";
 /// Exit code of a report whose gate failed.
 const GATE_FAILED: u8 = 3;
+/// Exit code of work that the operator stopped.
+const INTERRUPTED: u8 = 130;
 
 /// Runs a command to its exit code.
 pub(super) fn run(cli: Cli) -> u8 {
@@ -75,7 +78,8 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
     let mut documents = Vec::new();
     let mut text = String::new();
     let mut exit_code = 0;
-    for job in jobs {
+    let mut jobs = jobs.into_iter();
+    while let Some(job) = jobs.next() {
         match job.and_then(|job| run_case(job, context.clone())) {
             Ok(outcome) => {
                 text += &case_text(&outcome);
@@ -89,6 +93,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
             }
         }
         if context.cancel.is_cancelled() {
+            exit_code = if jobs.len() > 0 { INTERRUPTED } else { exit_code };
             break;
         }
     }
@@ -98,7 +103,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
 
 /// Of several cases the gravest counts: interrupted, wrong usage, failed, gate failed, done.
 fn worse(a: u8, b: u8) -> u8 {
-    const ORDER: [u8; 5] = [0, GATE_FAILED, 1, 2, 130];
+    const ORDER: [u8; 5] = [0, GATE_FAILED, 1, 2, INTERRUPTED];
     let rank = |code| ORDER.iter().position(|&c| c == code).unwrap_or(ORDER.len());
     if rank(b) > rank(a) { b } else { a }
 }
@@ -124,7 +129,24 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
         return Err("--ct: found several cases, expected one".into());
     }
     let several = args.cases.len() > 1;
-    args.cases.iter().map(|case| job(case, args, several)).collect()
+    let jobs: Jobs = args.cases.iter().map(|case| job(case, args, several)).collect::<Result<_, _>>()?;
+    refuse_shared_directory(&jobs)?;
+    Ok(jobs)
+}
+
+/// Two cases in one directory would be two patients in one case.
+fn refuse_shared_directory(jobs: &Jobs) -> Result<(), String> {
+    let mut seen = BTreeSet::new();
+    for Job { dir, .. } in jobs.iter().flatten() {
+        let place = dir.canonicalize().or_else(|_absent| std::path::absolute(dir));
+        if !seen.insert(place.unwrap_or_else(|_unknown| dir.clone())) {
+            let shown = dir.display();
+            return Err(format!(
+                "--out: found {shown} for two cases, expected a directory of its own for each"
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn job(path: &Path, args: &RunArgs, several: bool) -> Result<Result<Job, Error>, String> {
@@ -192,11 +214,13 @@ fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
 fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes = CaseFile { profile: args.profile.clone(), ..args.printer.patch() };
-        return stage(&args.what, changes, context, Session::print_again).map(|o| show_case(face, &o));
+        return stage(&args.what, changes, context, |session| session.print_again(args.baud))
+            .map(|o| show_case(face, &o));
     }
-    let name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
+    let profile_name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
     let port = args.printer.port.as_deref().unwrap_or(SIMULATED_PORT);
-    let printed = app::print_file(&args.what, name, port, &context)?;
+    let printer = app::Printer { profile_name, port, baud: args.baud };
+    let printed = app::print_file(&args.what, printer, &context)?;
     face.result(&printed, &format!("{printed}\n"));
     Ok(0)
 }

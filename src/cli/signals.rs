@@ -14,14 +14,16 @@ pub(super) fn cancel_on_signal() -> CancelToken {
     let token = CancelToken::default();
     let watched = token.clone();
     let watch = move || {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(watch(&watched))
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        runtime.and_then(|r| r.block_on(watch(&watched))).unwrap_or_else(|e| warn_unwatched(&e));
     };
     let spawned = thread::Builder::new().name("signals".into()).spawn(watch);
-    if let Err(e) = spawned {
-        tracing::warn!("signals are not watched: {e}");
-    }
+    spawned.map_or_else(|e| warn_unwatched(&e), drop);
     token
+}
+
+fn warn_unwatched(error: &std::io::Error) {
+    tracing::warn!("signals are not watched: {error}");
 }
 
 async fn watch(token: &CancelToken) -> std::io::Result<()> {

@@ -5,6 +5,7 @@
 
 use super::TriMesh;
 use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use stl_io::{Normal, Triangle, Vertex};
 
@@ -37,7 +38,9 @@ pub fn write_to(writer: &mut impl Write, mesh: &TriMesh) -> io::Result<()> {
 /// What the file system returns.
 pub fn write(path: &Path, mesh: &TriMesh) -> io::Result<()> {
     let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(dir)?;
+    // The operator's own file: its rights are those of any new one (umask), not a temporary file's.
+    let permissions = std::fs::Permissions::from_mode(0o666);
+    let mut file = tempfile::Builder::new().permissions(permissions).tempfile_in(dir)?;
     let mut writer = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
     write_to(&mut writer, mesh)?;
     writer.flush()?;

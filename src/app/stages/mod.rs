@@ -40,7 +40,9 @@ impl Session<'_> {
             if self.is_fresh(stage) {
                 continue;
             }
-            if let Some(changed) = self.case.outdated(stage, &self.made_from(stage)?)? {
+            if stage == Stage::Segment && !self.has_image() {
+                self.require_contours()?;
+            } else if let Some(changed) = self.case.outdated(stage, &self.made_from(stage)?)? {
                 let dir = self.case.dir().to_owned();
                 return Err(CaseError::Stale { dir, stage, changed }.into());
             }

@@ -3,12 +3,12 @@
 //! The simulated printer is this program started once more (`lumenfab hil-sim ...`), behind a real pseudo-terminal.
 
 use super::slice::JOB_FILE;
-use super::to_json;
+use super::{read_json, to_json};
 use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
-use crate::app::settings::SIMULATED_PORT;
+use crate::app::settings::{Fault, SIMULATED_PORT, SettingError};
 use crate::ct::Warning;
 use crate::printer::driver::{self, PrintEvent};
 use crate::printer::job::Job;
@@ -16,8 +16,8 @@ use crate::printer::protocol::{self, Stats};
 use crate::printer::sim::{Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
 use crate::profile::{self, Profile};
-use crate::progress::{CancelToken, Cancelled, Task};
-use serde::Serialize;
+use crate::progress::{Cancelled, Task};
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -73,14 +73,17 @@ impl Session<'_> {
     pub fn print(&mut self) -> Result<(), Error> {
         self.require(Stage::Slice)?;
         let profile = self.profile()?;
-        self.stage(Stage::Print, |session, task| session.print_job(&profile, task))
+        self.stage(Stage::Print, |session, task| session.print_job(&profile, None, task))
     }
 
     /// Prints the job once more, where it is a real printer; asked for by name, it is never "done already".
+    /// `baud` takes the place of the profile's rate.
     ///
     /// # Errors
-    /// As [`Session::print`].
-    pub fn print_again(&mut self) -> Result<(), Error> {
+    /// As [`Session::print`]; also where there cannot be such a printer.
+    pub fn print_again(&mut self, baud: Option<u32>) -> Result<(), Error> {
+        let settings = self.settings();
+        check_printer(&self.profile()?, &settings.profile, &settings.port, baud)?;
         if self.is_simulated() {
             return self.print();
         }
@@ -88,18 +91,20 @@ impl Session<'_> {
         let profile = self.profile()?;
         let made_from = self.made_from(Stage::Print)?;
         let because_of = vec!["asked for".to_owned()];
-        self.redo(Stage::Print, &made_from, because_of, |session, task| session.print_job(&profile, task))
+        self.redo(Stage::Print, &made_from, because_of, |session, task| {
+            session.print_job(&profile, baud, task)
+        })
     }
 
     /// Refuses a printer that cannot be there before hours of work are put into a job for it.
     pub(crate) fn check_printer(&self) -> Result<(), Error> {
-        self.profile()?;
+        let profile = self.profile()?;
         let known = self.case.made_from(Stage::Print).and_then(|m| m.get("port"));
         let printed_there = known == Some(&crate::app::session::hash_of(&self.settings().port));
-        if self.is_simulated() || printed_there {
+        if printed_there && !self.is_simulated() {
             return Ok(());
         }
-        check_port(&self.settings().port)
+        check_printer(&profile, &self.settings().profile, &self.settings().port, None)
     }
 
     pub(crate) fn print_made_from(&self) -> Result<MadeFrom, Error> {
@@ -116,45 +121,85 @@ impl Session<'_> {
         self.settings().port == SIMULATED_PORT
     }
 
-    fn print_job(&self, profile: &Profile, task: &Task<'_>) -> Result<Made, Error> {
+    /// Whether the job was last printed on a real printer; not so where it never was.
+    pub(crate) fn was_printed_for_real(&self) -> Result<bool, Error> {
+        let path = self.case.path(PRINT_FILE);
+        Ok(path.exists() && !read_json::<Kept>(&path)?.simulated)
+    }
+
+    fn print_job(&self, profile: &Profile, baud: Option<u32>, task: &Task<'_>) -> Result<Made, Error> {
         let staging = self.case.staging()?;
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
-        let order = Order { job: &job, profile, port: &self.settings().port, record: record.as_deref() };
+        let order =
+            Order { job: &job, profile, port: &self.settings().port, baud, record: record.as_deref() };
         let printed = order.print(task, &self.context)?;
         staging.write(PRINT_FILE, &to_json(&printed))?;
         Ok(Made { staging, summary: printed.to_string(), warnings: printed.warnings() })
     }
 }
 
+/// What is read back from `print.json`.
+#[derive(Deserialize)]
+struct Kept {
+    simulated: bool,
+}
+
+/// The printer for a file of G-code, as the operator names it.
+#[derive(Debug, Clone, Copy)]
+pub struct Printer<'a> {
+    /// A name, or the path of a profile file.
+    pub profile_name: &'a str,
+    /// A path, or `sim`.
+    pub port: &'a str,
+    /// Rate of the wire instead of the profile's, 1/s.
+    pub baud: Option<u32>,
+}
+
 /// Prints a file of G-code that belongs to no case.
 ///
 /// # Errors
 /// [`Error`] where profile, file or port cannot be used, or where the print failed.
-pub fn print_file(
-    job: &Path,
-    profile_name: &str,
-    port: &str,
-    context: &Context<'_>,
-) -> Result<Printed, Error> {
+pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+    let Printer { profile_name, port, baud } = printer;
     let profile = profile::load::by_name(profile_name)?;
-    if port != SIMULATED_PORT {
-        check_port(port)?;
-    }
+    check_printer(&profile, profile_name, port, baud)?;
     let events = context.events;
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
-    let order = Order { job, profile: &profile, port, record: None };
-    order.print(&task, context)
+    let order = Order { job, profile: &profile, port, baud, record: None };
+    order.print(&task, context).map_err(Error::or_interrupted)
 }
 
-/// Says early what opening the port would say late.
-fn check_port(port: &str) -> Result<(), Error> {
+/// Says early what starting the print would say late.
+fn check_printer(profile: &Profile, named: &str, port: &str, baud: Option<u32>) -> Result<(), Error> {
+    if port == SIMULATED_PORT {
+        return check_simulated(profile, named, baud).map_err(Error::from);
+    }
     if Path::new(port).exists() {
         return Ok(());
     }
     Err(printer::Error::Open { port: port.to_owned(), problem: PortProblem::Missing }.into())
+}
+
+/// The simulated printer has its own copies of the built-in profiles, knows no others, and has no wire.
+fn check_simulated(profile: &Profile, named: &str, baud: Option<u32>) -> Result<(), SettingError> {
+    let refused = |name, found, expected: &str| {
+        Err(SettingError { name, fault: Fault { found, expected: expected.into() } })
+    };
+    if profile.name != named {
+        let found = format!("the file {named} with the simulated printer");
+        let expected = "a name of `lumenfab profiles list`, or the --port of a real printer";
+        return refused("profile", found, expected);
+    }
+    match baud {
+        None => Ok(()),
+        Some(rate) => {
+            let found = format!("{rate} with the simulated printer");
+            refused("baud", found, "it together with the --port of a real printer")
+        }
+    }
 }
 
 /// A print to be done.
@@ -162,6 +207,8 @@ struct Order<'a> {
     job: &'a Path,
     profile: &'a Profile,
     port: &'a str,
+    /// Rate of the wire instead of the profile's.
+    baud: Option<u32>,
     /// Where the simulated printer records what it lays down.
     record: Option<&'a Path>,
 }
@@ -196,7 +243,9 @@ impl Order<'_> {
         let simulator = Simulator::start(&options).await?;
         let port = simulator.port().to_owned();
         let order = Order { profile: &options.profile_for(self.profile), ..*self };
-        let printed = order.print_on(job, &port, task, context).await?;
+        let printed = order.print_on(job, &port, task, context).await;
+        // Ctrl-C reaches the simulator too: that its port then vanishes leaves nothing hot.
+        let printed = printed.map_err(|e| if task.check().is_err() { Cancelled.into() } else { e })?;
         simulator.finish().await?;
         Ok(printed)
     }
@@ -208,7 +257,7 @@ impl Order<'_> {
         task: &Task<'_>,
         context: &Context<'_>,
     ) -> Result<Printed, Error> {
-        let link = serial::open(port, &self.profile.firmware, None).await?;
+        let link = serial::open(port, &self.profile.firmware, self.baud).await?;
         let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
         let cancel = context.cancel.clone();
         let printing = async {
@@ -216,21 +265,13 @@ impl Order<'_> {
             driver::print(job, link, self.profile, &sender, &cancel).await
         };
         let (printed, ()) = tokio::join!(printing, show(receiver, task, context));
-        let printed = printed.map_err(|e| cancelled_or(e, &cancel))?;
+        let printed = printed?;
         Ok(Printed {
             simulated: self.port == SIMULATED_PORT,
             n_lines: printed.n_lines,
             elapsed_s: printed.elapsed.as_secs_f64(),
             wire: printed.stats,
         })
-    }
-}
-
-/// Where the operator asked to stop, that is why the print ended.
-fn cancelled_or(error: printer::Error, cancel: &CancelToken) -> Error {
-    match error {
-        printer::Error::Cancelled if cancel.is_cancelled() => Error::Interrupted(Cancelled),
-        other => other.into(),
     }
 }
 

@@ -62,7 +62,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where a stage before it was not done, or where the case cannot be written. A failed gate is none.
     pub fn report(&mut self) -> Result<(), Error> {
-        if !self.is_simulated() {
+        if self.was_printed_for_real()? {
             return Err(Error::NoRecord(self.case.dir().to_owned()));
         }
         self.require(Stage::Print)?;

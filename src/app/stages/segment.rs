@@ -2,7 +2,7 @@
 
 use super::{read_json, to_json};
 use crate::app::atomic::{self, FileError};
-use crate::app::case::MadeFrom;
+use crate::app::case::{CONTOURS_FILE, CaseError, MadeFrom};
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Contours per CT plane.
-pub(crate) const SECTIONS_FILE: &str = "sections.json";
+pub(crate) const SECTIONS_FILE: &str = CONTOURS_FILE;
 /// How the lumen was found.
 pub(crate) const SEGMENTATION_FILE: &str = "segmentation.json";
 /// The CT around the lumen.
@@ -49,23 +49,33 @@ impl Session<'_> {
     /// [`Error`] where the CT cannot be read, the lumen not be found, or the case not be written.
     pub fn segment(&mut self) -> Result<(), Error> {
         if matches!(self.settings().source, Source::Sections) {
-            self.case.output(Stage::Segment, SECTIONS_FILE)?;
-            self.skip(Stage::Segment);
-            return Ok(());
+            self.require_contours()?;
+            return self.skip(Stage::Segment);
         }
         self.stage(Stage::Segment, Self::find_contours)
     }
 
-    /// Takes ready contours into a new case.
+    /// Refuses to go on without the ready contours that a case was started from.
+    pub(crate) fn require_contours(&self) -> Result<(), Error> {
+        match self.case.outdated(Stage::Segment, &MadeFrom::new())? {
+            None => Ok(()),
+            Some(_gone) => Err(CaseError::ContoursLost(self.case.dir().to_owned()).into()),
+        }
+    }
+
+    /// Takes ready contours into a new case, or back into the one they were taken into before.
     ///
     /// # Errors
-    /// [`Error`] where the file cannot be read or is no document of contours.
+    /// [`Error`] where the file cannot be read or is no document of contours, or where the case has other ones.
     pub fn import_sections(&mut self, file: &Path) -> Result<(), Error> {
         let text = atomic::read_text(file)?;
         let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes()))]);
+        let known = self.case.made_from(Stage::Segment).and_then(|m| m.get("sections"));
+        if known.is_some_and(|known| *known != made_from["sections"]) {
+            return Err(CaseError::OtherSource(self.case.dir().to_owned()).into());
+        }
         let Some(because_of) = self.case.outdated(Stage::Segment, &made_from)? else {
-            self.skip(Stage::Segment);
-            return Ok(());
+            return self.skip(Stage::Segment);
         };
         self.redo(Stage::Segment, &made_from, because_of, |session, _| {
             let bad = |source| Error::SectionsFile { path: file.to_owned(), source };
@@ -87,9 +97,13 @@ impl Session<'_> {
     }
 
     /// The hash of the CT's files; that of the last time where nobody knows where they are.
-    fn ct_hash(&self) -> Result<String, Error> {
+    pub(crate) fn ct_hash(&self) -> Result<String, Error> {
+        if let Some(known) = self.ct_hash.get() {
+            return Ok(known.clone());
+        }
         if let Some(ct) = self.ct.as_deref().filter(|ct| ct.exists()) {
-            return Ok(hash_of_files(ct)?);
+            let hash = hash_of_files(ct)?;
+            return Ok(self.ct_hash.get_or_init(|| hash).clone());
         }
         let before = self.case.made_from(Stage::Segment).and_then(|m| m.get("ct"));
         before.cloned().ok_or_else(|| Error::CtUnknown(self.case.dir().to_owned()))
@@ -129,8 +143,9 @@ impl Session<'_> {
 
     fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
         self.note(Stage::Segment, "reading the CT");
-        let choice = self.settings().segment.series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
-        let loaded = ct::reader::load(path, &choice, task)?;
+        let SegmentSettings { series, allow_gaps, .. } = self.settings().segment;
+        let choice = series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
+        let loaded = ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
         Ok((loaded.volume, loaded.warnings))
     }
 

@@ -80,7 +80,7 @@ impl Session<'_> {
     pub fn copy_job(&self, to: &Path) -> Result<(), Error> {
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let bytes = std::fs::read(&job).map_err(atomic::failed("read", &job))?;
-        Ok(atomic::write(to, &bytes)?)
+        Ok(atomic::write_export(to, &bytes)?)
     }
 
     /// The profile that the case names.
