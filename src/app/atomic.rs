@@ -50,7 +50,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 /// Writes a file that the operator named whole or not at all; its rights are those of every other new file (umask).
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_export(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     write_with_mode(path, bytes, 0o666)
 }
