@@ -480,11 +480,11 @@ mod tests {
             ("layer_mm = -0.2", "layer_mm: found -0.2, expected a number from 0.02 to 1 mm"),
             ("wall_mm = 1\ncast = true", "wall_mm: found 1, expected none together with cast"),
             (
-                "window_hu = [300, 200]",
+                "ct = \"d\"\nseed_mm = [[1, 2, 3]]\nwindow_hu = [300, 200]",
                 "window_hu: found 300,200, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
             ),
             (
-                "z_mm = [5, 5]",
+                "ct = \"d\"\nseed_mm = [[1, 2, 3]]\nz_mm = [5, 5]",
                 "z_mm: found 5,5, expected A,B: two heights in mm separated by a comma, A less than B",
             ),
             (
