@@ -131,7 +131,7 @@ pub enum Error {
     },
     /// Planes are missing.
     #[error("{n_missing} plane(s) missing between z = {below_mm:.3} and {above_mm:.3} mm (planes lie {step_mm:.3} mm apart{}): \
-             export the series again, or allow gaps", if *n_gaps > 1 { format!("; {n_gaps} such gaps") } else { String::new() })]
+             export the series again, or have the gap bridged with --allow-gaps", if *n_gaps > 1 { format!("; {n_gaps} such gaps") } else { String::new() })]
     MissingPlanes {
         /// Last plane before the first gap.
         below_mm: f64,
