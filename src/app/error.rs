@@ -114,6 +114,7 @@ impl Error {
                 | Self::Segment(segment::Error::Cancelled(_))
                 | Self::Sections(sections::Error::Cancelled(_))
                 | Self::Solid(solid::Error::Cancelled(_))
+                | Self::Mesh(mesh::Error::Cancelled(_))
                 | Self::Slice(slice::Error::Cancelled(_))
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))

@@ -17,6 +17,7 @@ pub use check::{Closedness, closedness};
 pub use tessellate::{SkinChoice, Tessellation, tessellate};
 
 use crate::geom::Point3;
+use crate::progress::Cancelled;
 
 /// Triangles over shared vertices, mm; seen from outside their vertices run counter-clockwise.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -44,6 +45,9 @@ pub enum Error {
         /// Height of the cap.
         z_mm: f64,
     },
+    /// The work was interrupted.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
     /// The mesh has a free, doubled or misoriented edge.
     #[error("the mesh is not closed: {0}")]
     Open(Closedness),

@@ -3,6 +3,7 @@
 use super::ribbon::{Station, between_rings, between_rows};
 use super::{Closedness, Error, TriMesh, cap, closedness};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex};
+use crate::progress::Task;
 use crate::solid::{End, Skin, Slab, Solid, Tube};
 use crate::spline::{PatchSurface, SectionCurve};
 use serde::{Deserialize, Serialize};
@@ -39,12 +40,12 @@ pub struct Tessellation {
 /// Meshes a solid.
 ///
 /// # Errors
-/// A deflection out of range, or a mesh that is not closed (which is a fault of this program, not of the input).
-pub fn tessellate(solid: &Solid, how: &Tessellation) -> Result<TriMesh, Error> {
+/// A deflection out of range, an interruption, or a mesh that is not closed (which is a fault of this program, not of the input).
+pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
     if !(0.0005..=5.0).contains(&how.deflection_mm) {
         return Err(Error::Deflection(how.deflection_mm));
     }
-    let mut mesher = Mesher { mesh: TriMesh::default(), deflection_mm: how.deflection_mm };
+    let mut mesher = Mesher { mesh: TriMesh::default(), deflection_mm: how.deflection_mm, task };
     let mut rims = mesher.skin(&solid.lumen)?;
     if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward; lumen caps inside the body do, too.
@@ -75,12 +76,13 @@ struct SlabRings {
     daughters: [Vec<u32>; 2],
 }
 
-struct Mesher {
+struct Mesher<'a> {
     mesh: TriMesh,
     deflection_mm: f64,
+    task: &'a Task<'a>,
 }
 
-impl Mesher {
+impl Mesher<'_> {
     fn skin(&mut self, skin: &Skin) -> Result<Vec<RimAt>, Error> {
         let rings = skin.slabs.iter().map(|s| self.slab(s)).collect::<Result<Vec<_>, _>>()?;
         let mut rims = Vec::new();
@@ -100,6 +102,7 @@ impl Mesher {
         };
         let mut below: Option<Vec<Station>> = None;
         for (k, &z) in heights.iter().enumerate() {
+            self.task.check()?;
             let end = if k == 0 {
                 Some(tube.bottom)
             } else if k + 1 == heights.len() {

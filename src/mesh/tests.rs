@@ -37,7 +37,7 @@ fn every_phantom_is_closed_in_every_skin_and_deflection() {
         let solid = phantom(kind, Body::Wall { wall_mm: 1.0 });
         for skin in [SkinChoice::All, SkinChoice::Lumen] {
             for deflection_mm in [0.1, 0.02] {
-                let mesh = tessellate(&solid, &fine(skin, deflection_mm)).unwrap();
+                let mesh = tessellate(&solid, &fine(skin, deflection_mm), &Task::quiet()).unwrap();
                 assert!(closedness(&mesh).is_closed(), "{kind:?} {skin:?} {deflection_mm}");
                 assert!(mesh.volume_mm3() > 0.0);
             }
@@ -48,20 +48,22 @@ fn every_phantom_is_closed_in_every_skin_and_deflection() {
 #[test]
 fn volumes_of_a_cylinder_and_its_wall_are_those_of_the_closed_form() {
     let pi = std::f64::consts::PI;
-    let lumen = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.001)).unwrap().volume_mm3();
+    let lumen = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.001), &Task::quiet())
+        .unwrap()
+        .volume_mm3();
     assert!((lumen / (pi * 9.0 * 12.0) - 1.0).abs() < 1e-3, "{lumen}");
     let hollow = cylinder(Body::Wall { wall_mm: 1.0 });
-    let wall = tessellate(&hollow, &fine(SkinChoice::All, 0.001)).unwrap().volume_mm3();
+    let wall = tessellate(&hollow, &fine(SkinChoice::All, 0.001), &Task::quiet()).unwrap().volume_mm3();
     assert!((wall / (pi * 7.0 * 12.0) - 1.0).abs() < 2e-3, "{wall}");
     // The lumen alone is the same, wall or not.
-    let inside = tessellate(&hollow, &fine(SkinChoice::Lumen, 0.001)).unwrap().volume_mm3();
+    let inside = tessellate(&hollow, &fine(SkinChoice::Lumen, 0.001), &Task::quiet()).unwrap().volume_mm3();
     assert!((inside - lumen).abs() < 1e-6);
 }
 
 #[test]
 fn the_mesh_encloses_the_area_of_the_sections() {
     let solid = phantom(Kind::Carotid, Body::Cast);
-    let mesh = tessellate(&solid, &fine(SkinChoice::All, 0.005)).unwrap();
+    let mesh = tessellate(&solid, &fine(SkinChoice::All, 0.005), &Task::quiet()).unwrap();
     let [low, high] = solid.z_range_mm();
     let n = 1380;
     let step = (high - low) / f64::from(n);
@@ -73,21 +75,24 @@ fn the_mesh_encloses_the_area_of_the_sections() {
 #[test]
 fn a_smaller_deflection_needs_more_triangles() {
     let solid = cylinder(Body::Cast);
-    let count = |d: f64| tessellate(&solid, &fine(SkinChoice::All, d)).unwrap().triangles.len();
+    let count =
+        |d: f64| tessellate(&solid, &fine(SkinChoice::All, d), &Task::quiet()).unwrap().triangles.len();
     assert!(count(0.1) < count(0.02) && count(0.02) < count(0.005));
 }
 
 #[test]
 fn a_deflection_out_of_range_is_refused() {
     for deflection_mm in [0.0, -1.0, f64::NAN, 9.0] {
-        let refused = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, deflection_mm));
+        let refused =
+            tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, deflection_mm), &Task::quiet());
         assert!(matches!(refused, Err(Error::Deflection(_))));
     }
 }
 
 #[test]
 fn an_stl_file_is_read_back_as_the_closed_mesh_it_was() {
-    let mesh = tessellate(&phantom(Kind::Carotid, Body::Cast), &fine(SkinChoice::All, 0.05)).unwrap();
+    let mesh = tessellate(&phantom(Kind::Carotid, Body::Cast), &fine(SkinChoice::All, 0.05), &Task::quiet())
+        .unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("vessel.stl");
     stl::write(&path, &mesh).unwrap();
@@ -114,14 +119,15 @@ fn trunk_and_stump(x: f64, body: Body) -> Solid {
 #[test]
 fn a_branch_that_ends_inside_the_stack_is_capped() {
     let pi = std::f64::consts::PI;
-    let cast = tessellate(&trunk_and_stump(9.0, Body::Cast), &fine(SkinChoice::All, 0.002)).unwrap();
+    let cast =
+        tessellate(&trunk_and_stump(9.0, Body::Cast), &fine(SkinChoice::All, 0.002), &Task::quiet()).unwrap();
     let expected = pi * 9.0 * 18.0 + pi * 2.25 * 6.0;
     assert!((cast.volume_mm3() / expected - 1.0).abs() < 2e-3, "{} {expected}", cast.volume_mm3());
     // Apart from the trunk: its own closed body with a closed void in it. Grown into it: one body.
     for x in [9.0, 5.6] {
         let hollow = trunk_and_stump(x, Body::Wall { wall_mm: 1.0 });
         for skin in [SkinChoice::All, SkinChoice::Lumen] {
-            let mesh = tessellate(&hollow, &fine(skin, 0.02)).unwrap();
+            let mesh = tessellate(&hollow, &fine(skin, 0.02), &Task::quiet()).unwrap();
             assert!(mesh.volume_mm3() > 0.0, "x {x} {skin:?}");
         }
         // Beyond the stump's flat end the wall closes over it: within its thickness where it stands alone, within
@@ -148,7 +154,9 @@ fn straight_sides_are_capped_vertex_by_vertex() {
     };
     let planes =
         (0..4).map(|k| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![bar(80)] }).collect();
-    let mesh = tessellate(&solid(planes, Body::Wall { wall_mm: 0.5 }), &fine(SkinChoice::All, 0.01)).unwrap();
+    let mesh =
+        tessellate(&solid(planes, Body::Wall { wall_mm: 0.5 }), &fine(SkinChoice::All, 0.01), &Task::quiet())
+            .unwrap();
     assert!(mesh.volume_mm3() > 0.0);
 }
 
@@ -170,7 +178,7 @@ fn a_square_with_vertices_along_its_sides_is_filled() {
 
 #[test]
 fn vertices_that_fall_together_in_the_file_are_noticed() {
-    let mut mesh = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.05)).unwrap();
+    let mut mesh = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.05), &Task::quiet()).unwrap();
     let moved = mesh.vertices[1] + (mesh.vertices[0] - mesh.vertices[1]) * (1.0 - 1e-9);
     mesh.vertices[1] = moved;
     assert!(closedness(&mesh).is_closed());
@@ -182,10 +190,19 @@ fn two_lumens_in_one_wall_share_its_caps() {
     let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 128);
     let plane = |k: u32| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![disk(0.0), disk(5.0)] };
     let pair = solid((0..5).map(plane).collect(), Body::Wall { wall_mm: 1.0 });
-    let mesh = tessellate(&pair, &fine(SkinChoice::All, 0.002)).unwrap();
+    let mesh = tessellate(&pair, &fine(SkinChoice::All, 0.002), &Task::quiet()).unwrap();
     // Two disks of 3 mm, 5 mm apart, overlap in a lens.
     let half_angle = (2.5f64 / 3.0).acos();
     let lens = 2.0 * 9.0 * (half_angle - half_angle.sin() * half_angle.cos());
     let expected = (2.0 * std::f64::consts::PI * (9.0 - 4.0) - lens) * 10.0;
     assert!((mesh.volume_mm3() / expected - 1.0).abs() < 4e-3, "{} {expected}", mesh.volume_mm3());
+}
+
+#[test]
+fn meshing_stops_when_asked() {
+    let cancel = crate::progress::CancelToken::default();
+    cancel.cancel();
+    let task = Task::new(&|_, _| {}, cancel);
+    let stopped = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.01), &task);
+    assert_eq!(stopped, Err(Error::Cancelled(Cancelled)));
 }

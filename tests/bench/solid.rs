@@ -41,7 +41,7 @@ fn tessellation(c: &mut Criterion) {
     for deflection_mm in [0.1, 0.03, 0.01, 0.005] {
         let how = Tessellation { skin: SkinChoice::All, deflection_mm };
         group.bench_function(format!("{deflection_mm} mm"), |b| {
-            b.iter(|| tessellate(black_box(&built.solid), &how).expect("the phantom meshes"));
+            b.iter(|| tessellate(black_box(&built.solid), &how, &Task::quiet()).expect("the phantom meshes"));
         });
     }
     group.finish();

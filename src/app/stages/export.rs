@@ -5,6 +5,7 @@ use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::Session;
 use crate::mesh::{self, SkinChoice, Tessellation};
+use crate::progress::Task;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -43,7 +44,9 @@ impl Session<'_> {
         deflection_mm: f64,
     ) -> Result<Exported, Error> {
         self.require(Stage::Solid)?;
-        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection_mm, skin })?;
+        let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection_mm, skin }, &task)?;
+        task.check()?;
         mesh::stl::write(path, &mesh).map_err(atomic::failed("write", path))?;
         Ok(Exported {
             stl: path.to_owned(),
