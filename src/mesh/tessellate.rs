@@ -4,7 +4,7 @@ use super::ribbon::{Station, between_rings, between_rows};
 use super::{Closedness, Error, TriMesh, cap, closedness};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex};
 use crate::progress::Task;
-use crate::solid::{End, Skin, Slab, Solid, Tube};
+use crate::solid::{Crotch, End, Skin, Slab, Solid, Tube};
 use crate::spline::{PatchSurface, SectionCurve};
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +14,8 @@ const ROW_SHARE: f64 = 0.6;
 const EQUILATERAL: f64 = 0.866;
 /// Rows are this much higher than for equilateral triangles: fewer triangles for hardly worse angles.
 const ROW_STRETCH: f64 = 1.15;
+/// Rows of the laterals beside a crease.
+const CREASE_ROWS: usize = 12;
 /// Samples round a section at which curvature is measured.
 const CURVATURE_SAMPLES: usize = 128;
 
@@ -192,19 +194,25 @@ impl Mesher<'_> {
 
     fn slab(&mut self, slab: &Slab) -> Result<SlabRings, Error> {
         let n = self.slab_rows(slab);
-        let heights: Vec<f64> =
-            (0..=n).map(|i| slab.w_mm[0] + (slab.w_mm[1] - slab.w_mm[0]) * i as f64 / n as f64).collect();
+        let [low, high] = slab.w_mm.map(|w| slab.v_of(w));
         let rows = slab.laterals.each_ref().map(|patch| {
-            heights.iter().map(|&w| row_points(patch, w, ROW_SHARE * self.deflection_mm)).collect::<Vec<_>>()
+            let at = |i: usize| low + (high - low) * i as f64 / n as f64;
+            (0..=n).map(|i| row_points(patch, at(i), ROW_SHARE * self.deflection_mm)).collect::<Vec<_>>()
         });
-        // Seam vertices: A-P, B-P are the ends of the first lateral's rows, B-Q, A-Q of the second one's.
-        let grid = self.saddle_vertices(slab, &rows, n)?;
-        let seams: [[Vec<u32>; 2]; 2] = [
-            [(0..=n).map(|i| grid[0][i]).collect(), (0..=n).map(|i| grid[n - i][n]).collect()],
-            [(0..=n).map(|i| grid[n][n - i]).collect(), (0..=n).map(|i| grid[i][0]).collect()],
-        ];
         // Seen along w a merge is mirrored.
         let flip = !slab.upward;
+        // Seam vertices: A-P, B-P are the ends of the first lateral's rows, B-Q, A-Q of the second one's.
+        let seams: [[Vec<u32>; 2]; 2] = match &slab.crotch {
+            Crotch::Saddle(saddle) => {
+                let grid = self.saddle_vertices(saddle, &rows, n)?;
+                self.saddle_triangles(&grid, flip);
+                [
+                    [(0..=n).map(|i| grid[0][i]).collect(), (0..=n).map(|i| grid[n - i][n]).collect()],
+                    [(0..=n).map(|i| grid[n][n - i]).collect(), (0..=n).map(|i| grid[i][0]).collect()],
+                ]
+            }
+            Crotch::Crease => self.crease_vertices(&rows[0])?,
+        };
         let mut first_rows: [Vec<u32>; 2] = Default::default();
         let mut last_rows: [Vec<u32>; 2] = Default::default();
         for side in 0..2 {
@@ -224,7 +232,6 @@ impl Mesher<'_> {
                 below = Some(stations);
             }
         }
-        self.saddle_triangles(&grid, flip);
         let open_end = |row: &[u32]| row[..row.len() - 1].to_vec();
         let waist = [open_end(&first_rows[0]), open_end(&first_rows[1])].concat();
         Ok(SlabRings { waist, daughters: last_rows.map(|row| open_end(&row)) })
@@ -232,7 +239,8 @@ impl Mesher<'_> {
 
     /// Intervals of the slab's rows, so that the saddle's grid keeps the deflection.
     fn slab_rows(&self, slab: &Slab) -> usize {
-        let at = |i: usize, j: usize| slab.saddle.at(i as f64 / 16.0, j as f64 / 16.0);
+        let Crotch::Saddle(saddle) = &slab.crotch else { return CREASE_ROWS };
+        let at = |i: usize, j: usize| saddle.at(i as f64 / 16.0, j as f64 / 16.0);
         // Across the chord: how fast the parameter runs along it does not matter.
         let sag = |a: Point3, b: Point3, c: Point3| {
             let along = (c - a).try_normalize(1e-12).unwrap_or_default();
@@ -255,7 +263,7 @@ impl Mesher<'_> {
     /// Vertices `[j][i]` of the saddle's grid; its border holds the seams.
     fn saddle_vertices(
         &mut self,
-        slab: &Slab,
+        saddle: &PatchSurface,
         rows: &[Vec<Vec<RowPoint>>; 2],
         n: usize,
     ) -> Result<Vec<Vec<u32>>, Error> {
@@ -266,9 +274,20 @@ impl Mesher<'_> {
             (0, j) => end(1, j),
             (i, j) if i == n => end(0, n - j),
             (i, j) if j == n => start(1, n - i),
-            _ => slab.saddle.at(i as f64 / n as f64, j as f64 / n as f64),
+            _ => saddle.at(i as f64 / n as f64, j as f64 / n as f64),
         };
         (0..=n).map(|j| (0..=n).map(|i| self.mesh.push(place(i, j))).collect()).collect()
+    }
+
+    /// Vertices of the crease, from A and from B up to the apex, as the sides of both laterals.
+    fn crease_vertices(&mut self, rows: &[Vec<RowPoint>]) -> Result<[[Vec<u32>; 2]; 2], Error> {
+        let from_a = rows.iter().map(|r| self.mesh.push(r[0].at)).collect::<Result<Vec<_>, _>>()?;
+        let mut from_b = Vec::with_capacity(rows.len());
+        for row in &rows[..rows.len() - 1] {
+            from_b.push(self.mesh.push(row[row.len() - 1].at)?);
+        }
+        from_b.push(from_a[from_a.len() - 1]);
+        Ok([[from_a.clone(), from_b.clone()], [from_b, from_a]])
     }
 
     fn saddle_triangles(&mut self, grid: &[Vec<u32>], flip: bool) {

@@ -168,17 +168,28 @@ pub(super) fn component(contours: &[Contour], anchor: Point2) -> Option<(usize, 
     contours.iter().enumerate().min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)))
 }
 
-/// The three patches of an event.
+/// What closes the gap between the two lateral patches of an event.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Crotch {
+    /// A patch between them: corners A (0, 0), P (1, 0), Q (0, 1), B (1, 1).
+    Saddle(PatchSurface),
+    /// Nothing: they meet in a crease, one edge that rises from A to the apex (where P and Q are one point) and
+    /// falls to B. The first lateral's side u = 0 is the second one's side u = 1 and the other way round.
+    Crease,
+}
+
+/// The patches of an event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Slab {
     /// Whether the daughters lie above (a split) or below (a merge).
     pub upward: bool,
     /// Heights of the waist and of the daughters' ends along w, mm.
     pub w_mm: [f64; 2],
-    /// Lateral patches, daughter 0 first: u along the arc, v = w.
+    /// Lateral patches, daughter 0 first: u along the arc from 0 to 1, v as [`Slab::v_of`] says.
     pub laterals: [PatchSurface; 2],
-    /// Saddle patch: corners A (0, 0), P (1, 0), Q (0, 1), B (1, 1).
-    pub saddle: PatchSurface,
+    /// Between the laterals.
+    pub crotch: Crotch,
 }
 
 /// A slab with the contours at its borders.
@@ -251,7 +262,7 @@ pub(super) fn build_slab(
     let laterals = [lateral(0, &seams.ap, &seams.bp)?, lateral(1, &seams.bq, &seams.aq)?];
     let saddle = saddle(source, &seams, &heights, &fractions, sign)?;
     let waist = waist.clone();
-    Ok(BuiltSlab { slab: Slab { upward, w_mm, laterals, saddle }, waist, daughters })
+    Ok(BuiltSlab { slab: Slab { upward, w_mm, laterals, crotch: Crotch::Saddle(saddle) }, waist, daughters })
 }
 
 /// The components that hold the two anchors: the same one twice below the apex.

@@ -19,7 +19,7 @@ mod lumen;
 mod skin;
 mod wall;
 
-pub use event::{EventFault, Slab};
+pub use event::{Crotch, EventFault, Slab};
 pub use skin::{End, Skin, Tube};
 
 use crate::ct::Warning;

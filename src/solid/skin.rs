@@ -1,8 +1,8 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
-use super::event::{BuiltSlab, Slab};
+use super::event::{BuiltSlab, Crotch, Slab};
 use crate::geom::{Contour, Point2, Point3};
-use crate::spline::{ClosedCurve, SectionCurve, SplineError, TubeSurface};
+use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -174,11 +174,32 @@ impl Slab {
         if self.upward { w_mm } else { -w_mm }
     }
 
+    /// The laterals' parameter v at height w. At a saddle it is w itself. A crease rises to the apex with a
+    /// horizontal tangent, so that there w falls with the square of the distance from v = 1 and v runs from 0 to 1.
+    #[must_use]
+    pub fn v_of(&self, w_mm: f64) -> f64 {
+        let [low, high] = self.w_mm;
+        match self.crotch {
+            Crotch::Saddle(_) => w_mm,
+            Crotch::Crease => 1.0 - ((high - w_mm) / (high - low)).max(0.0).sqrt(),
+        }
+    }
+
+    /// The height w at the laterals' parameter v.
+    #[must_use]
+    pub fn w_at(&self, v: f64) -> f64 {
+        let [low, high] = self.w_mm;
+        match self.crotch {
+            Crotch::Saddle(_) => v,
+            Crotch::Crease => high - (high - low) * (1.0 - v) * (1.0 - v),
+        }
+    }
+
     /// The closed curves at height w inside the slab.
     #[must_use]
     pub fn section(&self, w: f64, tolerance_mm: f64) -> Vec<Contour> {
         let laterals = self.laterals.each_ref().map(|patch| {
-            let row = patch.row(w);
+            let row = patch.row(self.v_of(w));
             let at = |u: f64| {
                 let p: Point3 = row.at(u);
                 Point2::new(p.x, p.y)
@@ -189,16 +210,20 @@ impl Slab {
             let n = n_chords(bend_mm, tolerance_mm);
             (0..=n).map(|i| at(i as f64 / n as f64)).collect::<Vec<_>>()
         });
-        close_loops(laterals.to_vec(), self.saddle_curves(w))
+        let between = match &self.crotch {
+            Crotch::Saddle(saddle) => self.saddle_curves(saddle, w),
+            Crotch::Crease => Vec::new(),
+        };
+        close_loops(laterals.to_vec(), between)
     }
 
     /// The curves in which the plane at height w cuts the saddle patch.
-    fn saddle_curves(&self, w: f64) -> Vec<Vec<Point2>> {
+    fn saddle_curves(&self, saddle: &PatchSurface, w: f64) -> Vec<Vec<Point2>> {
         let n = SADDLE_GRID;
         let parameter = |i: usize| i as f64 / n as f64;
         let height: Vec<Vec<f64>> = (0..=n)
             .map(|j| {
-                let row = self.saddle.row(parameter(j));
+                let row = saddle.row(parameter(j));
                 (0..=n).map(|i| self.w_of(row.at(parameter(i)).z) - w).collect()
             })
             .collect();
@@ -208,7 +233,7 @@ impl Slab {
             ((fa < 0.0) != (fb < 0.0)).then(|| {
                 let t = fa / (fa - fb);
                 let mix = |p: usize, q: usize| parameter(p) + (parameter(q) - parameter(p)) * t;
-                self.saddle.at(mix(a.0, b.0), mix(a.1, b.1))
+                saddle.at(mix(a.0, b.0), mix(a.1, b.1))
             })
         };
         let mut pieces = Vec::new();
