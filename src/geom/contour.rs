@@ -46,6 +46,15 @@ impl Bounds2 {
         self.max - self.min
     }
 
+    /// Whether the boxes share a point.
+    #[must_use]
+    pub fn meets(self, other: Self) -> bool {
+        self.min.x <= other.max.x
+            && other.min.x <= self.max.x
+            && self.min.y <= other.max.y
+            && other.min.y <= self.max.y
+    }
+
     /// Whether the point lies in the box or on its border.
     #[must_use]
     pub fn contains(self, p: Point2) -> bool {
