@@ -5,8 +5,10 @@
 //! follow its sections; points along a row are spaced by the square root of the curvature, so that chords stay
 //! within the deflection with few triangles, and neighbouring rows are staggered.
 
+mod bvh;
 mod cap;
 mod check;
+pub mod intersect;
 mod ribbon;
 pub mod stl;
 mod tessellate;
