@@ -282,7 +282,7 @@ mod tests {
 
         #[test]
         fn every_pair_of_a_large_soup_is_found_by_the_hierarchy(seed in 0_u32..1000, spread in 2.0..40.0_f64) {
-            let value = |i: u32| f64::from((i + 1) * 2_654_435_761_u32.wrapping_mul(seed + 1) >> 8 & 0xffff) / 65536.0;
+            let value = |i: u32| f64::from(((i + 1).wrapping_mul(2_654_435_761).wrapping_mul(seed + 1) >> 8) & 0xffff) / 65536.0;
             let mut soup = TriMesh::default();
             for i in 0..300_u32 {
                 let middle = [0, 1, 2].map(|k| spread * value(97 * i + k));
