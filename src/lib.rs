@@ -39,7 +39,7 @@
 //!
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`,
-//!   `phantom::series`, `mesh::stl`, `profile::load`, `printer::{job, serial, driver, sim}`, `report::write`,
+//!   `phantom::series`, `profile::load`, `printer::{job, serial, driver, sim}`, `report::write`,
 //!   `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.

@@ -121,7 +121,7 @@ fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
         case["report"]["passed"] == true && case["report"]["total"]["p95_mm"].as_f64().unwrap() <= 0.3,
         "{case}"
     );
-    for file in ["case.toml", "sections.json", "solid.json", "job.gcode", "layers.json", "print.json"] {
+    for file in ["case.toml", "sections.json", "solid.bin", "job.gcode", "layers.json", "print.json"] {
         assert!(place.path("case").join(file).is_file(), "{file}");
     }
     for file in ["beads.csv", "events.jsonl", "summary.json"] {
@@ -429,7 +429,10 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         ),
         (vec!["report", "nowhere"], "no case at nowhere: start one with `lumenfab run`"),
         (vec!["slyce"], "unrecognized subcommand 'slyce'"),
-        (vec!["export", "nowhere"], "the following required arguments were not provided: --stl <F>"),
+        (
+            vec!["export", "nowhere"],
+            "the following required arguments were not provided: <--stl <F>|--3mf <F>|--sweep <F.csv>>",
+        ),
     ] {
         let error = place.refused(2, &args);
         assert!(error.starts_with(line), "{args:?}: {error}");

@@ -52,19 +52,61 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 /// # Errors
 /// As [`write()`].
 pub fn write_export(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    write_with_mode(path, bytes, 0o666)
+    Pending::write(path, bytes, EXPORT_MODE)?.publish()
 }
 
-fn write_with_mode(path: &Path, bytes: &[u8], mode: u32) -> Result<(), FileError> {
+/// Writes several files that the operator named: all are on the disk before the first one appears under its name.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_exports(files: &[(&Path, &[u8])]) -> Result<(), FileError> {
+    let pending: Result<Vec<Pending<'_>>, FileError> =
+        files.iter().map(|(path, bytes)| Pending::write(path, bytes, EXPORT_MODE)).collect();
+    pending?.into_iter().try_for_each(Pending::publish)
+}
+
+/// Whether a file could be written there, before any work is done for it.
+///
+/// # Errors
+/// [`FileError`] where the path is a directory or its own directory cannot be written.
+pub fn check_export(path: &Path) -> Result<(), FileError> {
+    if path.is_dir() {
+        return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));
+    }
     let dir = parent(path);
-    let mut file = tempfile::Builder::new()
-        .prefix(".lumenfab-")
-        .permissions(fs::Permissions::from_mode(mode))
-        .tempfile_in(dir)
-        .map_err(failed("create a file in", dir))?;
-    file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(failed("write", path))?;
-    file.persist(path).map_err(|e| failed("write", path)(e.error))?;
-    sync_dir(dir)
+    let probe = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir);
+    probe.and_then(|probe| probe.close()).map_err(failed("create a file in", dir))
+}
+
+/// Rights of a file that the operator named, before the umask.
+const EXPORT_MODE: u32 = 0o666;
+
+fn write_with_mode(path: &Path, bytes: &[u8], mode: u32) -> Result<(), FileError> {
+    Pending::write(path, bytes, mode)?.publish()
+}
+
+/// A file that is on the disk, but under another name; removed unless it is published.
+struct Pending<'a> {
+    path: &'a Path,
+    file: tempfile::NamedTempFile,
+}
+
+impl<'a> Pending<'a> {
+    fn write(path: &'a Path, bytes: &[u8], mode: u32) -> Result<Self, FileError> {
+        let dir = parent(path);
+        let mut file = tempfile::Builder::new()
+            .prefix(".lumenfab-")
+            .permissions(fs::Permissions::from_mode(mode))
+            .tempfile_in(dir)
+            .map_err(failed("create a file in", dir))?;
+        file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(failed("write", path))?;
+        Ok(Self { path, file })
+    }
+
+    fn publish(self) -> Result<(), FileError> {
+        self.file.persist(self.path).map_err(|e| failed("write", self.path)(e.error))?;
+        sync_dir(parent(self.path))
+    }
 }
 
 /// The directory a path lies in; the current one for a bare name.
@@ -161,6 +203,33 @@ mod tests {
         write(&private, b"").unwrap();
         let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode() & 0o777;
         assert_eq!((mode(&exported), mode(&private)), (mode(&plain), 0o600));
+    }
+
+    #[test]
+    fn of_several_files_none_appears_where_one_cannot_be_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let [good, bad] = [dir.path().join("a"), dir.path().join("none/b")];
+        let error = write_exports(&[(&good, b"1"), (&bad, b"2")]).unwrap_err().to_string();
+        assert!(error.contains("/none: no such file or directory"), "{error}");
+        assert!(entries(dir.path()).unwrap().is_empty());
+        write_exports(&[(&good, b"1")]).unwrap();
+        assert_eq!(read_text(&good).unwrap(), "1");
+    }
+
+    #[test]
+    fn a_directory_is_no_place_for_a_file() {
+        let dir = tempfile::tempdir().unwrap();
+        for refused in [check_export(dir.path()), write_export(dir.path(), b"1")] {
+            let message = refused.unwrap_err().to_string();
+            assert!(
+                message.starts_with("cannot write ") && message.ends_with(": is a directory"),
+                "{message}"
+            );
+        }
+        check_export(&dir.path().join("a")).unwrap();
+        assert!(entries(dir.path()).unwrap().is_empty());
+        let missing = check_export(&dir.path().join("none/a")).unwrap_err().to_string();
+        assert!(missing.starts_with("cannot create a file in "), "{missing}");
     }
 
     #[test]

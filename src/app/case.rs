@@ -7,7 +7,7 @@
 //! | `volume.bin` | segment | the CT around the lumen, for the report's pictures ([`super::volume_file`]) |
 //! | `segmentation.json` | segment | window, polarity and planes that the lumen was found with |
 //! | `sections.json` | segment | contours per CT plane |
-//! | `solid.json` | solid | what the solid consists of |
+//! | `solid.bin` | solid | what the solid consists of ([`super::packed`]) |
 //! | `job.gcode`, `layers.json` | slice | the print job; layers against CT planes, `bed_from_stack` |
 //! | `record/`, `print.json` | print | what the simulated printer laid down; how the print went |
 //! | `report/` | report | `index.html`, `report.json`, pictures |

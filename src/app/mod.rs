@@ -10,6 +10,7 @@ pub mod atomic;
 pub mod case;
 pub mod error;
 pub mod event;
+pub mod packed;
 pub mod session;
 pub mod settings;
 pub mod source;
@@ -19,7 +20,7 @@ pub mod volume_file;
 pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
-pub use stages::export::{Exported, Skin};
+pub use stages::export::{Deflection, Export, Exported, Skin};
 pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 

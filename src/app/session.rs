@@ -315,18 +315,19 @@ fn new_id() -> String {
     uuid::Uuid::now_v7().to_string()
 }
 
-struct Stopwatch(Instant);
+/// How long something takes.
+pub(crate) struct Stopwatch(Instant);
 
 impl Stopwatch {
     #[expect(
         clippy::disallowed_methods,
         reason = "this is an edge: how long stages take is told to the operator"
     )]
-    fn start() -> Self {
+    pub(crate) fn start() -> Self {
         Self(Instant::now())
     }
 
-    fn elapsed_s(&self) -> f64 {
+    pub(crate) fn elapsed_s(&self) -> f64 {
         self.0.elapsed().as_secs_f64()
     }
 }

@@ -59,6 +59,8 @@ pub const LAYER_MM: Limits = Limits { min: 0.02, max: 1.0, unit: "mm" };
 pub const NOISE_HU: Limits = Limits { min: 0.0, max: 500.0, unit: "HU" };
 /// Deflection of a tessellation: below half a micrometre the file outgrows every memory.
 pub const DEFLECTION_MM: Limits = Limits { min: 0.0005, max: 5.0, unit: "mm" };
+/// The same as a fraction of the local radius: a fifth leaves eight corners to a circle.
+pub const DEFLECTION_RELATIVE: Limits = Limits { min: 0.0001, max: 0.2, unit: "of the local radius" };
 
 impl Limits {
     /// The number itself where it may be used.

@@ -8,7 +8,7 @@ use crate::app::settings::{
 use crate::phantom::{self, Contrast, Kind};
 use crate::segment::Polarity;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgGroup, Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 /// From a CT series of a blood vessel to a printed replica of its lumen, with proof of how faithful it is.
@@ -197,18 +197,29 @@ pub(crate) struct PrintArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("output").required(true).multiple(true))]
 pub(crate) struct ExportArgs {
     /// Case directory
     pub(crate) case: PathBuf,
     /// Binary STL to write
-    #[arg(long, value_name = "F")]
-    pub(crate) stl: PathBuf,
+    #[arg(long, value_name = "F", group = "output")]
+    pub(crate) stl: Option<PathBuf>,
+    /// 3MF to write: millimetres, one object a body
+    #[arg(long = "3mf", value_name = "F", group = "output")]
+    pub(crate) three_mf: Option<PathBuf>,
+    /// Table of triangles against deflection to write (CSV); its plot is written beside it (.svg)
+    #[arg(long, value_name = "F.csv", group = "output")]
+    pub(crate) sweep: Option<PathBuf>,
     /// The printed body, or the lumen alone, closed by its caps
     #[arg(long, default_value = "all", value_parser = named([("all", Skin::All), ("lumen", Skin::Lumen)]))]
     pub(crate) skin: Skin,
     #[arg(long, value_name = "D", value_parser = deflection_mm, allow_hyphen_values = true, default_value = "0.01",
           help = range_help("Farthest that the surface may be from its triangles", settings::DEFLECTION_MM))]
     pub(crate) deflection_mm: f64,
+    #[arg(long, value_name = "C", value_parser = deflection_relative, allow_hyphen_values = true,
+          conflicts_with = "deflection_mm",
+          help = range_help("The same as a fraction", settings::DEFLECTION_RELATIVE))]
+    pub(crate) deflection_relative: Option<f64>,
 }
 
 #[derive(Debug, Args)]
@@ -266,6 +277,10 @@ fn layer_mm(text: &str) -> Result<f64, Fault> {
 
 fn deflection_mm(text: &str) -> Result<f64, Fault> {
     settings::DEFLECTION_MM.parse(text)
+}
+
+fn deflection_relative(text: &str) -> Result<f64, Fault> {
+    settings::DEFLECTION_RELATIVE.parse(text)
 }
 
 fn noise_hu(text: &str) -> Result<f64, Fault> {

@@ -8,7 +8,7 @@ use super::face::{Face, error_document};
 use super::signals;
 use crate::app::settings::{CaseFile, SIMULATED_PORT, SourceName};
 use crate::app::source::Sources;
-use crate::app::{self, Context, Error, Event, Outcome, Session, case};
+use crate::app::{self, Context, Deflection, Error, Event, Export, Outcome, Session, case};
 use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
@@ -227,8 +227,16 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
 
 fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     let mut session = Session::open(&args.case, CaseFile::default(), context)?;
-    let exported = session.export_stl(&args.stl, args.skin, args.deflection_mm)?;
-    face.result(&exported, &format!("{exported}\n"));
+    let deflection = args.deflection_relative.map(Deflection::Relative);
+    let wanted = Export {
+        stl: args.stl.clone(),
+        three_mf: args.three_mf.clone(),
+        sweep: args.sweep.clone(),
+        skin: args.skin,
+        deflection: deflection.unwrap_or(Deflection::Absolute(args.deflection_mm)),
+    };
+    let exported = session.export(&wanted)?;
+    face.result(&exported, &exported.to_string());
     Ok(0)
 }
 

@@ -1,23 +1,33 @@
-//! Tessellation of the solid, closedness, and STL.
+//! Tessellation of the solid, what is wrong with a mesh, and files for other programs.
 //!
 //! Every edge (a ring at a waist or a daughter's end, a seam, the rim of a cap) is sampled once and its vertices
 //! are shared by the faces on both sides: the mesh is watertight by construction, not by repair. Rows of a branch
 //! follow its sections; points along a row are spaced by the square root of the curvature, so that chords stay
 //! within the deflection with few triangles, and neighbouring rows are staggered.
 
+mod bodies;
+mod bvh;
 mod cap;
 mod check;
+pub mod intersect;
+mod measure;
 mod ribbon;
 pub mod stl;
+pub mod sweep;
 mod tessellate;
 #[cfg(test)]
 mod tests;
+pub mod threemf;
+mod zip;
 
+pub use bodies::bodies;
 pub use check::{Closedness, closedness};
+pub use intersect::{Intersection, self_intersections};
+pub use measure::{MeasuredMesh, measure};
 pub use tessellate::{SkinChoice, Tessellation, tessellate};
 
 use crate::geom::Point3;
-use crate::progress::Cancelled;
+use crate::progress::{Cancelled, Task};
 
 /// Triangles over shared vertices, mm; seen from outside their vertices run counter-clockwise.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -48,9 +58,37 @@ pub enum Error {
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+    /// The mesh meets itself.
+    #[error(
+        "the mesh meets itself in {} place(s), the first at x {:.3} y {:.3} z {:.3} mm: nothing was written; ask for a \
+         smaller deflection, and look at the contours near that height", n, at.x, at.y, at.z
+    )]
+    SelfIntersecting {
+        /// Pairs of triangles; no more than [`intersect::MOST_INTERSECTIONS`] are counted.
+        n: usize,
+        /// Where the first of them have a point in common.
+        at: Point3,
+    },
     /// The mesh has a free, doubled or misoriented edge.
     #[error("the mesh is not closed: {0}")]
     Open(Closedness),
+}
+
+/// The mesh as files of 32-bit floats hold it, found to be closed and to meet itself nowhere.
+///
+/// # Errors
+/// [`Error::Open`], [`Error::SelfIntersecting`], [`Error::Cancelled`].
+pub fn fit_for_files(mesh: &TriMesh, task: &Task<'_>) -> Result<TriMesh, Error> {
+    let mesh = mesh.in_single_precision();
+    let edges = closedness(&mesh);
+    if !edges.is_closed() {
+        return Err(Error::Open(edges));
+    }
+    let found = self_intersections(&mesh, task)?;
+    match found.first() {
+        Some(first) => Err(Error::SelfIntersecting { n: found.len(), at: first.at }),
+        None => Ok(mesh),
+    }
 }
 
 impl TriMesh {

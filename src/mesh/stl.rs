@@ -1,51 +1,45 @@
-//! Binary STL, written and read.
+//! A mesh as binary STL: 80 bytes of heading, the number of triangles, 50 bytes a triangle.
 //!
 //! Coordinates are 32-bit floats: vertices that are one in the mesh stay one bit pattern in the file, because the
-//! rounding depends on the coordinate alone; -0.0 is written as 0.0.
+//! rounding depends on the coordinate alone; -0.0 is written as 0.0. STL knows no unit: the heading names it, and does not
+//! begin with the word that marks the format's text form.
 
-use super::TriMesh;
-use std::io::{self, Write};
-use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use stl_io::{Normal, Triangle, Vertex};
+use super::{Error, TriMesh};
+use crate::geom::Point3;
+use rayon::prelude::*;
 
-/// Writes a mesh as binary STL.
+const HEADING_BYTES: usize = 80;
+const TRIANGLE_BYTES: usize = 50;
+/// Triangles that a thread writes at once.
+const BLOCK: usize = 4096;
+const HEADING: &str = concat!("lumenfab ", env!("CARGO_PKG_VERSION"), ", binary STL, units: mm");
+
+/// The file's bytes.
 ///
 /// # Errors
-/// What the writer returns.
-pub fn write_to(writer: &mut impl Write, mesh: &TriMesh) -> io::Result<()> {
-    #[expect(clippy::cast_possible_truncation, reason = "STL holds 32-bit floats")]
-    let single = |v: f64| v as f32 + 0.0;
-    let vertex = |i: u32| {
-        let p = mesh.vertices[i as usize];
-        Vertex::new([single(p.x), single(p.y), single(p.z)])
-    };
-    let triangles: Vec<Triangle> = mesh
-        .triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|i| mesh.vertices[i as usize]);
-            let n = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
-            Triangle { normal: Normal::new([single(n.x), single(n.y), single(n.z)]), vertices: t.map(vertex) }
-        })
-        .collect();
-    stl_io::write_stl(writer, triangles.iter())
+/// [`Error::TooLarge`] beyond 2^32 triangles.
+pub fn to_bytes(mesh: &TriMesh) -> Result<Vec<u8>, Error> {
+    let n = u32::try_from(mesh.triangles.len()).or(Err(Error::TooLarge))?;
+    let start = HEADING_BYTES + size_of::<u32>();
+    let mut bytes = vec![0; start + TRIANGLE_BYTES * mesh.triangles.len()];
+    bytes[..HEADING.len()].copy_from_slice(HEADING.as_bytes());
+    bytes[HEADING_BYTES..start].copy_from_slice(&n.to_le_bytes());
+    let blocks = bytes[start..].par_chunks_mut(TRIANGLE_BYTES * BLOCK);
+    blocks.zip(mesh.triangles.par_chunks(BLOCK)).for_each(|(bytes, triangles)| {
+        for (record, t) in bytes.chunks_exact_mut(TRIANGLE_BYTES).zip(triangles) {
+            write_triangle(record, t.map(|v| mesh.vertices[v as usize]));
+        }
+    });
+    Ok(bytes)
 }
 
-/// Writes a mesh to a file, which appears whole or not at all.
-///
-/// # Errors
-/// What the file system returns.
-pub fn write(path: &Path, mesh: &TriMesh) -> io::Result<()> {
-    let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    // The operator's own file: its rights are those of any new one (umask), not a temporary file's.
-    let permissions = std::fs::Permissions::from_mode(0o666);
-    let mut file = tempfile::Builder::new().permissions(permissions).tempfile_in(dir)?;
-    let mut writer = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-    write_to(&mut writer, mesh)?;
-    writer.flush()?;
-    drop(writer);
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    Ok(())
+/// Normal, three corners, two bytes that mean nothing.
+fn write_triangle(record: &mut [u8], [a, b, c]: [Point3; 3]) {
+    let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+    let numbers = [normal, a.coords, b.coords, c.coords];
+    for (place, value) in record.chunks_exact_mut(4).zip(numbers.iter().flat_map(|v| v.iter())) {
+        #[expect(clippy::cast_possible_truncation, reason = "STL holds 32-bit floats")]
+        let single = *value as f32 + 0.0;
+        place.copy_from_slice(&single.to_le_bytes());
+    }
 }

@@ -3,56 +3,243 @@
 use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::Session;
-use crate::mesh::{self, SkinChoice, Tessellation};
+use crate::app::session::{Session, Stopwatch, hash_of};
+use crate::app::settings::{Body, Fault, SettingError};
+use crate::geom::Contour;
+use crate::mesh::threemf::Description;
+use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
 use crate::progress::Task;
+use crate::solid::{Solid, Tube};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 pub use crate::mesh::SkinChoice as Skin;
 
-/// A mesh that was written.
+/// How fine an exported mesh is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Deflection {
+    /// Farthest that the surface may be from its triangles, mm.
+    #[serde(rename = "deflection_mm")]
+    Absolute(f64),
+    /// The same as a fraction of the vessel's local radius.
+    #[serde(rename = "deflection_relative")]
+    Relative(f64),
+}
+
+impl std::fmt::Display for Deflection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Absolute(mm) => write!(f, "deflection {mm} mm"),
+            Self::Relative(fraction) => write!(f, "deflection {fraction} of the local radius"),
+        }
+    }
+}
+
+/// The files that are wanted, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Export {
+    /// Binary STL.
+    pub stl: Option<PathBuf>,
+    /// 3MF.
+    pub three_mf: Option<PathBuf>,
+    /// Table of triangles against deflection; its plot goes beside it.
+    pub sweep: Option<PathBuf>,
+    /// The printed body, or the lumen alone.
+    pub skin: SkinChoice,
+    /// How fine the mesh is.
+    pub deflection: Deflection,
+}
+
+/// The mesh that was written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Exported {
-    /// The file.
-    pub stl: PathBuf,
+pub struct Meshed {
     /// Triangles in it.
     pub n_triangles: usize,
     /// What it encloses, mm³.
     pub volume_mm3: f64,
-    /// The deflection that was asked for, mm.
-    pub deflection_mm: f64,
+    /// The deflection that was asked for.
+    #[serde(flatten)]
+    pub deflection: Deflection,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Exported {
+    /// The STL.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stl: Option<PathBuf>,
+    /// The 3MF.
+    #[serde(rename = "3mf", skip_serializing_if = "Option::is_none")]
+    pub three_mf: Option<PathBuf>,
+    /// The table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<PathBuf>,
+    /// The table's plot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plot: Option<PathBuf>,
+    /// What is in the STL and the 3MF.
+    #[serde(flatten)]
+    pub mesh: Option<Meshed>,
+    /// What is in the table.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rows: Vec<TimedRow>,
+}
+
+/// A row of the table and how long its mesh took; times differ from run to run and stay out of the file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TimedRow {
+    /// The row.
+    #[serde(flatten)]
+    pub row: MeasuredMesh,
+    /// Time for the mesh, s.
+    pub elapsed_s: f64,
 }
 
 impl std::fmt::Display for Exported {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { stl, n_triangles, volume_mm3, deflection_mm } = self;
-        let stl = stl.display();
-        write!(f, "{stl}: {n_triangles} triangles, {volume_mm3:.1} mm3, deflection {deflection_mm} mm")
+        if let Some(Meshed { n_triangles, volume_mm3, deflection }) = self.mesh {
+            for path in self.stl.iter().chain(&self.three_mf) {
+                writeln!(
+                    f,
+                    "{}: {n_triangles} triangles, {volume_mm3:.1} mm3, {deflection}",
+                    path.display()
+                )?;
+            }
+        }
+        for TimedRow { row, elapsed_s } in &self.rows {
+            writeln!(f, "{row}, {elapsed_s:.3} s")?;
+        }
+        for path in self.sweep.iter().chain(&self.plot) {
+            writeln!(f, "{}", path.display())?;
+        }
+        Ok(())
     }
 }
 
+impl Export {
+    fn paths(&self) -> impl Iterator<Item = (&'static str, PathBuf)> {
+        let plot = self.sweep.as_deref().map(plot_beside);
+        let named = [("stl", &self.stl), ("3mf", &self.three_mf), ("sweep", &self.sweep), ("sweep", &plot)];
+        let paths: Vec<_> =
+            named.into_iter().filter_map(|(name, path)| Some((name, path.clone()?))).collect();
+        paths.into_iter()
+    }
+
+    /// Refuses files that cannot be written, or that would replace each other, before any work is done.
+    fn check(&self) -> Result<(), Error> {
+        let mut seen: Vec<(&str, PathBuf)> = Vec::new();
+        for (name, path) in self.paths() {
+            if let Some((other, _)) = seen.iter().find(|(_, p)| *p == path) {
+                let (found, expected) =
+                    (path.display().to_string(), format!("another file than for --{other}"));
+                return Err(SettingError { name, fault: Fault { found, expected } }.into());
+            }
+            atomic::check_export(&path)?;
+            seen.push((name, path));
+        }
+        Ok(())
+    }
+}
+
+/// The plot's place: that of the table, as a picture.
+fn plot_beside(table: &Path) -> PathBuf {
+    table.with_extension("svg")
+}
+
 impl Session<'_> {
-    /// Writes the solid, or its lumen alone, as binary STL.
+    /// Writes the solid, or its lumen alone, as the files that are asked for: all of them or none.
     ///
     /// # Errors
-    /// [`Error`] where there is no solid, where its mesh is not closed, or where the file cannot be written.
-    pub fn export_stl(
-        &mut self,
-        path: &Path,
-        skin: SkinChoice,
-        deflection_mm: f64,
-    ) -> Result<Exported, Error> {
+    /// [`Error`] where there is no solid, where its mesh is not closed or meets itself, or where a file cannot be
+    /// written.
+    pub fn export(&mut self, wanted: &Export) -> Result<Exported, Error> {
+        wanted.check()?;
         self.require(Stage::Solid)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection_mm, skin }, &task)?;
+        let about = self.description(wanted)?;
+        let solid = self.built()?;
+        let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+        let mut mesh = None;
+        if wanted.stl.is_some() || wanted.three_mf.is_some() {
+            let made = mesh_of(solid, wanted.skin, wanted.deflection, &task)?;
+            if let Some(path) = &wanted.stl {
+                files.push((path, mesh::stl::to_bytes(&made)?));
+            }
+            if let Some(path) = &wanted.three_mf {
+                files.push((path, mesh::threemf::to_bytes(&made, &[], &about)?));
+            }
+            let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
+            mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
+        }
+        let plot = wanted.sweep.as_deref().map(plot_beside);
+        let mut rows = Vec::new();
+        if let (Some(table), Some(plot)) = (&wanted.sweep, &plot) {
+            rows = swept(solid, wanted.skin, &task)?;
+            let plain: Vec<MeasuredMesh> = rows.iter().map(|r| r.row).collect();
+            files.push((table, sweep::csv(&plain).into_bytes()));
+            files.push((plot, sweep::svg(&plain).into_bytes()));
+        }
         task.check()?;
-        mesh::stl::write(path, &mesh).map_err(atomic::failed("write", path))?;
-        Ok(Exported {
-            stl: path.to_owned(),
-            n_triangles: mesh.triangles.len(),
-            volume_mm3: mesh.volume_mm3(),
-            deflection_mm,
-        })
+        let files: Vec<(&Path, &[u8])> = files.iter().map(|(path, bytes)| (*path, &bytes[..])).collect();
+        atomic::write_exports(&files)?;
+        let Export { stl, three_mf, sweep, .. } = wanted.clone();
+        Ok(Exported { stl, three_mf, sweep, plot, mesh, rows })
     }
+
+    /// What a 3MF says about itself.
+    fn description(&self, wanted: &Export) -> Result<Description, Error> {
+        let body = match (wanted.skin, &self.settings().body) {
+            (SkinChoice::Lumen, _) => "lumen",
+            (SkinChoice::All, Body::Cast) => "cast",
+            (SkinChoice::All, Body::WallMm(_)) => "wall",
+        };
+        let deflection = match wanted.deflection {
+            Deflection::Absolute(mm) => ("DeflectionMm", mm.to_string()),
+            Deflection::Relative(fraction) => ("DeflectionRelative", fraction.to_string()),
+        };
+        let settings = ("SettingsHash", hash_of(&self.made_from(Stage::Solid)?));
+        Ok(Description { body: body.into(), facts: vec![deflection, settings] })
+    }
+}
+
+/// The mesh as it will be in a file: of 32-bit floats, closed, and meeting itself nowhere.
+fn mesh_of(
+    solid: &Solid,
+    skin: SkinChoice,
+    deflection: Deflection,
+    task: &Task<'_>,
+) -> Result<TriMesh, Error> {
+    let deflection_mm = match deflection {
+        Deflection::Absolute(mm) => mm,
+        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
+    };
+    let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin }, task)?;
+    Ok(mesh::fit_for_files(&mesh, task)?)
+}
+
+/// The smallest radius of the lumen: with it, no place gets a coarser mesh than its own radius would ask for.
+fn least_radius_mm(solid: &Solid) -> f64 {
+    const HEIGHTS_A_TUBE: u32 = 32;
+    let of_tube = |tube: &Tube| {
+        let [low, high] = tube.surface.z_range_mm();
+        let area = |i: u32| {
+            let section = tube.surface.section(low + (high - low) * f64::from(i) / f64::from(HEIGHTS_A_TUBE));
+            Contour::new(section.points()).signed_area_mm2().abs()
+        };
+        (0..=HEIGHTS_A_TUBE).map(area).fold(f64::INFINITY, f64::min)
+    };
+    let least = solid.lumen.tubes.iter().map(of_tube).fold(f64::INFINITY, f64::min);
+    (least / std::f64::consts::PI).sqrt()
+}
+
+/// The rows of the table.
+fn swept(solid: &Solid, skin: SkinChoice, task: &Task<'_>) -> Result<Vec<TimedRow>, Error> {
+    let row = |deflection_mm: f64| {
+        let clock = Stopwatch::start();
+        let mesh = mesh_of(solid, skin, Deflection::Absolute(deflection_mm), task)?;
+        let elapsed_s = clock.elapsed_s();
+        Ok(TimedRow { row: mesh::measure(solid, skin, &mesh, deflection_mm, task)?, elapsed_s })
+    };
+    sweep::DEFLECTIONS_MM.into_iter().map(row).collect()
 }

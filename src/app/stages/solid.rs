@@ -1,21 +1,23 @@
-//! Contours to the solid: `solid.json`.
+//! Contours to the solid: `solid.bin`.
 
 use super::segment::SECTIONS_FILE;
-use super::{read_json, to_json};
-use crate::app::case::MadeFrom;
+use crate::app::case::{CaseError, MadeFrom};
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
+use crate::app::{atomic, packed};
 use crate::ct::Warning;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, Solid};
 use serde::{Deserialize, Serialize};
 
 /// The solid.
-pub(crate) const SOLID_FILE: &str = "solid.json";
+pub(crate) const SOLID_FILE: &str = "solid.bin";
+/// Its first line; the number changes with what the surfaces are made of.
+const DOCUMENT: &str = "solid 1";
 
-/// `solid.json`: the surfaces and what was odd about the contours.
+/// The surfaces and what was odd about the contours.
 #[derive(Deserialize)]
 struct Document {
     warnings: Vec<Warning>,
@@ -53,8 +55,9 @@ impl Session<'_> {
         };
         let built = solid::build(self.sections()?, &solid::Params { body }, task)?;
         let staging = self.case.staging()?;
-        staging
-            .write(SOLID_FILE, &to_json(&DocumentRef { warnings: &built.warnings, solid: &built.solid }))?;
+        let document = DocumentRef { warnings: &built.warnings, solid: &built.solid };
+        let bytes = packed::to_bytes(DOCUMENT, &document).expect("every list of a solid knows its length");
+        staging.write(SOLID_FILE, &bytes)?;
         let [bottom, top] = built.solid.z_range_mm();
         let what = if matches!(body, solid::Body::Cast) { "cast" } else { "hollow wall" };
         let summary = format!("{what}, z {bottom:.2} to {top:.2} mm");
@@ -77,6 +80,11 @@ impl Session<'_> {
     }
 
     fn solid_document(&self) -> Result<Document, Error> {
-        Ok(read_json(&self.case.output(Stage::Solid, SOLID_FILE)?)?)
+        let path = self.case.output(Stage::Solid, SOLID_FILE)?;
+        let bytes = std::fs::read(&path).map_err(atomic::failed("read", &path))?;
+        let problem =
+            |e: packed::PackedError| format!("{e}: delete it and run `lumenfab solid` on the case again");
+        Ok(packed::from_bytes(DOCUMENT, &bytes)
+            .map_err(|e| CaseError::Corrupt { path, problem: problem(e) })?)
     }
 }
