@@ -19,7 +19,7 @@ pub mod volume_file;
 pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
-pub use stages::export::{Exported, Skin};
+pub use stages::export::{Exported, ExportedStep, Skin};
 pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 

@@ -201,8 +201,11 @@ pub(crate) struct ExportArgs {
     /// Case directory
     pub(crate) case: PathBuf,
     /// Binary STL to write
+    #[arg(long, value_name = "F", required_unless_present = "step")]
+    pub(crate) stl: Option<PathBuf>,
+    /// STEP (AP242) to write: the exact surfaces
     #[arg(long, value_name = "F")]
-    pub(crate) stl: PathBuf,
+    pub(crate) step: Option<PathBuf>,
     /// The printed body, or the lumen alone, closed by its caps
     #[arg(long, default_value = "all", value_parser = named([("all", Skin::All), ("lumen", Skin::Lumen)]))]
     pub(crate) skin: Skin,

@@ -227,8 +227,20 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
 
 fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     let mut session = Session::open(&args.case, CaseFile::default(), context)?;
-    let exported = session.export_stl(&args.stl, args.skin, args.deflection_mm)?;
-    face.result(&exported, &format!("{exported}\n"));
+    let (mut document, mut text) = (serde_json::Map::new(), String::new());
+    let mut add = |written: serde_json::Value, line: String| {
+        document.extend(written.as_object().cloned().unwrap_or_default());
+        text += &line;
+    };
+    if let Some(path) = &args.stl {
+        let stl = session.export_stl(path, args.skin, args.deflection_mm)?;
+        add(json!(stl), format!("{stl}\n"));
+    }
+    if let Some(path) = &args.step {
+        let step = session.export_step(path, args.skin)?;
+        add(json!(step), format!("{step}\n"));
+    }
+    face.result(&document, &text);
     Ok(0)
 }
 

@@ -4,8 +4,10 @@ use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::Session;
+use crate::brep::Brep;
 use crate::mesh::{self, SkinChoice, Tessellation};
 use crate::progress::Task;
+use crate::step;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -32,7 +34,40 @@ impl std::fmt::Display for Exported {
     }
 }
 
+/// A STEP file that was written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ExportedStep {
+    /// The file.
+    pub step: PathBuf,
+    /// Faces in it.
+    pub n_faces: usize,
+    /// What the surfaces enclose, exactly, mm³.
+    pub brep_volume_mm3: f64,
+}
+
+impl std::fmt::Display for ExportedStep {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { step, n_faces, brep_volume_mm3 } = self;
+        write!(f, "{}: {n_faces} faces, {brep_volume_mm3:.1} mm3", step.display())
+    }
+}
+
 impl Session<'_> {
+    /// Writes the solid, or its lumen alone, as STEP.
+    ///
+    /// # Errors
+    /// [`Error`] where there is no solid, or where the file cannot be written.
+    pub fn export_step(&mut self, path: &Path, skin: SkinChoice) -> Result<ExportedStep, Error> {
+        self.require(Stage::Solid)?;
+        let brep = Brep::of(self.built()?, skin);
+        atomic::write_export(path, step::to_step(&brep).as_bytes())?;
+        Ok(ExportedStep {
+            step: path.to_owned(),
+            n_faces: brep.faces.len(),
+            brep_volume_mm3: brep.volume_mm3(),
+        })
+    }
+
     /// Writes the solid, or its lumen alone, as binary STL.
     ///
     /// # Errors
