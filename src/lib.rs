@@ -25,6 +25,8 @@
 //! | [`topology`] | which contour continues which: tubes, splits, merges, caps |
 //! | [`solid`] | the boundary representation and its exact sections |
 //! | [`mesh`] | tessellation, closedness, STL |
+//! | [`brep`] | vertices, edges, faces and shells of a solid; whether it is valid |
+//! | [`step`] | a boundary representation as a STEP file |
 //! | [`mod@slice`] | layers on the CT-aligned grid |
 //! | [`toolpath`] | layers to beads and travels |
 //! | [`profile`] | firmware and machine profiles, as data |
@@ -48,6 +50,7 @@
 //! - Nothing that identifies a patient leaves [`ct`].
 
 pub mod app;
+pub mod brep;
 pub mod cli;
 pub mod ct;
 pub mod gcode;
@@ -64,6 +67,7 @@ pub mod segment;
 pub mod slice;
 pub mod solid;
 pub mod spline;
+pub mod step;
 pub mod toolpath;
 pub mod topology;
 pub mod units;

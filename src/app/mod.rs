@@ -20,7 +20,7 @@ pub mod volume_file;
 pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
-pub use stages::export::{Deflection, Export, Exported, Skin};
+pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
 pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 

@@ -207,6 +207,9 @@ pub(crate) struct ExportArgs {
     /// 3MF to write: millimetres, one object a body
     #[arg(long = "3mf", value_name = "F", group = "output")]
     pub(crate) three_mf: Option<PathBuf>,
+    /// STEP (AP242) to write: the exact surfaces
+    #[arg(long, value_name = "F", group = "output")]
+    pub(crate) step: Option<PathBuf>,
     /// Table of triangles against deflection to write (CSV); its plot is written beside it (.svg)
     #[arg(long, value_name = "F.csv", group = "output")]
     pub(crate) sweep: Option<PathBuf>,

@@ -231,6 +231,7 @@ fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
     let wanted = Export {
         stl: args.stl.clone(),
         three_mf: args.three_mf.clone(),
+        step: args.step.clone(),
         sweep: args.sweep.clone(),
         skin: args.skin,
         deflection: deflection.unwrap_or(Deflection::Absolute(args.deflection_mm)),

@@ -182,7 +182,7 @@ impl LobeField {
         let sites: Vec<f64> = known.iter().map(|k| k.0).collect();
         let rows: Vec<f64> = known.iter().flat_map(|k| k.1.iter().copied()).collect();
         let basis = Basis::not_a_knot(&sites).ok()?;
-        let control = basis.interpolate(&rows, PARAMS * lobes.len());
+        let control = basis.interpolate(&sites, &rows, PARAMS * lobes.len());
         let mut field = Self { lobes, basis, control, blend_mm, corrections: Vec::new() };
         field.corrections = field.residual_corrections(planes, radius)?;
         Some(field)

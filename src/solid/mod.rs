@@ -19,9 +19,11 @@ mod lobes;
 mod lumen;
 mod skin;
 mod wall;
+mod weld;
 
 pub use event::{Crotch, EventFault, Slab};
 pub use skin::{End, Skin, Tube};
+pub use weld::Weld;
 
 use crate::ct::Warning;
 use crate::geom::Region;

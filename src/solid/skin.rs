@@ -1,6 +1,7 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
 use super::event::{BuiltSlab, Crotch, Slab};
+use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2, Point3};
 use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
@@ -50,6 +51,8 @@ pub struct Skin {
     pub tubes: Vec<Tube>,
     /// Events.
     pub slabs: Vec<Slab>,
+    /// Where the corners of each event's patches lie on the ends of the tubes.
+    pub welds: Vec<Weld>,
 }
 
 /// The sections of a branch before it is skinned.
@@ -61,11 +64,13 @@ pub(super) struct Strand {
     pub(super) top: End,
 }
 
-/// Skins every strand.
+/// Skins every strand and joins the tubes to the slabs.
 pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<BuiltSlab>) -> Result<Skin, SplineError> {
     let tubes: Vec<Result<Tube, SplineError>> = strands.into_par_iter().map(tube).collect();
-    let tubes = tubes.into_iter().collect::<Result<_, _>>()?;
-    Ok(Skin { tubes, slabs: slabs.into_iter().map(|b| b.slab).collect() })
+    let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut slabs: Vec<Slab> = slabs.into_iter().map(|b| b.slab).collect();
+    let (welds, _) = weld(&mut tubes, &mut slabs);
+    Ok(Skin { tubes, slabs, welds })
 }
 
 fn tube(mut strand: Strand) -> Result<Tube, SplineError> {

@@ -1,4 +1,4 @@
-//! Cubic B-spline basis on a clamped knot vector, and interpolation through given parameters.
+//! B-spline basis functions up to degree three: evaluation, derivatives, interpolation, exact refinement.
 
 use serde::{Deserialize, Serialize};
 
@@ -34,19 +34,18 @@ pub struct Span {
     pub weights: [f64; DEGREE + 1],
 }
 
-/// A cubic B-spline basis whose knots were chosen for interpolation at `sites`.
+/// A B-spline basis: a knot vector and a degree of at most three.
 ///
-/// With fewer than four sites the degree drops (line, parabola) but the control points stay as many as the sites.
+/// The parameter runs from the knot `degree` to the knot `degree` from the end; a clamped basis repeats its ends there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Basis {
-    sites: Vec<f64>,
     knots: Vec<f64>,
     degree: usize,
 }
 
 impl Basis {
     /// The basis whose interpolant through `sites` is the not-a-knot cubic spline: as many control points as
-    /// sites, no extra end conditions.
+    /// sites, no extra end conditions. With fewer than four sites the degree drops (line, parabola).
     ///
     /// # Errors
     /// Fewer than two sites, or sites that do not ascend strictly.
@@ -66,13 +65,87 @@ impl Basis {
             knots.extend_from_slice(&sites[2..sites.len() - 2]);
         }
         knots.extend(std::iter::repeat_n(last, degree + 1));
-        Ok(Self { sites: sites.to_vec(), knots, degree })
+        Ok(Self { knots, degree })
     }
 
-    /// Parameters of interpolation.
+    /// The clamped basis with the given inner knots, each below the next one and all inside `range`.
     #[must_use]
-    pub fn sites(&self) -> &[f64] {
-        &self.sites
+    pub fn clamped(degree: usize, [first, last]: [f64; 2], inner: &[f64]) -> Self {
+        debug_assert!((1..=DEGREE).contains(&degree) && first < last);
+        let mut knots = vec![first; degree + 1];
+        knots.extend_from_slice(inner);
+        knots.extend(std::iter::repeat_n(last, degree + 1));
+        Self { knots, degree }
+    }
+
+    /// The uniform cubic basis whose knots are `k / n` for k from -3 to `n_spans` + 3: control point i is centred on
+    /// the parameter (i - 1) / n.
+    #[must_use]
+    pub(super) fn uniform(n: usize, n_spans: usize) -> Self {
+        let knots = (0..n_spans + 2 * DEGREE + 1).map(|k| (k as f64 - DEGREE as f64) / n as f64).collect();
+        Self { knots, degree: DEGREE }
+    }
+
+    /// How many control points belong to it.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.knots.len() - self.degree - 1
+    }
+
+    /// Never true: a basis has at least two functions.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The knots inside the parameter's range.
+    #[must_use]
+    pub fn inner_knots(&self) -> &[f64] {
+        &self.knots[self.degree + 1..self.knots.len() - self.degree - 1]
+    }
+
+    /// The parameters at which the control points of the identity lie (Greville abscissae): t is reproduced exactly,
+    /// and the first and last of a clamped basis are its ends to the last bit.
+    #[must_use]
+    pub fn greville(&self) -> Vec<f64> {
+        let p = self.degree;
+        let mean = |i: usize| {
+            let base = self.knots[i + 1];
+            base + self.knots[i + 1..=i + p].iter().map(|k| k - base).sum::<f64>() / p as f64
+        };
+        (0..self.len()).map(mean).collect()
+    }
+
+    /// The same functions over another parameter, which runs linearly from the range's start to its end.
+    #[must_use]
+    pub fn over(&self, [first, last]: [f64; 2]) -> Self {
+        let [a, b] = self.range();
+        let moved = |t: f64| {
+            if t <= a {
+                first
+            } else if t >= b {
+                last
+            } else {
+                first + (last - first) * ((t - a) / (b - a))
+            }
+        };
+        Self { knots: self.knots.iter().map(|&t| moved(t)).collect(), degree: self.degree }
+    }
+
+    /// The same functions of the parameter read backwards: what was at the range's start is at its end.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let [a, b] = self.range();
+        let turned = |t: f64| {
+            if t <= a {
+                b
+            } else if t >= b {
+                a
+            } else {
+                a + (b - t)
+            }
+        };
+        Self { knots: self.knots.iter().rev().map(|&t| turned(t)).collect(), degree: self.degree }
     }
 
     /// The knot vector, ends repeated.
@@ -90,7 +163,7 @@ impl Basis {
     /// First and last parameter.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
-        [self.sites[0], self.sites[self.sites.len() - 1]]
+        [self.knots[self.degree], self.knots[self.knots.len() - self.degree - 1]]
     }
 
     /// Values of the basis functions at `t`; beyond the ends the end polynomials go on.
@@ -118,8 +191,7 @@ impl Basis {
 
     /// Cox-de Boor recursion for the functions of degree `p` (at most the basis' own) at `t`.
     fn span(&self, t: f64, p: usize) -> Span {
-        let inner = &self.knots[self.degree + 1..self.knots.len() - self.degree - 1];
-        let j = self.degree + inner.partition_point(|&k| k <= t);
+        let j = self.interval(t);
         let mut weights = [0.0; DEGREE + 1];
         weights[0] = 1.0;
         for d in 1..=p {
@@ -135,14 +207,54 @@ impl Basis {
         Span { first: j - p, weights }
     }
 
-    /// Control rows of the spline through `rows`, one row a site, each of `width` numbers.
+    /// Index of the knot that begins the interval in which t lies; beyond the ends the first or last one.
+    fn interval(&self, t: f64) -> usize {
+        self.degree + self.inner_knots().partition_point(|&k| k <= t)
+    }
+
+    /// Each control point of `finer` as weights of this basis' control points: exact knot insertion, and cutting where
+    /// `finer` spans a part of the range only. Every knot of this basis inside the range of `finer` must be one of its
+    /// knots, of at least the same multiplicity.
+    ///
+    /// A control point is the blossom of any polynomial piece in its support (Ramshaw 1989); with all pieces alike in
+    /// exact arithmetic, the one in the middle of the support is taken.
+    #[must_use]
+    pub fn refinement(&self, finer: &Self) -> Vec<Span> {
+        let p = self.degree;
+        debug_assert_eq!(p, finer.degree);
+        let piece = |i: usize| {
+            let wide = |m: &usize| finer.knots[*m] < finer.knots[m + 1];
+            let off_centre = |m: &usize| (2 * m + 1).abs_diff(2 * i + p + 1);
+            let m = (i..=i + p).filter(wide).min_by_key(off_centre).unwrap_or(i);
+            self.interval(0.5 * (finer.knots[m] + finer.knots[m + 1]))
+        };
+        (0..finer.len()).map(|i| self.blossom(piece(i), &finer.knots[i + 1..=i + p])).collect()
+    }
+
+    /// Weights of the control points in the blossom of the piece that begins at knot j.
+    fn blossom(&self, j: usize, arguments: &[f64]) -> Span {
+        let p = self.degree;
+        let mut rows = [[0.0; DEGREE + 1]; DEGREE + 1];
+        (0..=p).for_each(|r| rows[r][r] = 1.0);
+        for (l, t) in arguments.iter().enumerate().map(|(k, t)| (k + 1, t)) {
+            for r in (l..=p).rev() {
+                let (left, right) = (self.knots[j + r - p], self.knots[j + 1 + r - l]);
+                let share = (t - left) / (right - left);
+                let (below, above) = (rows[r - 1], rows[r]);
+                (0..=p).for_each(|k| rows[r][k] = (1.0 - share) * below[k] + share * above[k]);
+            }
+        }
+        Span { first: j - p, weights: rows[p] }
+    }
+
+    /// Control rows of the spline that takes the given `rows` at `sites`, one row a site, each of `width` numbers.
     ///
     /// # Panics
-    /// Where `rows` does not hold one row a site.
+    /// Where there are not as many sites and rows as control points.
     #[must_use]
-    pub fn interpolate(&self, rows: &[f64], width: usize) -> Vec<f64> {
-        assert_eq!(rows.len(), self.sites.len() * width, "one row a site");
-        let mut matrix: Vec<Span> = self.sites.iter().map(|&t| self.at(t)).collect();
+    pub fn interpolate(&self, sites: &[f64], rows: &[f64], width: usize) -> Vec<f64> {
+        assert!(sites.len() == self.len() && rows.len() == sites.len() * width, "one row a site");
+        let mut matrix: Vec<Span> = sites.iter().map(|&t| self.at(t)).collect();
         let mut control = rows.to_vec();
         eliminate(&mut matrix, &mut control, width);
         substitute_back(&matrix, &mut control, width);
@@ -213,7 +325,7 @@ mod tests {
     fn value(basis: &Basis, control: &[f64], span: Span) -> f64 {
         let mut out = Vec::new();
         Basis::combine(span, control, 1, &mut out);
-        assert!(basis.sites().len() == control.len());
+        assert!(basis.len() == control.len());
         out[0]
     }
 
@@ -237,7 +349,7 @@ mod tests {
             let cubic = |t: f64| a[0] + t * (a[1] + t * (a[2] + t * a[3]));
             let slope = |t: f64| a[1] + t * (2.0 * a[2] + 3.0 * t * a[3]);
             let rows: Vec<f64> = sites.iter().map(|&t| cubic(t)).collect();
-            let control = basis.interpolate(&rows, 1);
+            let control = basis.interpolate(&sites, &rows, 1);
             let [lo, hi] = basis.range();
             let t = lo + at * (hi - lo);
             let scale = 1.0 + rows.iter().fold(0.0f64, |m, r| m.max(r.abs()));
@@ -250,11 +362,59 @@ mod tests {
             let sites = ascending(&steps);
             let basis = Basis::not_a_knot(&sites).unwrap();
             let rows: Vec<f64> = (0..sites.len()).map(|i| ((i as f64 + seed as f64) * 1.7).sin()).collect();
-            let control = basis.interpolate(&rows, 1);
+            let control = basis.interpolate(&sites, &rows, 1);
             for (t, row) in sites.iter().zip(&rows) {
                 prop_assert!((value(&basis, &control, basis.at(*t)) - row).abs() < 1e-9);
             }
         }
+    }
+
+    proptest! {
+        #[test]
+        fn a_refined_or_cut_spline_is_the_same_curve(
+            steps in prop::collection::vec(0.05..4.0f64, 2..20), cut in prop::array::uniform2(0.0..1.0f64),
+            extra in prop::collection::vec(0.0..1.0f64, 0..8), seed in 0u64..1000,
+        ) {
+            let sites = ascending(&steps);
+            let basis = Basis::not_a_knot(&sites).unwrap();
+            let control: Vec<f64> = (0..basis.len()).map(|i| ((i as f64 + seed as f64) * 1.7).sin()).collect();
+            let [lo, hi] = basis.range();
+            let at = |share: f64| lo + share * (hi - lo);
+            let (a, b) = (at(0.5 * cut[0]), at(0.55 + 0.45 * cut[1]));
+            let mut inner: Vec<f64> = basis.inner_knots().to_vec();
+            inner.extend(extra.iter().map(|&s| at(s)));
+            inner.retain(|t| *t > a && *t < b);
+            inner.sort_by(f64::total_cmp);
+            inner.dedup();
+            let finer = Basis::clamped(basis.degree(), [a, b], &inner);
+            let mut out = Vec::new();
+            let refined: Vec<f64> = basis.refinement(&finer).into_iter().map(|span| {
+                Basis::combine(span, &control, 1, &mut out);
+                out[0]
+            }).collect();
+            for k in 0..=50 {
+                let t = a + (b - a) * f64::from(k) / 50.0;
+                let (x, y) = (value(&basis, &control, basis.at(t)), value(&finer, &refined, finer.at(t)));
+                prop_assert!((x - y).abs() < 1e-12, "{t}: {x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_reversed_or_rescaled_basis_has_the_same_functions() {
+        let basis = Basis::not_a_knot(&[0.0, 1.0, 1.5, 3.0, 4.0, 4.5]).unwrap();
+        let (turned, wide) = (basis.reversed(), basis.over([10.0, 19.0]));
+        for t in [0.0, 0.3, 1.6, 3.2, 4.5] {
+            let (s, r, w) = (basis.at(t), turned.at(4.5 - t), wide.at(10.0 + 2.0 * t));
+            let weight = |span: &Span, i: usize| entry(span, i);
+            for i in 0..basis.len() {
+                assert!((weight(&s, i) - weight(&r, basis.len() - 1 - i)).abs() < 1e-14);
+                assert!((weight(&s, i) - weight(&w, i)).abs() < 1e-14);
+            }
+        }
+        let greville = basis.greville();
+        assert_eq!([greville[0], greville[5]].map(f64::to_bits), basis.range().map(f64::to_bits));
+        assert!((value(&basis, &greville, basis.at(2.2)) - 2.2).abs() < 1e-14);
     }
 
     #[test]

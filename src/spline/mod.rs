@@ -7,12 +7,15 @@
 //! - round a contour: closed cubic splines, uniform in the surface's u ([`periodic_control_points`]) and by chord
 //!   length through measured points ([`ClosedCurve`]).
 //!
-//! All solves are banded and O(n).
+//! All solves are banded and O(n). Curves and surfaces can be refined and cut exactly ([`Basis::refinement`]), so that
+//! two faces share one curve and not two that are alike.
 
 mod basis;
 mod closed;
+mod curve;
 mod surface;
 
 pub use basis::{Basis, Span, SplineError};
 pub use closed::{ClosedCurve, periodic_control_points};
-pub use surface::{PatchRow, PatchSurface, SectionCurve, TubeSurface};
+pub use curve::Curve;
+pub use surface::{Jet, PatchRow, PatchSurface, SectionCurve, Side, TubeSurface};

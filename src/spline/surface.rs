@@ -1,17 +1,19 @@
 //! The two kinds of B-spline surfaces of a vessel. In both z depends on v alone where it matters: a section at
 //! any height of a tube or a lateral patch is an iso-curve.
 
-use super::{Basis, Span, SplineError, periodic_control_points};
-use crate::geom::{Point2, Point3};
+use super::{Basis, Curve, Span, SplineError, periodic_control_points};
+use crate::geom::{Point2, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A tube: periodic cubic in u (uniform, u in [0, 1)), cubic in v, and v is z in mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TubeSurface {
     n_u: usize,
+    /// Heights of the sections it was made through.
+    z_mm: Vec<f64>,
     z: Basis,
-    /// Control rows in v; each row holds the curve's points at u = i / n_u as x, y.
-    rows: Vec<f64>,
+    /// Control rows in v; each row holds x, y of the periodic control points, the i-th one centred on u = i / n_u.
+    control: Vec<f64>,
 }
 
 impl TubeSurface {
@@ -22,14 +24,18 @@ impl TubeSurface {
     /// Fewer than two sections, or heights that do not ascend.
     ///
     /// # Panics
-    /// Where the sections differ in their number of points.
+    /// Where the sections differ in their number of points, or have fewer than three.
     pub fn through(z_mm: &[f64], sections: &[Vec<Point2>]) -> Result<Self, SplineError> {
         let z = Basis::not_a_knot(z_mm)?;
         let n_u = sections[0].len();
         assert!(sections.iter().all(|s| s.len() == n_u), "sections of a tube have equally many points");
-        let data: Vec<f64> = sections.iter().flatten().flat_map(|p| [p.x, p.y]).collect();
-        let rows = z.interpolate(&data, 2 * n_u);
-        Ok(Self { n_u, z, rows })
+        let round = |s: &Vec<Point2>| -> Vec<f64> {
+            let values: Vec<f64> = s.iter().flat_map(|p| [p.x, p.y]).collect();
+            periodic_control_points(&values, 2)
+        };
+        let data: Vec<f64> = sections.iter().flat_map(round).collect();
+        let control = z.interpolate(z_mm, &data, 2 * n_u);
+        Ok(Self { n_u, z_mm: z_mm.to_vec(), z, control })
     }
 
     /// Lowest and highest z, mm.
@@ -41,7 +47,7 @@ impl TubeSurface {
     /// Heights of the sections it runs through, mm.
     #[must_use]
     pub fn section_z_mm(&self) -> &[f64] {
-        self.z.sites()
+        &self.z_mm
     }
 
     /// The iso-curve at height z.
@@ -56,48 +62,137 @@ impl TubeSurface {
         self.row(self.z.derivative_at(z_mm))
     }
 
-    fn row(&self, span: Span) -> SectionCurve {
-        let mut values = Vec::new();
-        Basis::combine(span, &self.rows, 2 * self.n_u, &mut values);
-        SectionCurve::through(values)
+    /// The same surface with u counted from u = `steps` / n, n the number of points round a section.
+    #[must_use]
+    pub fn turned(mut self, steps: usize) -> Self {
+        let width = 2 * self.n_u;
+        self.control.chunks_exact_mut(width).for_each(|row| row.rotate_left(2 * (steps % self.n_u)));
+        self
     }
+
+    /// Moves the end section so that its point at u moves by `by`, by the least change of its control points; sections
+    /// farther off than the next knot intervals in z stay.
+    pub fn pull_end(&mut self, end: Side, u: f64, by: Vector2) {
+        let n = self.n_u;
+        let row = if end == Side::First { 0 } else { self.z.len() - 1 };
+        let span = Basis::uniform(n, n).at(u);
+        let squares: f64 = span.weights.iter().map(|w| w * w).sum();
+        for (k, w) in span.weights.iter().enumerate() {
+            let at = 2 * (row * n + (span.first + k + n - 1) % n);
+            self.control[at] += by.x * w / squares;
+            self.control[at + 1] += by.y * w / squares;
+        }
+    }
+
+    /// The same surface with u clamped to [0, 1] and z as third coordinate.
+    #[must_use]
+    pub fn clamped(&self) -> PatchSurface {
+        let (base, clamped) = (Basis::uniform(self.n_u, self.n_u), clamped_round(self.n_u));
+        let spans = base.refinement(&clamped);
+        let mut control = Vec::with_capacity(3 * clamped.len() * self.z.len());
+        for (row, z) in self.control.chunks_exact(2 * self.n_u).zip(self.z.greville()) {
+            for span in &spans {
+                let p = weighted(row, span);
+                control.extend([p.x, p.y, z]);
+            }
+        }
+        PatchSurface { u: clamped, v: self.z.clone(), control }
+    }
+
+    fn row(&self, span: Span) -> SectionCurve {
+        let mut control = Vec::new();
+        Basis::combine(span, &self.control, 2 * self.n_u, &mut control);
+        SectionCurve { control }
+    }
+}
+
+/// The clamped basis of a curve once round with n uniform pieces, u from 0 to 1.
+fn clamped_round(n: usize) -> Basis {
+    let inner: Vec<f64> = (1..n).map(|k| k as f64 / n as f64).collect();
+    Basis::clamped(3, [0.0, 1.0], &inner)
+}
+
+/// The weighted sum of periodic control points, counted from the one centred on -1 / n.
+fn weighted(control: &[f64], span: &Span) -> Point2 {
+    let n = control.len() / 2;
+    let term = |(k, w): (usize, &f64)| {
+        let j = (span.first + k + n - 1) % n;
+        Vector2::new(control[2 * j], control[2 * j + 1]) * *w
+    };
+    span.weights.iter().enumerate().map(term).sum::<Vector2>().into()
 }
 
 /// A horizontal section of a tube: a uniform periodic cubic B-spline in u.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SectionCurve {
-    values: Vec<f64>,
+    /// x, y of the control points, the i-th one centred on u = i / n.
     control: Vec<f64>,
 }
 
 impl SectionCurve {
-    fn through(values: Vec<f64>) -> Self {
-        let control = periodic_control_points(&values, 2);
-        Self { values, control }
-    }
-
     /// The curve through points evenly spaced in u.
+    ///
+    /// # Panics
+    /// Where there are fewer than three points.
     #[must_use]
     pub fn through_points(points: &[Point2]) -> Self {
-        Self::through(points.iter().flat_map(|p| [p.x, p.y]).collect())
+        let values: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y]).collect();
+        Self { control: periodic_control_points(&values, 2) }
     }
 
     /// Number of points it was made through.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.values.len() / 2
+        self.control.len() / 2
     }
 
     /// Never true: a section has at least three points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.values.is_empty()
+        self.control.is_empty()
     }
 
     /// The points at u = i / n.
     #[must_use]
     pub fn points(&self) -> Vec<Point2> {
-        self.values.chunks_exact(2).map(|p| Point2::new(p[0], p[1])).collect()
+        let n = self.len();
+        let at = |i: usize, k: usize| self.control[2 * (i % n) + k];
+        let coordinate = |i: usize, k: usize| (at(i + n - 1, k) + 4.0 * at(i, k) + at(i + 1, k)) / 6.0;
+        (0..n).map(|i| Point2::new(coordinate(i, 0), coordinate(i, 1))).collect()
+    }
+
+    /// The part from u = a to u = b at height z, exactly, over the range [a, b]; a in [0, 1), a < b <= a + 1.
+    #[must_use]
+    pub fn arc(&self, [a, b]: [f64; 2], z_mm: f64) -> Curve {
+        let n = self.len();
+        let inner = (1..2 * n).map(|k| k as f64 / n as f64).filter(|t| *t > a && *t < b).collect::<Vec<_>>();
+        let basis = Basis::clamped(3, [a, b], &inner);
+        let point = |span: Span| {
+            let p = weighted(&self.control, &span);
+            Point3::new(p.x, p.y, z_mm)
+        };
+        let control = Basis::uniform(n, 2 * n).refinement(&basis).into_iter().map(point).collect();
+        Curve::new(basis, control)
+    }
+
+    /// The u in [0, 1) at which the curve is nearest to a point, for a point near the curve.
+    #[must_use]
+    pub fn nearest(&self, p: Point2) -> f64 {
+        let n = self.len();
+        let points = self.points();
+        let distance = |i: &usize| (points[*i] - p).norm_squared();
+        let start = (0..n).min_by(|i, j| distance(i).total_cmp(&distance(j))).unwrap_or(0);
+        let (mut u, step) = (start as f64 / n as f64, 1.0 / n as f64);
+        for _ in 0..20 {
+            let (off, along) = (p - self.at(u), self.derivative_at(u));
+            let by = (off.dot(&along) / along.norm_squared().max(1e-300)).clamp(-step, step);
+            u += by;
+            if by.abs() < 1e-15 {
+                break;
+            }
+        }
+        let u = u.rem_euclid(1.0);
+        if u < 1.0 { u } else { 0.0 }
     }
 
     /// Largest second derivative with respect to u, mm: the second derivative of a cubic spline is linear between
@@ -114,11 +209,7 @@ impl SectionCurve {
     /// The point at u (periodic in 1).
     #[must_use]
     pub fn at(&self, u: f64) -> Point2 {
-        let n = self.len();
-        let scaled = u.rem_euclid(1.0) * n as f64;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..n")]
-        let i = (scaled.floor() as usize).min(n - 1);
-        let t = scaled - i as f64;
+        let (i, t) = self.piece(u);
         let s = 1.0 - t;
         let weights = [
             s * s * s / 6.0,
@@ -126,27 +217,59 @@ impl SectionCurve {
             (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
             t * t * t / 6.0,
         ];
-        let mut point = Point2::origin();
-        for (k, w) in weights.iter().enumerate() {
-            let j = (i + n - 1 + k) % n;
-            point.x += w * self.control[2 * j];
-            point.y += w * self.control[2 * j + 1];
-        }
-        point
+        weighted(&self.control, &Span { first: i, weights })
+    }
+
+    /// The derivative with respect to u, mm.
+    #[must_use]
+    pub fn derivative_at(&self, u: f64) -> Vector2 {
+        let (i, t) = self.piece(u);
+        let s = 1.0 - t;
+        let weights = [-0.5 * s * s, 1.5 * t * t - 2.0 * t, 2.0 * s - 1.5 * s * s, 0.5 * t * t];
+        weighted(&self.control, &Span { first: i, weights }).coords * self.len() as f64
+    }
+
+    /// The piece in which u lies and how far in it.
+    fn piece(&self, u: f64) -> (usize, f64) {
+        let n = self.len();
+        let scaled = u.rem_euclid(1.0) * n as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..n")]
+        let i = (scaled.floor() as usize).min(n - 1);
+        (i, scaled - i as f64)
     }
 }
 
-/// A patch with four sides: cubic in both directions through a grid of points in space.
+/// A patch with four sides: a B-spline surface on clamped bases in both directions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PatchSurface {
     u: Basis,
     v: Basis,
-    /// Control rows in v, each of as many points (x, y, z) as u has sites.
+    /// Control rows in v, each of as many points (x, y, z) as u has functions.
     control: Vec<f64>,
 }
 
+/// A side of a patch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// The first row or column.
+    First,
+    /// The last one.
+    Last,
+}
+
+/// A point of a surface with its first derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jet {
+    /// The point, mm.
+    pub point: Point3,
+    /// Derivative with respect to u.
+    pub by_u: Vector3,
+    /// Derivative with respect to v.
+    pub by_v: Vector3,
+}
+
 impl PatchSurface {
-    /// The patch through `grid[row][column]` at the parameters `v[row]`, `u[column]`.
+    /// The patch through `grid[row][column]` at the parameters `v[row]`, `u[column]`: cubic in both directions.
     ///
     /// # Errors
     /// Fewer than two parameters, or parameters that do not ascend.
@@ -154,16 +277,37 @@ impl PatchSurface {
     /// # Panics
     /// Where the grid does not fit the parameters.
     pub fn through(u: &[f64], v: &[f64], grid: &[Vec<Point3>]) -> Result<Self, SplineError> {
-        let (u, v) = (Basis::not_a_knot(u)?, Basis::not_a_knot(v)?);
-        assert!(grid.len() == v.sites().len(), "one row of points for each v");
+        let (u_basis, v_basis) = (Basis::not_a_knot(u)?, Basis::not_a_knot(v)?);
+        assert!(grid.len() == v.len(), "one row of points for each v");
         let mut rows = Vec::new();
         for row in grid {
-            assert!(row.len() == u.sites().len(), "one point for each u");
+            assert!(row.len() == u.len(), "one point for each u");
             let values: Vec<f64> = row.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
-            rows.extend(u.interpolate(&values, 3));
+            rows.extend(u_basis.interpolate(u, &values, 3));
         }
-        let control = v.interpolate(&rows, 3 * u.sites().len());
-        Ok(Self { u, v, control })
+        let control = v_basis.interpolate(v, &rows, 3 * u.len());
+        Ok(Self { u: u_basis, v: v_basis, control })
+    }
+
+    /// The patch with the given control points, row by row.
+    ///
+    /// # Panics
+    /// Where their number does not fit the bases.
+    #[must_use]
+    pub fn with_control(u: Basis, v: Basis, points: &[Point3]) -> Self {
+        assert_eq!(points.len(), u.len() * v.len(), "one control point for each pair of functions");
+        Self { u, v, control: points.iter().flat_map(|p| [p.x, p.y, p.z]).collect() }
+    }
+
+    /// The bases in u and v.
+    #[must_use]
+    pub const fn bases(&self) -> [&Basis; 2] {
+        [&self.u, &self.v]
+    }
+
+    /// Its control points, row by row, mm.
+    pub fn control(&self) -> impl Iterator<Item = Point3> {
+        self.control.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]))
     }
 
     /// First and last u.
@@ -178,30 +322,86 @@ impl PatchSurface {
         self.v.range()
     }
 
+    /// The border at the first or last v, over u.
+    #[must_use]
+    pub fn border_row(&self, side: Side) -> Curve {
+        let row = if side == Side::First { 0 } else { self.v.len() - 1 };
+        let n = self.u.len();
+        Curve::new(self.u.clone(), self.control().skip(row * n).take(n).collect())
+    }
+
+    /// The border at the first or last u, over v.
+    #[must_use]
+    pub fn border_column(&self, side: Side) -> Curve {
+        let n = self.u.len();
+        let column = if side == Side::First { 0 } else { n - 1 };
+        Curve::new(self.v.clone(), self.control().skip(column).step_by(n).collect())
+    }
+
+    /// The same surface on bases that hold all knots of its own ([`Basis::refinement`]).
+    #[must_use]
+    pub fn refined(&self, u: &Basis, v: &Basis) -> Self {
+        let mut rows = Vec::with_capacity(3 * u.len() * self.v.len());
+        let (spans, mut out) = (self.u.refinement(u), Vec::new());
+        for row in self.control.chunks_exact(3 * self.u.len()) {
+            for &span in &spans {
+                Basis::combine(span, row, 3, &mut out);
+                rows.extend_from_slice(&out);
+            }
+        }
+        let mut control = Vec::with_capacity(3 * u.len() * v.len());
+        for span in self.v.refinement(v) {
+            Basis::combine(span, &rows, 3 * u.len(), &mut out);
+            control.extend_from_slice(&out);
+        }
+        Self { u: u.clone(), v: v.clone(), control }
+    }
+
     /// The iso-curve at v, ready for evaluation in u.
     #[must_use]
     pub fn row(&self, v: f64) -> PatchRow<'_> {
+        self.combined(self.v.at(v))
+    }
+
+    /// The derivative of the iso-curve with respect to v.
+    #[must_use]
+    pub fn row_slope(&self, v: f64) -> PatchRow<'_> {
+        self.combined(self.v.derivative_at(v))
+    }
+
+    fn combined(&self, span: Span) -> PatchRow<'_> {
         let mut control = Vec::new();
-        Basis::combine(self.v.at(v), &self.control, 3 * self.u.sites().len(), &mut control);
+        Basis::combine(span, &self.control, 3 * self.u.len(), &mut control);
         PatchRow { basis: &self.u, control }
     }
 
     /// The point at (u, v).
     #[must_use]
     pub fn at(&self, u: f64, v: f64) -> Point3 {
-        let (su, sv) = (self.u.at(u), self.v.at(v));
-        let width = 3 * self.u.sites().len();
-        let mut point = Point3::origin();
+        self.weighted(self.u.at(u), self.v.at(v)).into()
+    }
+
+    /// The point at (u, v) with its derivatives.
+    #[must_use]
+    pub fn jet(&self, u: f64, v: f64) -> Jet {
+        let (at_u, at_v) = (self.u.at(u), self.v.at(v));
+        Jet {
+            point: self.weighted(at_u, at_v).into(),
+            by_u: self.weighted(self.u.derivative_at(u), at_v),
+            by_v: self.weighted(at_u, self.v.derivative_at(v)),
+        }
+    }
+
+    fn weighted(&self, su: Span, sv: Span) -> Vector3 {
+        let width = 3 * self.u.len();
+        let mut sum = Vector3::zeros();
         for (k, wv) in sv.weights.iter().enumerate().take(self.v.degree() + 1) {
-            for (m, wu) in su.weights.iter().enumerate().take(self.u.degree() + 1) {
-                let at = (sv.first + k) * width + 3 * (su.first + m);
-                let w = wu * wv;
-                point.x += w * self.control[at];
-                point.y += w * self.control[at + 1];
-                point.z += w * self.control[at + 2];
+            let row = &self.control[(sv.first + k) * width + 3 * su.first..];
+            for (wu, p) in su.weights.iter().zip(row.chunks_exact(3)).take(self.u.degree() + 1) {
+                sum += Vector3::new(p[0], p[1], p[2]) * (wu * wv);
             }
         }
-        point
+        sum
     }
 }
 
@@ -216,9 +416,26 @@ impl PatchRow<'_> {
     /// The point at u.
     #[must_use]
     pub fn at(&self, u: f64) -> Point3 {
-        let mut point = Vec::new();
-        Basis::combine(self.basis.at(u), &self.control, 3, &mut point);
-        Point3::new(point[0], point[1], point[2])
+        self.weighted(self.basis.at(u)).into()
+    }
+
+    /// The derivative with respect to u.
+    #[must_use]
+    pub fn derivative_at(&self, u: f64) -> Vector3 {
+        self.weighted(self.basis.derivative_at(u))
+    }
+
+    /// Its control points, x, y, z one after the other.
+    #[must_use]
+    pub fn control(&self) -> &[f64] {
+        &self.control
+    }
+
+    /// The control points weighted by a span of its basis.
+    #[must_use]
+    pub fn weighted(&self, span: Span) -> Vector3 {
+        let terms = span.weights.iter().zip(self.control[3 * span.first..].chunks_exact(3));
+        terms.map(|(w, p)| Vector3::new(p[0], p[1], p[2]) * *w).sum()
     }
 }
 
@@ -241,6 +458,59 @@ mod tests {
         }
         let slope = tube.section_slope(3.3).at(0.0);
         assert!((slope - Point2::new(1.25, 0.0)).norm() < 1e-9);
+    }
+
+    fn bent_tube() -> TubeSurface {
+        let z: Vec<f64> = (0..6).map(|k| 1.5 * f64::from(k)).collect();
+        let circle = |z: f64| Contour::circle(Point2::new(0.1 * z * z, 0.3 * z), 2.0 + 0.1 * z, 32).points;
+        TubeSurface::through(&z, &z.iter().map(|&z| circle(z)).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn a_clamped_tube_is_the_tube_and_its_arcs_lie_on_it() {
+        let tube = bent_tube();
+        let patch = tube.clamped();
+        for (u, z) in [(0.0, 0.0), (0.3, 1.1), (0.999, 4.0), (1.0, 7.5)] {
+            let (p, q) = (tube.section(z).at(u), patch.at(u, z));
+            assert!((p - q.xy()).norm() < 1e-13 && (q.z - z).abs() < 1e-13);
+            let h = 1e-5;
+            let by_u = (tube.section(z).at(u + h) - tube.section(z).at(u - h)) / (2.0 * h);
+            assert!((tube.section(z).derivative_at(u) - by_u).norm() < 1e-6);
+            assert!((patch.jet(u, z).by_u.xy() - by_u).norm() < 1e-6);
+        }
+        let end = tube.section(7.5);
+        for [a, b] in [[0.0, 1.0], [0.21, 0.7], [0.9, 1.6], [0.5, 1.5], [0.25, 0.26]] {
+            let arc = end.arc([a, b], 7.5);
+            for k in 0..=20 {
+                let u = a + (b - a) * f64::from(k) / 20.0;
+                assert!((arc.at(u).xy() - end.at(u)).norm() < 1e-13, "{a} {b} {u}");
+            }
+        }
+        assert!((end.nearest(end.at(0.777)) - 0.777).abs() < 1e-12);
+        let mut pulled = tube.clone();
+        pulled.pull_end(Side::Last, 0.43, Vector2::new(0.01, 0.02));
+        let moved = pulled.section(7.5).at(0.43) - end.at(0.43);
+        assert!((moved - Vector2::new(0.01, 0.02)).norm() < 1e-14);
+        assert!((pulled.section(7.5).at(0.9) - end.at(0.9)).norm() < 1e-14);
+        let turned = tube.clone().turned(5).section(2.0).at(0.1);
+        assert!((turned - tube.section(2.0).at(0.1 + 5.0 / 32.0)).norm() < 1e-13);
+    }
+
+    #[test]
+    fn a_refined_patch_is_the_same_surface() {
+        let patch = bent_tube().clamped();
+        let [u, v] = patch.bases();
+        let with = |basis: &Basis, extra: f64| {
+            let mut inner = basis.inner_knots().to_vec();
+            inner.insert(inner.partition_point(|k| *k < extra), extra);
+            Basis::clamped(3, basis.range(), &inner)
+        };
+        let finer = patch.refined(&with(u, 0.123), &with(v, 3.3));
+        for (u, v) in [(0.0, 0.0), (0.12, 3.2), (0.6, 6.0), (1.0, 7.5)] {
+            assert!((patch.at(u, v) - finer.at(u, v)).norm() < 1e-13);
+        }
+        assert!((patch.border_column(Side::Last).at(2.2) - patch.at(1.0, 2.2)).norm() < 1e-13);
+        assert!((patch.border_row(Side::First).at(0.4) - patch.at(0.4, 0.0)).norm() < 1e-13);
     }
 
     #[test]

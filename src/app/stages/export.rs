@@ -5,11 +5,13 @@ use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
+use crate::brep::Brep;
 use crate::geom::Contour;
 use crate::mesh::threemf::Description;
 use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
 use crate::progress::Task;
 use crate::solid::{Solid, Tube};
+use crate::step;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +45,8 @@ pub struct Export {
     pub stl: Option<PathBuf>,
     /// 3MF.
     pub three_mf: Option<PathBuf>,
+    /// STEP (AP242): the exact surfaces.
+    pub step: Option<PathBuf>,
     /// Table of triangles against deflection; its plot goes beside it.
     pub sweep: Option<PathBuf>,
     /// The printed body, or the lumen alone.
@@ -63,6 +67,15 @@ pub struct Meshed {
     pub deflection: Deflection,
 }
 
+/// The exact surfaces that were written.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SteppedSolid {
+    /// Faces in the file.
+    pub n_faces: usize,
+    /// What the surfaces enclose, exactly, mm³.
+    pub brep_volume_mm3: f64,
+}
+
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
@@ -72,6 +85,9 @@ pub struct Exported {
     /// The 3MF.
     #[serde(rename = "3mf", skip_serializing_if = "Option::is_none")]
     pub three_mf: Option<PathBuf>,
+    /// The STEP file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<PathBuf>,
     /// The table.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sweep: Option<PathBuf>,
@@ -81,6 +97,9 @@ pub struct Exported {
     /// What is in the STL and the 3MF.
     #[serde(flatten)]
     pub mesh: Option<Meshed>,
+    /// What is in the STEP file.
+    #[serde(flatten)]
+    pub surfaces: Option<SteppedSolid>,
     /// What is in the table.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rows: Vec<TimedRow>,
@@ -107,6 +126,9 @@ impl std::fmt::Display for Exported {
                 )?;
             }
         }
+        if let (Some(path), Some(SteppedSolid { n_faces, brep_volume_mm3 })) = (&self.step, self.surfaces) {
+            writeln!(f, "{}: {n_faces} faces, {brep_volume_mm3:.1} mm3", path.display())?;
+        }
         for TimedRow { row, elapsed_s } in &self.rows {
             writeln!(f, "{row}, {elapsed_s:.3} s")?;
         }
@@ -120,7 +142,7 @@ impl std::fmt::Display for Exported {
 impl Export {
     fn paths(&self) -> impl Iterator<Item = (&'static str, PathBuf)> {
         let plot = self.sweep.as_deref().map(plot_beside);
-        let named = [("stl", &self.stl), ("3mf", &self.three_mf), ("sweep", &self.sweep), ("sweep", &plot)];
+        let named = [("stl", &self.stl), ("3mf", &self.three_mf), ("step", &self.step), ("sweep", &self.sweep), ("sweep", &plot)];
         let paths: Vec<_> =
             named.into_iter().filter_map(|(name, path)| Some((name, path.clone()?))).collect();
         paths.into_iter()
@@ -172,6 +194,12 @@ impl Session<'_> {
             let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
             mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
         }
+        let mut surfaces = None;
+        if let Some(path) = &wanted.step {
+            let brep = Brep::of(solid, wanted.skin);
+            files.push((path, step::to_step(&brep).into_bytes()));
+            surfaces = Some(SteppedSolid { n_faces: brep.faces.len(), brep_volume_mm3: brep.volume_mm3() });
+        }
         let plot = wanted.sweep.as_deref().map(plot_beside);
         let mut rows = Vec::new();
         if let (Some(table), Some(plot)) = (&wanted.sweep, &plot) {
@@ -183,8 +211,8 @@ impl Session<'_> {
         task.check()?;
         let files: Vec<(&Path, &[u8])> = files.iter().map(|(path, bytes)| (*path, &bytes[..])).collect();
         atomic::write_exports(&files)?;
-        let Export { stl, three_mf, sweep, .. } = wanted.clone();
-        Ok(Exported { stl, three_mf, sweep, plot, mesh, rows })
+        let Export { stl, three_mf, step, sweep, .. } = wanted.clone();
+        Ok(Exported { stl, three_mf, step, sweep, plot, mesh, surfaces, rows })
     }
 
     /// What a 3MF says about itself.

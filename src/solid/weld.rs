@@ -1,0 +1,298 @@
+//! Makes the borders of a slab's patches and the ends of the tubes beside it one and the same curves.
+//!
+//! The end ring of a tube is a uniform periodic cubic; the rows of a lateral patch interpolate the same contour at other
+//! sites, so that both agree only as far as splines do. Here the corners A, B, P, Q are put on the rings, the rings' arcs
+//! between them are cut out exactly, the laterals are refined to the knots of both their arcs (both by [`Basis`]' exact
+//! refinement), and every control row is moved by the difference between arc and border, falling linearly to the
+//! opposite border. The saddle follows its seams by a Coons blend of their motion. Afterwards the patches' borders
+//! have the control points of the curves they share, to rounding.
+//!
+//! The interior moves by no more than the borders were apart. The seam u = 0 of a tube is moved round to stay clear of
+//! the corners.
+
+use super::event::{Crotch, Slab};
+use super::skin::{End, Tube};
+use crate::geom::{Point2, Point3, Vector3};
+use crate::spline::{Basis, Curve, PatchSurface, SectionCurve, Side};
+use serde::{Deserialize, Serialize};
+
+/// A corner nearer than this to a knot of its ring, in knot spacings, is put onto it: shorter knot intervals say nothing.
+const SNAP_SPACINGS: f64 = 1e-4;
+/// Knots of unit intervals that are one but for rounding.
+const SAME_KNOT: f64 = 1e-9;
+/// The seam of a tube stays where it is if no corner is nearer than this share of the way round.
+const SEAM_CLEARANCE: f64 = 1.0 / 16.0;
+
+/// Where the corners of a slab's patches lie on the rings of the tubes beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Weld {
+    /// Tubes on the side of the waist and of either daughter.
+    pub tubes: [usize; 3],
+    /// Parameters u of A and B on the waist, both in [0, 1).
+    pub waist_u: [f64; 2],
+    /// Parameters u of P and Q on the rings of the daughters.
+    pub daughter_u: [f64; 2],
+}
+
+/// How far patches were moved to meet their rings, mm.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Moved {
+    pub(super) most_mm: f64,
+}
+
+/// The ring of a slab on one of its tubes.
+fn ring(tubes: &[Tube], tube: usize, end: End) -> (SectionCurve, f64) {
+    let [low, high] = tubes[tube].surface.z_range_mm();
+    let z = if tubes[tube].bottom == end { low } else { high };
+    (tubes[tube].surface.section(z), z)
+}
+
+fn ends_of(slab: usize) -> [End; 3] {
+    [End::Waist { slab }, End::Daughter { slab, side: 0 }, End::Daughter { slab, side: 1 }]
+}
+
+/// Welds all slabs to their tubes.
+pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, Moved) {
+    let mut welds: Vec<Weld> =
+        slabs.iter().enumerate().map(|(i, slab)| corners(tubes, slab, ends_of(i))).collect();
+    for (idx, tube) in tubes.iter_mut().enumerate() {
+        let n = tube.surface.section(tube.surface.z_range_mm()[0]).len();
+        let steps = seam_steps(&welds, idx, n);
+        if steps > 0 {
+            let turned = |u: f64| (u - steps as f64 / n as f64).rem_euclid(1.0);
+            tube.surface = tube.surface.clone().turned(steps);
+            welds.iter_mut().for_each(|w| w.on_tube(idx).for_each(|u| *u = turned(*u)));
+        }
+        welds.iter_mut().for_each(|w| w.on_tube(idx).for_each(|u| *u = snapped(*u, n)));
+    }
+    let mut moved = Moved::default();
+    for (i, (slab, weld)) in slabs.iter().zip(&welds).enumerate() {
+        if matches!(slab.crotch, Crotch::Crease) {
+            join_at_apex(tubes, weld, ends_of(i), &mut moved);
+        }
+    }
+    for (i, (slab, weld)) in slabs.iter_mut().zip(&welds).enumerate() {
+        let rings: Vec<_> = ends_of(i).into_iter().zip(weld.tubes).map(|(e, t)| ring(tubes, t, e)).collect();
+        let [waist, daughters @ ..] = &rings[..] else { continue };
+        let arcs = |side: usize| {
+            let [from, to] = if side == 0 { weld.waist_u } else { [weld.waist_u[1], weld.waist_u[0]] };
+            let p = weld.daughter_u[side];
+            let to = if to > from { to } else { to + 1.0 };
+            [waist.0.arc([from, to], waist.1), daughters[side].0.arc([p, p + 1.0], daughters[side].1)]
+        };
+        weld_slab(slab, [arcs(0), arcs(1)], &mut moved);
+    }
+    (welds, moved)
+}
+
+/// Makes the rings of both daughters pass through one point, the apex of their crease.
+fn join_at_apex(tubes: &mut [Tube], weld: &Weld, ends: [End; 3], moved: &mut Moved) {
+    let places: Vec<Point2> = (0..2)
+        .map(|side| ring(tubes, weld.tubes[side + 1], ends[side + 1]).0.at(weld.daughter_u[side]))
+        .collect();
+    let apex = nalgebra::center(&places[0], &places[1]);
+    for (side, place) in places.into_iter().enumerate() {
+        let tube = &mut tubes[weld.tubes[side + 1]];
+        let end = if tube.bottom == ends[side + 1] { Side::First } else { Side::Last };
+        tube.surface.pull_end(end, weld.daughter_u[side], apex - place);
+        moved.most_mm = moved.most_mm.max((apex - place).norm());
+    }
+}
+
+impl Weld {
+    /// Parameters of the corners that lie on a tube.
+    fn on_tube(&mut self, tube: usize) -> impl Iterator<Item = &mut f64> {
+        let [waist, first, second] = self.tubes.map(|t| t == tube);
+        let [a, b] = &mut self.waist_u;
+        let [p, q] = &mut self.daughter_u;
+        [(waist, a), (waist, b), (first, p), (second, q)].into_iter().filter_map(|(on, u)| on.then_some(u))
+    }
+}
+
+/// The corners' places on the rings: nearest to where the patches have them.
+fn corners(tubes: &[Tube], slab: &Slab, ends: [End; 3]) -> Weld {
+    let found = ends.map(|end| tubes.iter().position(|t| t.bottom == end || t.top == end));
+    let tubes_of = found.map(|t| t.expect("each border of a slab is the end of a tube"));
+    let rings = [0, 1, 2].map(|i| ring(tubes, tubes_of[i], ends[i]).0);
+    let [low, high] = slab.w_mm.map(|w| slab.v_of(w));
+    let corner = |side: usize, v: f64| -> Point2 { slab.laterals[side].at(0.0, v).xy() };
+    Weld {
+        tubes: tubes_of,
+        waist_u: [rings[0].nearest(corner(0, low)), rings[0].nearest(corner(1, low))],
+        daughter_u: [rings[1].nearest(corner(0, high)), rings[2].nearest(corner(1, high))],
+    }
+}
+
+/// By how many knots the seam of a tube is moved on: as far from all corners as can be.
+fn seam_steps(welds: &[Weld], tube: usize, n: usize) -> usize {
+    let corners: Vec<f64> =
+        welds.iter().copied().flat_map(|mut w| w.on_tube(tube).map(|u| *u).collect::<Vec<_>>()).collect();
+    let clearance = |step: &usize| {
+        let apart = |u: &f64| {
+            let d = (u - *step as f64 / n as f64).rem_euclid(1.0);
+            d.min(1.0 - d)
+        };
+        corners.iter().map(apart).fold(0.5, f64::min)
+    };
+    if clearance(&0) >= SEAM_CLEARANCE {
+        return 0;
+    }
+    (0..n).max_by(|a, b| clearance(a).total_cmp(&clearance(b)).then(b.cmp(a))).unwrap_or(0)
+}
+
+/// A parameter that all but is a knot becomes the knot.
+fn snapped(u: f64, n: usize) -> f64 {
+    let knot = (u * n as f64).round();
+    if (u * n as f64 - knot).abs() >= SNAP_SPACINGS {
+        return u;
+    }
+    if knot >= n as f64 { 0.0 } else { knot / n as f64 }
+}
+
+/// Inner knots of a basis on the unit interval.
+fn unit_inner(basis: &Basis) -> Vec<f64> {
+    basis.over([0.0, 1.0]).inner_knots().to_vec()
+}
+
+/// The given knots, ascending, those that are one but for rounding once: the first one given stays.
+fn merged(lists: &[Vec<f64>]) -> Vec<f64> {
+    let mut all: Vec<f64> = Vec::new();
+    for &knot in lists.iter().flatten() {
+        let i = all.partition_point(|k| *k < knot);
+        let near = |k: Option<&f64>| k.is_some_and(|k| (k - knot).abs() < SAME_KNOT);
+        if !near(all.get(i)) && !(i > 0 && near(all.get(i - 1))) {
+            all.insert(i, knot);
+        }
+    }
+    all
+}
+
+/// The patch with inner knots, stated on the unit interval, moved by rounding onto those of `target` and then refined
+/// to them.
+fn onto(patch: &PatchSurface, target: [&[f64]; 2]) -> PatchSurface {
+    let finer = |basis: &Basis, inner: &[f64]| {
+        let clamped = Basis::clamped(basis.degree(), [0.0, 1.0], inner);
+        let moved = unit_inner(basis).into_iter().map(|knot| {
+            let i = inner.partition_point(|k| *k < knot - SAME_KNOT);
+            inner.get(i).copied().unwrap_or(knot)
+        });
+        let own = Basis::clamped(basis.degree(), [0.0, 1.0], &moved.collect::<Vec<_>>());
+        (own.over(basis.range()), clamped.over(basis.range()))
+    };
+    let [u, v] = patch.bases();
+    let ((own_u, finer_u), (own_v, finer_v)) = (finer(u, target[0]), finer(v, target[1]));
+    let points: Vec<Point3> = patch.control().collect();
+    PatchSurface::with_control(own_u, own_v, &points).refined(&finer_u, &finer_v)
+}
+
+/// Welds the patches of one slab to the arcs `[side][waist or daughter]` of the rings.
+fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved: &mut Moved) {
+    let along = seam_knots(slab);
+    for (lateral, arcs) in slab.laterals.iter_mut().zip(&arcs) {
+        let [u, _] = lateral.bases();
+        let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
+        let refined = onto(lateral, [&knots, &along]);
+        *lateral = with_borders(&refined, arcs, moved);
+    }
+    let [first, second] = &slab.laterals;
+    let seams = [
+        (first.border_column(Side::First), first.border_column(Side::Last)),
+        (second.border_column(Side::First), second.border_column(Side::Last)),
+    ];
+    match &mut slab.crotch {
+        Crotch::Saddle(saddle) => {
+            let refined = onto(saddle, [&along, &along]);
+            let [(ap, bp), (bq, aq)] = seams;
+            *saddle = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved);
+        }
+        // Both laterals have the crease; the first one's is taken.
+        Crotch::Crease => slab.laterals[1] = with_columns(second, &seams[0].1, &seams[0].0),
+    }
+}
+
+/// Inner knots along the seams, on the unit interval and the same in both directions.
+fn seam_knots(slab: &Slab) -> Vec<f64> {
+    let mut lists: Vec<Vec<f64>> = slab.laterals.iter().map(|l| unit_inner(l.bases()[1])).collect();
+    if let Crotch::Saddle(saddle) = &slab.crotch {
+        lists.extend(saddle.bases().map(unit_inner));
+        let turned: Vec<Vec<f64>> = lists.iter().map(|l| l.iter().map(|k| 1.0 - k).collect()).collect();
+        lists.extend(turned);
+    }
+    merged(&lists)
+}
+
+/// The lateral with the arcs as its first and last row. Heights of all rows stay, to the last bit those of the rings at
+/// the ends.
+fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved: &mut Moved) -> PatchSurface {
+    let [u, v] = lateral.bases();
+    let unit = u.over([0.0, 1.0]);
+    let borders = arcs.each_ref().map(|arc| arc.over([0.0, 1.0]).refined(unit.clone()));
+    let points: Vec<Point3> = lateral.control().collect();
+    let (n, m) = (u.len(), v.len());
+    let shifts: [Vec<Vector3>; 2] = [0, m - 1].map(|row| {
+        let border = &borders[usize::from(row > 0)];
+        (0..n).map(|i| border.control()[i] - points[row * n + i]).collect()
+    });
+    let most = shifts.iter().flatten().map(|s| s.norm()).fold(moved.most_mm, f64::max);
+    moved.most_mm = most;
+    let shares = v.over([0.0, 1.0]).greville();
+    let mut out = Vec::with_capacity(points.len());
+    for (row, share) in shares.iter().enumerate() {
+        for i in 0..n {
+            let point = if row == 0 || row + 1 == m {
+                borders[usize::from(row > 0)].control()[i]
+            } else {
+                let at = points[row * n + i] + shifts[0][i] * (1.0 - share) + shifts[1][i] * *share;
+                Point3::new(at.x, at.y, points[row * n].z)
+            };
+            out.push(point);
+        }
+    }
+    PatchSurface::with_control(u.clone(), v.clone(), &out)
+}
+
+/// The lateral with other columns at its sides.
+fn with_columns(lateral: &PatchSurface, first: &Curve, last: &Curve) -> PatchSurface {
+    let [u, v] = lateral.bases();
+    let n = u.len();
+    let mut points: Vec<Point3> = lateral.control().collect();
+    for row in 0..v.len() {
+        points[row * n] = first.control()[row];
+        points[row * n + n - 1] = last.control()[row];
+    }
+    PatchSurface::with_control(u.clone(), v.clone(), &points)
+}
+
+/// The saddle with the given curves as borders: v first and last (over u), u first and last (over v). What lies between
+/// moves by the Coons blend of its borders' motion.
+fn with_seams(
+    saddle: &PatchSurface,
+    [bottom, top, left, right]: [Curve; 4],
+    moved: &mut Moved,
+) -> PatchSurface {
+    let [u, v] = saddle.bases();
+    let points: Vec<Point3> = saddle.control().collect();
+    let (n, m) = (u.len(), v.len());
+    let shift = |curve: &Curve, k: usize, i: usize, j: usize| curve.control()[k] - points[j * n + i];
+    let (s, t) = (u.over([0.0, 1.0]).greville(), v.over([0.0, 1.0]).greville());
+    let corner = |i: usize, j: usize| shift(if j == 0 { &bottom } else { &top }, i, i, j);
+    let mut out = Vec::with_capacity(points.len());
+    for j in 0..m {
+        for i in 0..n {
+            let along = shift(&bottom, i, i, 0) * (1.0 - t[j]) + shift(&top, i, i, m - 1) * t[j];
+            let across = shift(&left, j, 0, j) * (1.0 - s[i]) + shift(&right, j, n - 1, j) * s[i];
+            let bilinear = (corner(0, 0) * (1.0 - s[i]) + corner(n - 1, 0) * s[i]) * (1.0 - t[j])
+                + (corner(0, m - 1) * (1.0 - s[i]) + corner(n - 1, m - 1) * s[i]) * t[j];
+            let by = along + across - bilinear;
+            moved.most_mm = moved.most_mm.max(by.norm());
+            out.push(match (i, j) {
+                (i, 0) => bottom.control()[i],
+                (i, j) if j + 1 == m => top.control()[i],
+                (0, j) => left.control()[j],
+                (i, j) if i + 1 == n => right.control()[j],
+                _ => points[j * n + i] + by,
+            });
+        }
+    }
+    PatchSurface::with_control(u.clone(), v.clone(), &out)
+}
