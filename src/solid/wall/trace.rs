@@ -18,7 +18,7 @@ const LEAST_TURN: f64 = 0.02;
 /// Turn over one step beyond which the step is halved, cosine; and how often.
 const MOST_TURN_COS: f64 = 0.8;
 const MOST_HALVINGS: u32 = 5;
-const MOST_VERTICES: usize = 20_000;
+const MOST_VERTICES: usize = 4_000;
 
 /// A point of an outline.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +39,15 @@ impl Vertex {
 fn along(foot: &Foot) -> Vector2 {
     let n = foot.normal;
     Vector2::new(-n.y, n.x).try_normalize(1e-12).unwrap_or_default()
+}
+
+/// Appends a corner; it takes the place of a vertex that all but coincides with it.
+fn push_corner(vertices: &mut Vec<Vertex>, corner: Vertex, least_mm: f64) {
+    let doubled = vertices.last().is_some_and(|v| !v.is_corner && (v.p - corner.p).norm() < least_mm);
+    if doubled && vertices.len() > 1 {
+        vertices.pop();
+    }
+    vertices.push(corner);
 }
 
 /// Lifts a point of the plane at z into space.
@@ -144,62 +153,69 @@ impl Tracer<'_> {
     /// Appends the next vertex, with the corner before it if there is one.
     fn advance(&self, vertices: &mut Vec<Vertex>, z: f64) -> Option<()> {
         let last = vertices[vertices.len() - 1];
-        let (foot, direction) = (last.feet[1], along(&last.feet[1]));
+        let direction = along(&last.feet[1]);
         let mut step = self.step_mm;
+        let mut any = None;
         for halving in 0..=MOST_HALVINGS {
-            let settled = self.settle(last.p + direction * step, z, None);
+            let ahead = last.p + direction * step;
+            let settled = self.settle(ahead, z, None);
             let moved = settled.filter(|(p, _)| {
-                let way = (p - last.p).dot(&direction);
-                way > 0.2 * step && (p - last.p).norm() < 2.0 * step
+                (p - last.p).dot(&direction) > 0.2 * step && (p - last.p).norm() < 2.0 * step
             });
-            if let Some((p, next)) = moved {
-                let (a, b) = (direction, along(&next));
-                if a.perp(&b) < -SUSPECT_TURN
-                    && let Some((corner, feet)) = self.corner_between(&last, (p, next), z)
-                {
-                    // Going on from the corner may come out before it again: the next point starts there.
-                    if (corner - last.p).norm() < 0.3 * step && !last.is_corner && vertices.len() > 1 {
-                        vertices.pop();
-                    }
-                    vertices.push(Vertex { p: corner, feet, is_corner: true });
-                    if (p - corner).dot(&along(&feet[1])) > 0.3 * step {
-                        vertices.push(Vertex::smooth(p, next));
-                    }
-                    return Some(());
-                }
-                if a.dot(&b) > MOST_TURN_COS || halving == MOST_HALVINGS {
-                    vertices.push(Vertex::smooth(p, next));
-                    return Some(());
-                }
-            } else if let Some((p, next)) = settled
-                && let Some((corner, feet)) = self.corner_between(&last, (p, next), z)
+            let turns = |next: &Foot| direction.perp(&along(next)) < -SUSPECT_TURN;
+            if moved.is_none_or(|(_, next)| turns(&next))
+                && let Some(corner) = self.corner_ahead(&last, settled.map(|s| s.1), ahead, z)
             {
-                vertices.push(Vertex { p: corner, feet, is_corner: true });
+                push_corner(vertices, corner, 0.3 * step);
+                // Going on from the corner may come out before it again: then the next point starts there.
+                if let Some((p, next)) = settled
+                    && (p - corner.p).dot(&along(&corner.feet[1])) > 0.3 * step
+                    && (p - corner.p).norm() < 2.0 * step
+                    && along(&next).dot(&along(&corner.feet[1])) > MOST_TURN_COS
+                {
+                    vertices.push(Vertex::smooth(p, next));
+                }
                 return Some(());
             }
+            if let Some((p, next)) = moved
+                && (direction.dot(&along(&next)) > MOST_TURN_COS || halving == MOST_HALVINGS)
+            {
+                vertices.push(Vertex::smooth(p, next));
+                return Some(());
+            }
+            // A tight bend without a corner: where the curve goes on beyond it.
+            let progress = |(p, next): &(Point2, Foot)| {
+                let by = p - last.p;
+                by.norm() > 0.1 * step && by.norm() < 2.0 * step && by.dot(&(direction + along(next))) > 0.0
+            };
+            any = any.or(settled.filter(progress));
             step *= 0.5;
         }
-        // Nothing but to follow the sheet itself.
-        let (p, next) = self.settle(last.p + direction * step, z, Some(foot.at))?;
+        let (p, next) = any?;
         vertices.push(Vertex::smooth(p, next));
         Some(())
     }
 
-    fn corner_between(
-        &self,
-        last: &Vertex,
-        (p, next): (Point2, Foot),
-        z: f64,
-    ) -> Option<(Point2, [Foot; 2])> {
-        let (corner, feet) = self.corner(nalgebra::center(&last.p, &p), z, [last.feet[1], next])?;
-        let reach = (p - last.p).norm() + self.step_mm;
-        let near = (corner - last.p).norm() < reach && (corner - p).norm() < reach;
-        let forward = (corner - last.p).dot(&along(&last.feet[1])) > -0.01 * self.step_mm;
-        let turn = along(&feet[0]).perp(&along(&feet[1]));
-        // A turn of nearly half a circle has a small sine, too.
-        let turns = turn < -LEAST_TURN || along(&feet[0]).dot(&along(&feet[1])) < 0.0;
-        let clear = self.feet.foot(at_height(corner, z)).distance_mm > self.wall_mm - 2e-3 * self.wall_mm;
-        (near && forward && turns && clear).then_some((corner, feet))
+    /// A corner between the last vertex and a point ahead of it. The other sheet is the one on which that point
+    /// settled, or the one to which it is too near.
+    fn corner_ahead(&self, last: &Vertex, settled: Option<Foot>, ahead: Point2, z: f64) -> Option<Vertex> {
+        let own = last.feet[1];
+        let differs = |f: &Foot| f.normal.dot(&own.normal) < 1.0 - 1e-4;
+        let intruder = self.feet.foot(at_height(ahead, z));
+        let candidates = [settled, Some(intruder)].into_iter().flatten().filter(differs);
+        let reach = (ahead - last.p).norm() + self.step_mm;
+        let valid = |(corner, feet): &(Point2, [Foot; 2])| {
+            let [a, b] = feet.each_ref().map(along);
+            // A turn of nearly half a circle has a small sine, too.
+            let turns = a.perp(&b) < -LEAST_TURN || a.dot(&b) < 0.0;
+            let forward = (corner - last.p).dot(&along(&own)) > -0.01 * self.step_mm;
+            let clear = self.feet.foot(at_height(*corner, z)).distance_mm > self.wall_mm * (1.0 - 2e-3);
+            turns && forward && clear && (corner - last.p).norm() < reach
+        };
+        let mut corners = candidates
+            .filter_map(|other| self.corner(nalgebra::center(&last.p, &ahead), z, [own, other]))
+            .filter(valid);
+        corners.next().map(|(p, feet)| Vertex { p, feet, is_corner: true })
     }
 
     /// The whole outline through a point near it.
