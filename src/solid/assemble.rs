@@ -49,6 +49,21 @@ pub(super) trait Recipe: Sync {
     /// Whether the sections are measured: every one must be kept, and branches that reach the first or last plane
     /// go on by half a plane interval. Sections that were computed may be left out where a slab needs the room.
     fn is_measured(&self) -> bool;
+    /// Two branches that part in a crease instead of a saddle; `None` where they do not. The patches may reach down
+    /// to the height w `floor` of the parent.
+    fn crease(&self, _planes: &EventPlanes, _upward: bool, _floor: f64) -> Option<Creased> {
+        None
+    }
+}
+
+/// The patches of a crease with the sections that lead to them.
+pub(super) struct Creased {
+    pub(super) slab: BuiltSlab,
+    /// Further sections of the parent and of the daughters: height w, contour.
+    pub(super) parent: Vec<(f64, Contour)>,
+    pub(super) daughters: [Vec<(f64, Contour)>; 2],
+    /// How near to the slab other sections of the branches are left out, mm.
+    pub(super) clearance_mm: f64,
 }
 
 /// Builds a skin.
@@ -116,6 +131,8 @@ struct Event {
     sections: Vec<(Part, f64, Contour)>,
     /// How many new branches lie between chained slabs.
     n_between: usize,
+    /// How near to a slab computed sections are left out, mm.
+    clearance_mm: f64,
 }
 
 /// A branch of an event.
@@ -162,12 +179,53 @@ impl Event {
         let planes = event_planes(graph, branches, parent, &daughters, upward, sign);
         let place = Place::Planes { lower: star.interval, upper: star.interval + 1 };
         let fault = |fault: EventFault| Error::Event { place, fault };
+        let mut event = Self {
+            upward,
+            parent,
+            daughters,
+            slabs: Vec::new(),
+            sections: Vec::new(),
+            n_between: 0,
+            clearance_mm: 0.0,
+        };
+        if event.daughters.len() == 2
+            && let Some(creased) = recipe.crease(&planes, upward, event.floor(graph, branches))
+        {
+            event.add_crease(creased);
+            return Ok(event);
+        }
         let source = recipe.source(&planes, sign).ok_or_else(|| fault(EventFault::NoApex))?;
-        let mut event =
-            Self { upward, parent, daughters, slabs: Vec::new(), sections: Vec::new(), n_between: 0 };
         let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
         event.join_clusters(&*source, &planes).map_err(fault)?;
         Ok(event)
+    }
+
+    /// How far down along w a slab may reach into the parent: to its end, half of the way where another event
+    /// reaches into it from there.
+    fn floor(&self, graph: &Graph, branches: &[Branch]) -> f64 {
+        let nodes = &branches[self.parent].nodes;
+        let (near, far) =
+            if self.upward { (nodes[nodes.len() - 1], nodes[0]) } else { (nodes[0], nodes[nodes.len() - 1]) };
+        let sign = if self.upward { 1.0 } else { -1.0 };
+        let w = |node: usize| sign * graph.z_mm[graph.nodes[node].plane];
+        let opposed = star_at(graph, far, !self.upward).is_some_and(|s| {
+            let star = &graph.stars[s];
+            (if self.upward { &star.lower } else { &star.upper }).len() > 1
+        });
+        if opposed { 0.5 * (w(near) + w(far)) } else { w(far) }
+    }
+
+    fn add_crease(&mut self, creased: Creased) {
+        let [waist_w, top_w] = creased.slab.slab.w_mm;
+        self.clearance_mm = creased.clearance_mm;
+        self.sections.push((Part::Parent, waist_w, creased.slab.waist.clone()));
+        self.sections.extend(creased.parent.into_iter().map(|(w, c)| (Part::Parent, w, c)));
+        for (side, sections) in creased.daughters.into_iter().enumerate() {
+            self.sections.push((Part::Daughter(side), top_w, creased.slab.daughters[side].clone()));
+            self.sections.extend(sections.into_iter().map(|(w, c)| (Part::Daughter(side), w, c)));
+        }
+        let joint = Joint { parent: Part::Parent, daughters: [Part::Daughter(0), Part::Daughter(1)] };
+        self.slabs.push((joint, creased.slab));
     }
 
     /// Joins the daughters pair by pair, highest apex first, until one branch is left: the parent.
@@ -285,9 +343,10 @@ impl Event {
         for (joint, slab) in &self.slabs {
             // Between the apex and a plane that was left out there may be sections of the other side.
             let [waist, top] = slab.slab.w_mm;
-            strands[strand_of(joint.parent)].sections.retain(|(z, _)| sign * z <= waist);
+            let room = self.clearance_mm;
+            strands[strand_of(joint.parent)].sections.retain(|(z, _)| sign * z <= waist - room);
             for part in joint.daughters {
-                strands[strand_of(part)].sections.retain(|(z, _)| sign * z >= top);
+                strands[strand_of(part)].sections.retain(|(z, _)| sign * z >= top + room);
             }
         }
         for (part, w, contour) in self.sections {

@@ -1,0 +1,232 @@
+//! The nearest point of the lumen's surface: a cloud of samples that know their normal and curvature, in a tree.
+//!
+//! The tree (median splits along the widest axis, complete, four samples a leaf) finds the nearest sample; the
+//! surface around it is taken as its osculating paraboloid, whose nearest point follows from a 2 x 2 system. With
+//! samples h apart the distance is wrong by about h³ / 48 times the change of curvature along the surface: 1e-4 mm
+//! for a tenth of a millimetre.
+
+use crate::geom::{Point3, Vector3};
+
+/// Samples in a leaf.
+const LEAF: usize = 4;
+/// Orderings smaller than this are not worth another thread.
+const PARALLEL_FROM: usize = 4096;
+/// Beyond the centre of curvature a paraboloid has no nearest point: the shrinking of tangential offsets is kept
+/// above this.
+const LEAST_SHRINK: f64 = 0.1;
+
+/// A point of the surface with its second-order shape.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub(super) at: Point3,
+    /// Outward unit normal.
+    pub(super) normal: Vector3,
+    /// Tangent frame in which the curvature is given.
+    axes: [Vector3; 2],
+    /// The shape operator k11, k12, k22, positive where the surface is convex, 1/mm.
+    curvature: [f64; 3],
+    /// How far the paraboloid stands for the surface, mm: the distance of neighbouring samples.
+    reach_mm: f64,
+}
+
+/// Point and normal of a grid over a patch, before its curvature is known.
+pub(super) type Oriented = (Point3, Vector3);
+
+/// The foot of a point on the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Foot {
+    pub(super) at: Point3,
+    /// Unit vector from the foot to the point: the gradient of the distance.
+    pub(super) normal: Vector3,
+    /// Signed distance, mm, positive outside.
+    pub(super) distance_mm: f64,
+}
+
+impl Sample {
+    /// The sample of a grid point from its neighbours along both directions of the grid.
+    fn new((at, normal): Oriented, along: [(Vector3, Vector3); 2]) -> Option<Self> {
+        let first = (along[0].0 - normal * normal.dot(&along[0].0)).try_normalize(1e-12)?;
+        let axes = [first, normal.cross(&first)];
+        let flat = |v: &Vector3| [v.dot(&axes[0]), v.dot(&axes[1])];
+        let [du, dv] = [flat(&along[0].0), flat(&along[1].0)];
+        let [nu, nv] = [flat(&along[0].1), flat(&along[1].1)];
+        let det = du[0] * dv[1] - du[1] * dv[0];
+        let curvature = if det.abs() > 1e-14 {
+            let k = |i: usize, j: usize| match j {
+                0 => (nu[i] * dv[1] - nv[i] * du[1]) / det,
+                _ => (nv[i] * du[0] - nu[i] * dv[0]) / det,
+            };
+            [k(0, 0), 0.5 * (k(0, 1) + k(1, 0)), k(1, 1)]
+        } else {
+            [0.0; 3]
+        };
+        let reach_mm = 0.5 * along[0].0.norm().max(along[1].0.norm());
+        Some(Self { at, normal, axes, curvature, reach_mm })
+    }
+
+    /// The foot of `p` on the paraboloid.
+    fn foot(&self, p: Point3) -> Foot {
+        let r = p - self.at;
+        let height = r.dot(&self.normal);
+        let (x, y) = (r.dot(&self.axes[0]), r.dot(&self.axes[1]));
+        let [k11, k12, k22] = self.curvature;
+        // (I + height K) offset = tangential part of r.
+        let (a, b, d) = (1.0 + height * k11, height * k12, 1.0 + height * k22);
+        let det = (a * d - b * b).max(LEAST_SHRINK * (a.abs() + d.abs()).max(1.0) * 0.5);
+        let (fx, fy) = ((d * x - b * y) / det, (a * y - b * x) / det);
+        let shrink = (self.reach_mm / fx.hypot(fy).max(1e-300)).min(1.0);
+        let (fx, fy) = (fx * shrink, fy * shrink);
+        let sink = 0.5 * (k11 * fx * fx + 2.0 * k12 * fx * fy + k22 * fy * fy);
+        let at = self.at + self.axes[0] * fx + self.axes[1] * fy - self.normal * sink;
+        let out = p - at;
+        let sign = if out.dot(&self.normal) < 0.0 { -1.0 } else { 1.0 };
+        let length = out.norm();
+        let normal = if length > 1e-9 { out * (sign / length) } else { self.normal };
+        Foot { at, normal, distance_mm: sign * length }
+    }
+}
+
+/// Samples of a grid of rows of equally many points; closed rows end where they began.
+pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool, out: &mut Vec<Sample>) {
+    for (i, row) in rows.iter().enumerate() {
+        let (below, above) = (&rows[i.saturating_sub(1)], &rows[(i + 1).min(rows.len() - 1)]);
+        let n = row.len();
+        for j in 0..n {
+            let (before, after) = if closed {
+                ((j + n - 1) % n, (j + 1) % n)
+            } else {
+                (j.saturating_sub(1), (j + 1).min(n - 1))
+            };
+            let between = |a: &Oriented, b: &Oriented| (b.0 - a.0, b.1 - a.1);
+            let along = [between(&row[before], &row[after]), between(&below[j], &above[j])];
+            out.extend(Sample::new(row[j], along));
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Box3 {
+    min: Point3,
+    max: Point3,
+}
+
+impl Box3 {
+    fn of(samples: &[Sample]) -> Self {
+        let empty = Self { min: Point3::from([f64::INFINITY; 3]), max: Point3::from([f64::NEG_INFINITY; 3]) };
+        samples.iter().fold(empty, |b, s| b.joined(Self { min: s.at, max: s.at }))
+    }
+
+    fn joined(self, other: Self) -> Self {
+        Self {
+            min: self.min.coords.inf(&other.min.coords).into(),
+            max: self.max.coords.sup(&other.max.coords).into(),
+        }
+    }
+
+    fn distance2(&self, p: Point3) -> f64 {
+        let axis = |k: usize| (self.min[k] - p[k]).max(p[k] - self.max[k]).max(0.0);
+        let [x, y, z] = [axis(0), axis(1), axis(2)];
+        x * x + y * y + z * z
+    }
+}
+
+/// The cloud in its tree.
+#[derive(Debug)]
+pub(super) struct Feet {
+    samples: Vec<Sample>,
+    boxes: Vec<Box3>,
+}
+
+impl Feet {
+    /// Arranges the samples; `None` where there are none.
+    pub(super) fn try_new(mut samples: Vec<Sample>) -> Option<Self> {
+        if samples.is_empty() {
+            return None;
+        }
+        let depth = samples.len().div_ceil(LEAF).next_power_of_two().trailing_zeros();
+        arrange(&mut samples, depth);
+        let mut boxes = vec![Box3::of(&[]); 2 << depth];
+        fill_boxes(&samples, 1, depth, &mut boxes);
+        Some(Self { samples, boxes })
+    }
+
+    /// The sample nearest to a point.
+    pub(super) fn nearest(&self, p: Point3) -> &Sample {
+        let n_leaves = self.boxes.len() / 2;
+        let mut best2 = f64::INFINITY;
+        let mut best = 0;
+        let mut stack = [(0usize, 0usize, 0usize, 0.0f64); 48];
+        stack[0] = (1, 0, self.samples.len(), 0.0);
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (node, from, to, distance2) = stack[height];
+            if distance2 >= best2 {
+                continue;
+            }
+            if node >= n_leaves {
+                for (i, s) in self.samples[from..to].iter().enumerate() {
+                    let d2 = (s.at - p).norm_squared();
+                    if d2 < best2 {
+                        (best2, best) = (d2, from + i);
+                    }
+                }
+                continue;
+            }
+            let middle = usize::midpoint(from, to);
+            let low = (2 * node, from, middle, self.boxes[2 * node].distance2(p));
+            let high = (2 * node + 1, middle, to, self.boxes[2 * node + 1].distance2(p));
+            let (near, far) = if low.3 <= high.3 { (low, high) } else { (high, low) };
+            stack[height] = far;
+            stack[height + 1] = near;
+            height += 2;
+        }
+        &self.samples[best]
+    }
+
+    /// The foot of a point.
+    pub(super) fn foot(&self, p: Point3) -> Foot {
+        let first = self.nearest(p);
+        let foot = first.foot(p);
+        // The sample beside the foot describes it better than the one beside the point.
+        let better = self.nearest(foot.at).foot(p);
+        if better.distance_mm < foot.distance_mm + 1e-3 { better } else { foot }
+    }
+
+    /// The foot of a point on the part of the surface round `near`, whatever else is nearer.
+    pub(super) fn foot_beside(&self, p: Point3, near: Point3) -> Foot {
+        self.nearest(near).foot(p)
+    }
+}
+
+/// Orders samples so that halves, quarters, ... of the slice are separate in space.
+fn arrange(samples: &mut [Sample], depth: u32) {
+    if depth == 0 || samples.len() < 2 {
+        return;
+    }
+    let size = {
+        let b = Box3::of(samples);
+        b.max - b.min
+    };
+    let axis = size.imax();
+    let middle = samples.len() / 2;
+    samples.select_nth_unstable_by(middle, |a, b| a.at[axis].total_cmp(&b.at[axis]));
+    let (low, high) = samples.split_at_mut(middle);
+    if low.len() > PARALLEL_FROM {
+        rayon::join(|| arrange(low, depth - 1), || arrange(high, depth - 1));
+    } else {
+        arrange(low, depth - 1);
+        arrange(high, depth - 1);
+    }
+}
+
+fn fill_boxes(samples: &[Sample], node: usize, depth: u32, boxes: &mut [Box3]) {
+    if depth == 0 {
+        boxes[node] = Box3::of(samples);
+        return;
+    }
+    let (low, high) = samples.split_at(samples.len() / 2);
+    fill_boxes(low, 2 * node, depth - 1, boxes);
+    fill_boxes(high, 2 * node + 1, depth - 1, boxes);
+    boxes[node] = boxes[2 * node].joined(boxes[2 * node + 1]);
+}

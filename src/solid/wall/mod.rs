@@ -1,0 +1,251 @@
+//! The outer skin of a wall: parallel to the lumen at distance t.
+//!
+//! The outer section at height z is where the distance to the lumen is t. Where nothing is trimmed it is read off
+//! "point + t normal" ([`lumen`]); beside events and where branches come near each other it is followed as a level
+//! curve of the exact distance ([`trace`]), corners included. The sections (at most a millimetre apart) go through
+//! the same steps as the lumen's: graph, branches, patches at the events. Where two branches part, the parallel
+//! surface has a crease: two patches that meet in it as an explicit edge ([`crease`]).
+//!
+//! Limits: where more than two creases meet at one height, or one reaches into the next event, the rest is rounded
+//! over the spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
+//! horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
+//! sections ([`union`]), which is also what is left when a curve cannot be followed.
+
+mod crease;
+mod feet;
+mod lumen;
+mod trace;
+mod union;
+
+use super::assemble::{Creased, Recipe, assemble};
+use super::event::{EventPlanes, EventSource};
+use super::skin::Skin;
+use super::{Error, Place};
+use crate::ct::Warning;
+use crate::geom::{Contour, Point2, RigidTransform, SegmentIndex};
+use crate::progress::{Cancelled, Task};
+use crate::sections::{PlaneSections, SectionStack};
+use crate::topology::{self, Graph};
+use feet::Feet;
+use lumen::Branch;
+use rayon::prelude::*;
+use trace::{Tracer, at_height};
+
+/// Farthest that neighbouring outer sections lie apart, mm.
+const MOST_STEP_MM: f64 = 1.0;
+/// Where the outer skin closes over a lumen that ends inside the stack: heights beyond its end, in units of t.
+const DOME_HEIGHTS: [f64; 10] = [0.0, 0.25, 0.45, 0.62, 0.76, 0.87, 0.94, 0.978, 0.994, 0.999];
+/// Step along an outline in units of the mean outer radius.
+const TRACE_STEP: f64 = 0.05;
+/// How much nearer than t a point of the raw parallel surface may be to the lumen, in t.
+const TRIM_SLACK: f64 = 1e-3;
+/// Every how many columns the raw section is checked, and gives a point from which to follow the outline.
+const CHECK_STRIDE: usize = 2;
+const SEED_STRIDE: usize = 8;
+/// Points of an outline that are enough to see how outlines overlap.
+const GRAPH_POINTS: usize = 64;
+
+/// The lumen as the outer skin sees it.
+struct Wall<'a> {
+    lumen: &'a Skin,
+    wall_mm: f64,
+    branches: Vec<Branch>,
+    feet: Feet,
+    step_mm: f64,
+}
+
+/// Builds the outer skin around a lumen.
+pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
+    let Some(wall) = Wall::around(lumen, wall_mm, task)? else { return Ok((Skin::default(), Vec::new())) };
+    let plane = |&z_mm: &f64| {
+        task.check()?;
+        Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
+    };
+    let planes: Vec<Result<PlaneSections, Cancelled>> = wall.heights().par_iter().map(plane).collect();
+    let planes: Vec<PlaneSections> = planes.into_iter().collect::<Result<_, _>>()?;
+    let graph = outer_graph(planes).map_err(Error::OuterTopology)?;
+    let skin = assemble(&graph, &wall, task).map_err(|error| match error {
+        // The planes of the outer skin are its own: their heights say more than their numbers.
+        Error::Event { place: Place::Planes { lower, upper }, fault } => {
+            Error::Outer { z_mm: [graph.z_mm[lower], graph.z_mm[upper]], fault }
+        }
+        other => other,
+    })?;
+    let about_wall =
+        |w: &Warning| Warning { text: format!("outer skin of the wall: {}", w.text), code: w.code.clone() };
+    Ok((skin, graph.warnings.iter().map(about_wall).collect()))
+}
+
+/// The graph of the outlines. What overlaps what is seen from few of their points; where those do not decide, from all.
+fn outer_graph(planes: Vec<PlaneSections>) -> Result<Graph, topology::Error> {
+    let stack =
+        |planes: Vec<PlaneSections>| SectionStack { planes, patient_from_stack: RigidTransform::identity() };
+    let thinned = |c: &Contour| {
+        let stride = (c.len() / GRAPH_POINTS).max(1);
+        Contour::new(c.points.iter().step_by(stride).copied().collect())
+    };
+    let thin: Vec<PlaneSections> = planes
+        .iter()
+        .map(|p| PlaneSections { z_mm: p.z_mm, contours: p.contours.iter().map(thinned).collect() })
+        .collect();
+    let n_contours: usize = planes.iter().map(|p| p.contours.len()).sum();
+    match topology::graph(&stack(thin)) {
+        // Every outline is a node, in its order.
+        Ok(mut graph) if graph.nodes.len() == n_contours => {
+            let whole = planes.into_iter().flat_map(|p| p.contours);
+            graph.nodes.iter_mut().zip(whole).for_each(|(node, contour)| node.contour = contour);
+            Ok(graph)
+        }
+        _ => topology::graph(&stack(planes)),
+    }
+}
+
+impl<'a> Wall<'a> {
+    /// `None` where the lumen has no surface.
+    fn around(lumen: &'a Skin, wall_mm: f64, task: &Task<'_>) -> Result<Option<Self>, Cancelled> {
+        let (branches, samples) = lumen::sampled(lumen, wall_mm, task)?;
+        let radius = branches.iter().map(|b| b.radius_mm).fold(f64::INFINITY, f64::min);
+        let step_mm = TRACE_STEP * (radius + wall_mm);
+        let whole = |feet| Self { lumen, wall_mm, branches, feet, step_mm };
+        Ok(Feet::try_new(samples).map(whole))
+    }
+
+    const fn tracer(&self) -> Tracer<'_> {
+        Tracer { feet: &self.feet, wall_mm: self.wall_mm, step_mm: self.step_mm }
+    }
+
+    /// Heights of the outer sections, ascending: between the lumen's own, and closely over ends inside the stack.
+    fn heights(&self) -> Vec<f64> {
+        let [low, high] = self.lumen.z_range_mm();
+        let mut all: Vec<f64> = vec![low, high];
+        for tube in &self.lumen.tubes {
+            all.extend(tube.surface.section_z_mm());
+        }
+        let mut ends = Vec::new();
+        for (z, body_below) in self.branches.iter().flat_map(|b| &b.inner_ends) {
+            let towards = if *body_below { self.wall_mm } else { -self.wall_mm };
+            ends.extend(DOME_HEIGHTS.map(|h| z + h * towards));
+        }
+        all.retain(|z| (low..=high).contains(z));
+        all.sort_by(f64::total_cmp);
+        // Virtual sections of the lumen lie closer than the outer skin needs.
+        let least = 0.2 * MOST_STEP_MM.min(self.wall_mm);
+        let mut spread = vec![low];
+        for z in all {
+            let last = spread[spread.len() - 1];
+            if z - last >= least && high - z >= least {
+                fill(&mut spread, z);
+            }
+        }
+        fill(&mut spread, high);
+        // Over an end they are what its shape needs.
+        ends.retain(|z| *z > low && *z < high);
+        let clear = |z: &f64| ends.iter().all(|e| (e - z).abs() > 0.02 * self.wall_mm);
+        spread.retain(|z| *z <= low || *z >= high || clear(z));
+        spread.extend(&ends);
+        spread.sort_by(f64::total_cmp);
+        spread.dedup_by(|b, a| *b - *a < 1e-4 * self.wall_mm);
+        spread
+    }
+
+    /// The outer contours at z; holes are filled.
+    fn outlines(&self, z: f64) -> Vec<Contour> {
+        let flat = self.branches.iter().flat_map(|b| &b.flat_ends).any(|end| (end - z).abs() < self.wall_mm);
+        if flat {
+            return union::outlines(self.lumen, self.wall_mm, z);
+        }
+        self.followed(z).unwrap_or_else(|| union::outlines(self.lumen, self.wall_mm, z))
+    }
+
+    /// The outer contours at z from the surface itself; `None` where one cannot be followed.
+    fn followed(&self, z: f64) -> Option<Vec<Contour>> {
+        let mut found: Vec<Contour> = Vec::new();
+        let mut seeds: Vec<Point2> = Vec::new();
+        for branch in &self.branches {
+            let columns = branch.columns(z);
+            let whole: Option<Vec<Point2>> = columns.iter().copied().collect();
+            let whole = whole.filter(|w| !w.is_empty());
+            if let Some(points) = whole
+                && points.iter().step_by(CHECK_STRIDE).all(|&p| self.is_outside(p, z))
+            {
+                found.push(Contour::new(points));
+            } else {
+                seeds.extend(columns.iter().step_by(SEED_STRIDE).flatten());
+            }
+        }
+        for seed in seeds {
+            let Some((p, _)) = self.tracer().settle(seed, z, None) else { continue };
+            let known = SegmentIndex::try_new(&found);
+            if known.is_none_or(|k| k.nearest(p).distance_mm > 0.5 * self.step_mm) {
+                found.push(trace::contour(&self.tracer().outline(p, z)?));
+            }
+        }
+        Some(outermost(found))
+    }
+
+    /// Whether a point of the raw parallel surface is on the skin.
+    fn is_outside(&self, p: Point2, z: f64) -> bool {
+        self.feet.foot(at_height(p, z)).distance_mm > self.wall_mm * (1.0 - TRIM_SLACK)
+    }
+}
+
+/// Contours that run counter-clockwise and lie in no other one.
+fn outermost(mut contours: Vec<Contour>) -> Vec<Contour> {
+    contours.retain(|c| c.len() > 3 && c.is_ccw());
+    let inside = |i: usize| {
+        let holds = |(j, c): (usize, &Contour)| j != i && c.contains(contours[i].points[0]);
+        contours.iter().enumerate().any(holds)
+    };
+    let keep: Vec<bool> = (0..contours.len()).map(|i| !inside(i)).collect();
+    contours.into_iter().zip(keep).filter_map(|(c, keep)| keep.then_some(c)).collect()
+}
+
+/// Goes on to z in equal steps of at most a millimetre.
+fn fill(heights: &mut Vec<f64>, z: f64) {
+    let last = heights[heights.len() - 1];
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
+    let n = ((z - last) / MOST_STEP_MM).ceil().max(1.0) as usize;
+    heights.extend((1..=n).map(|k| if k == n { z } else { last + (z - last) * k as f64 / n as f64 }));
+}
+
+/// The outer surface around an event that has no crease.
+struct WallSource<'a> {
+    wall: &'a Wall<'a>,
+    sign: f64,
+    anchors: Vec<Point2>,
+}
+
+impl EventSource for WallSource<'_> {
+    fn value(&self, p: Point2, w: f64) -> f64 {
+        self.wall.feet.foot(at_height(p, self.sign * w)).distance_mm - self.wall.wall_mm
+    }
+
+    fn contours(&self, w: f64) -> Vec<Contour> {
+        self.wall.outlines(self.sign * w)
+    }
+
+    fn refine(&self, p: Point2, w: f64) -> Point2 {
+        let settled = self.wall.tracer().settle(p, self.sign * w, None);
+        settled.map_or(p, |(q, _)| if (q - p).norm() < self.wall.step_mm { q } else { p })
+    }
+
+    fn anchor(&self, i: usize, _w: f64) -> Point2 {
+        self.anchors[i]
+    }
+}
+
+impl Recipe for Wall<'_> {
+    fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        let anchors = planes.daughters[0].contours.iter().map(Contour::centroid).collect();
+        Some(Box::new(WallSource { wall: self, sign, anchors }))
+    }
+
+    fn is_measured(&self) -> bool {
+        false
+    }
+
+    fn crease(&self, planes: &EventPlanes, upward: bool, floor: f64) -> Option<Creased> {
+        let sign = if upward { 1.0 } else { -1.0 };
+        crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)
+    }
+}
