@@ -29,7 +29,7 @@ fn way(params: &Params, body: Body, profile: &str) -> Way {
     let wanted = segment::Params { seeds_patient_mm, ..segment::Params::default() };
     let found = segment::segment(&volume, &wanted, &task).unwrap();
     let stack = sections::extract(&volume, &found, &sections::Params::default(), &task).unwrap().stack;
-    let solid = solid::build(&stack, &solid::Params { body }, &task).unwrap().solid;
+    let solid = solid::build(&stack, &solid::Params::new(body), &task).unwrap().solid;
     let grid = GridParams { layer_mm: 0.25, height_limits_mm: profile.machine.layer_height_mm };
     let grid = slice::grid(&stack.plane_z_mm(), solid.z_range_mm(), &grid).unwrap();
     let layers = slice::slice_solid(&solid, &grid, 0.005, &task).unwrap();

@@ -8,6 +8,7 @@
 //! | `segmentation.json` | segment | window, polarity and planes that the lumen was found with |
 //! | `sections.json` | segment | contours per CT plane |
 //! | `solid.bin` | solid | what the solid consists of ([`super::packed`]) |
+//! | `topology.json` | solid | which contour continues which, and why |
 //! | `job.gcode`, `layers.json` | slice | the print job; layers against CT planes, `bed_from_stack` |
 //! | `record/`, `print.json` | print | what the simulated printer laid down; how the print went |
 //! | `report/` | report | `index.html`, `report.json`, pictures |

@@ -6,6 +6,7 @@ use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
     ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid, toolpath,
+    topology,
 };
 use std::path::PathBuf;
 
@@ -139,6 +140,7 @@ impl Error {
             | Self::CtUnknown(_)
             | Self::NoRecord(_)
             | Self::Profile(_)
+            | Self::Solid(solid::Error::Topology(topology::Error::Decision { .. }))
             | Self::Case(
                 CaseError::Missing(_)
                 | CaseError::NotACase(_)

@@ -12,6 +12,7 @@ use crate::ct::{Volume, Warning};
 use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
 use crate::solid::Solid;
+use crate::topology;
 use serde::Serialize;
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -43,6 +44,9 @@ pub struct Outcome {
     pub id: String,
     /// The stages that were asked for, in order.
     pub stages: Vec<StageOutcome>,
+    /// How many branches, splits, merges, births, deaths and holes the solid has, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topology: Option<topology::Summary>,
     /// The report, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<ReportPlace>,
@@ -86,6 +90,7 @@ pub struct Session<'a> {
     pub(crate) ct_hash: OnceCell<String>,
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
+    pub(crate) topology: Option<topology::Summary>,
     pub(crate) report: Option<ReportPlace>,
     no_report: Option<&'static str>,
     /// Stages that were found or made up to date in this session.
@@ -155,6 +160,7 @@ impl<'a> Session<'a> {
             ct_hash: OnceCell::new(),
             context,
             held: Held::default(),
+            topology: None,
             report: None,
             no_report: None,
             fresh: Vec::new(),
@@ -199,6 +205,7 @@ impl<'a> Session<'a> {
             case: self.case.dir().to_owned(),
             id: self.case.id().to_owned(),
             stages: self.outcomes,
+            topology: self.topology,
             report: self.report,
             no_report: self.no_report,
         }

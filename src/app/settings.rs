@@ -6,6 +6,8 @@
 
 use crate::phantom;
 use crate::segment::Polarity;
+use crate::solid::Correspondence;
+use crate::topology::Decisions;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -194,6 +196,10 @@ pub struct Settings {
     pub segment: SegmentSettings,
     /// What is printed.
     pub body: Body,
+    /// Which points of neighbouring sections correspond.
+    pub correspondence: Correspondence,
+    /// What the operator has decided about the topology.
+    pub decisions: Decisions,
     /// Layer height, mm.
     pub layer_mm: f64,
     /// The printer's profile: a name, or the path of a profile file.
@@ -212,6 +218,14 @@ pub enum SourceName {
     Phantom,
     /// Ready contours.
     Sections,
+}
+
+/// The `[solid]` table: how the solid is put together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolidKeys {
+    /// Which points of neighbouring sections correspond.
+    pub correspondence: Option<Correspondence>,
 }
 
 /// Parameters as they are written down: any may be absent.
@@ -250,6 +264,10 @@ pub struct CaseFile {
     pub port: Option<String>,
     /// A synthetic CT instead of a real one.
     pub phantom: Option<phantom::Params>,
+    /// How the solid is put together.
+    pub solid: Option<SolidKeys>,
+    /// What the operator has decided about the topology.
+    pub topology: Option<Decisions>,
 }
 
 impl CaseFile {
@@ -307,6 +325,8 @@ impl CaseFile {
             profile: Some(settings.profile.clone()),
             port: Some(settings.port.clone()),
             phantom,
+            solid: Some(SolidKeys { correspondence: Some(settings.correspondence) }),
+            topology: (!settings.decisions.is_empty()).then(|| settings.decisions.clone()),
         }
     }
 
@@ -335,6 +355,8 @@ impl CaseFile {
             profile: self.profile.or(below.profile),
             port: self.port.or(below.port),
             phantom: self.phantom.or(below.phantom),
+            solid: self.solid.or(below.solid),
+            topology: self.topology.or(below.topology),
         }
     }
 
@@ -437,6 +459,8 @@ impl TryFrom<CaseFile> for Settings {
             segment: file.segment(&source)?,
             source,
             body: file.body()?,
+            correspondence: file.solid.unwrap_or_default().correspondence.unwrap_or_default(),
+            decisions: file.topology.clone().unwrap_or_default(),
             layer_mm: LAYER_MM
                 .check(file.layer_mm.unwrap_or(DEFAULT_LAYER_MM))
                 .map_err(in_setting("layer_mm"))?,
@@ -472,6 +496,20 @@ mod tests {
         assert_eq!(settings(&copy).unwrap(), s);
         let phantom = settings("wall_mm = 2\n[phantom]\nkind = \"stenosis\"\n").unwrap();
         assert_eq!(settings(&CaseFile::of_case("i", &phantom).to_toml()).unwrap(), phantom);
+    }
+
+    #[test]
+    fn decisions_about_the_topology_are_kept_as_they_were_written() {
+        let text = "[solid]\ncorrespondence = \"published\"\n[[topology.link]]\nplane = 12\nlower = 0\nupper = [31.5, -4.0]\njoin = false\n\
+                    [[topology.drop]]\nplane = 3\ncontour = 2\n";
+        let s = settings(text).unwrap();
+        assert_eq!(s.correspondence, Correspondence::Published);
+        assert_eq!((s.decisions.link.len(), s.decisions.drop.len()), (1, 1));
+        assert_eq!(settings(&CaseFile::of_case("i", &s).to_toml()).unwrap(), s);
+        let wrong = settings("[[topology.drop]]\nplane = 3\ncontour = \"all\"\n").unwrap_err();
+        assert!(wrong.starts_with("line 3: expected the number of a contour, or a point"), "{wrong}");
+        let unknown = settings("[[topology.link]]\nplan = 3\n").unwrap_err();
+        assert!(unknown.contains("unknown field `plan`"), "{unknown}");
     }
 
     #[test]

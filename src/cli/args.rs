@@ -168,6 +168,9 @@ pub(crate) struct SolidArgs {
     pub(crate) out: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) body: BodyArgs,
+    /// Draw which contour continues which, and why, as SVG
+    #[arg(long, value_name = "F.svg")]
+    pub(crate) matching: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -193,14 +193,22 @@ fn segment(args: &SegmentArgs, context: Context<'_>) -> Result<Outcome, Error> {
 }
 
 fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
-    let (Some(out), Some(file)) = (&args.out, &args.sections) else {
-        let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
-        return stage(case, args.body.patch(), context, Session::solid);
+    let mut session = match (&args.out, &args.sections) {
+        (Some(out), Some(file)) => {
+            let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
+            let mut session = Session::open_or_create(out, parameters, context)?;
+            session.import_sections(file)?;
+            session
+        }
+        _ => {
+            let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
+            Session::open(case, args.body.patch(), context)?
+        }
     };
-    let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
-    let mut session = Session::open_or_create(out, parameters, context)?;
-    session.import_sections(file)?;
     session.solid()?;
+    if let Some(path) = &args.matching {
+        session.draw_matching(path)?;
+    }
     Ok(session.into_outcome())
 }
 
@@ -312,6 +320,9 @@ fn case_text(outcome: &Outcome) -> String {
     let all_s: f64 = outcome.stages.iter().map(|s| s.elapsed_s).sum();
     if !times.is_empty() {
         lines.push(format!("time    {}; {all_s:.2} s in all", times.join(", ")));
+    }
+    if let Some(topology) = &outcome.topology {
+        lines.push(format!("vessel  {topology}"));
     }
     if let Some(report) = &outcome.report {
         lines.push(format!("report  {}", report.index_html.display()));

@@ -16,7 +16,7 @@ fn phantom(kind: Kind, body: Body) -> Solid {
 
 fn solid(planes: Vec<PlaneSections>, body: Body) -> Solid {
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
-    build(&stack, &Params { body }, &Task::quiet()).unwrap().solid
+    build(&stack, &Params::new(body), &Task::quiet()).unwrap().solid
 }
 
 fn cylinder(body: Body) -> Solid {

@@ -7,10 +7,10 @@
 
 /// Values on a grid, x fastest. The outermost rows and columns must be negative, so that all loops close.
 #[derive(Debug, Clone)]
-pub(super) struct Grid {
-    pub(super) n_cols: usize,
-    pub(super) n_rows: usize,
-    pub(super) values: Vec<f64>,
+pub(crate) struct Grid {
+    pub(crate) n_cols: usize,
+    pub(crate) n_rows: usize,
+    pub(crate) values: Vec<f64>,
 }
 
 const NONE: u32 = u32::MAX;
@@ -21,7 +21,7 @@ impl Grid {
     }
 
     /// The closed loops, in grid coordinates, ordered by where they are met first.
-    pub(super) fn loops(&self) -> Vec<Vec<[f64; 2]>> {
+    pub(crate) fn loops(&self) -> Vec<Vec<[f64; 2]>> {
         let mut next = vec![NONE; 2 * self.values.len()];
         for j in 0..self.n_rows - 1 {
             for i in 0..self.n_cols - 1 {

@@ -8,7 +8,7 @@ mod edge;
 pub mod extract;
 mod fit;
 pub mod format;
-mod march;
+pub(crate) mod march;
 mod refine;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@
 use super::event::{
     Apex, BuiltSlab, EventFault, EventPlanes, EventSource, Plane, apex, build_slab, component,
 };
-use super::skin::{End, Skin, Strand, skin};
+use super::skin::{Correspondence, End, Skin, Strand, skin};
 use super::{Error, Place};
 use crate::geom::{Contour, Vector2};
 use crate::progress::Task;
@@ -54,6 +54,11 @@ pub(super) trait Recipe: Sync {
     fn crease(&self, _planes: &EventPlanes, _upward: bool, _floor: f64) -> Option<Creased> {
         None
     }
+
+    /// Which points of neighbouring sections correspond.
+    fn correspondence(&self) -> Correspondence {
+        Correspondence::LeastTwist
+    }
 }
 
 /// The patches of a crease with the sections that lead to them.
@@ -86,7 +91,7 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
     if recipe.is_measured() {
         branches.iter().zip(&mut strands).for_each(|(b, s)| extend_ends(graph, b, s));
     }
-    skin(strands, slabs).map_err(Error::Spline)
+    skin(strands, slabs, recipe.correspondence()).map_err(Error::Spline)
 }
 
 fn is_event(star: &Star) -> bool {
@@ -410,13 +415,16 @@ fn event_planes(
         .map(|n| Plane { w: height(n), contours: vec![graph.nodes[n].contour.clone()] })
         .collect();
     let columns: Vec<Vec<usize>> = daughters.iter().map(|&d| ordered(d, upward)).collect();
-    let depth = columns.iter().map(Vec::len).min().unwrap_or(0).min(EVENT_PLANES);
-    let daughters = (0..depth)
-        .map(|k| Plane {
-            w: height(columns[0][k]),
-            contours: columns.iter().map(|c| graph.nodes[c[k]].contour.clone()).collect(),
-        })
-        .collect();
+    // A virtual plane holds contours of some branches only: planes count that all daughters have a contour on.
+    let on_plane = |&first: &usize| -> Option<Plane> {
+        let same = |n: &&usize| graph.nodes[**n].plane == graph.nodes[first].plane;
+        let near = |c: &Vec<usize>| c.iter().take(2 * EVENT_PLANES).find(same).copied();
+        let nodes: Vec<usize> = columns.iter().map(near).collect::<Option<_>>()?;
+        let contours = nodes.iter().map(|&n| graph.nodes[n].contour.clone()).collect();
+        Some(Plane { w: height(first), contours })
+    };
+    let daughters =
+        columns[0].iter().take(2 * EVENT_PLANES).filter_map(on_plane).take(EVENT_PLANES).collect();
     EventPlanes { parents, daughters }
 }
 
@@ -427,12 +435,12 @@ fn extend_ends(graph: &Graph, branch: &Branch, strand: &mut Strand) {
     let n = branch.nodes.len();
     let contour = |i: usize| (graph.z_mm[plane(i)], &graph.nodes[branch.nodes[i]].contour);
     if strand.bottom == End::Cap && plane(0) == 0 {
-        let half = 0.5 * (graph.z_mm[1] - graph.z_mm[0]);
+        let half = 0.5 * graph.end_intervals_mm()[0];
         let section = extended(contour(0), (n > 1).then(|| contour(1)), -half);
         strand.sections.push(section);
     }
     if strand.top == End::Cap && plane(n - 1) == last_plane {
-        let half = 0.5 * (graph.z_mm[last_plane] - graph.z_mm[last_plane - 1]);
+        let half = 0.5 * graph.end_intervals_mm()[1];
         let section = extended(contour(n - 1), (n > 1).then(|| contour(n - 2)), half);
         strand.sections.push(section);
     }

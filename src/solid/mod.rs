@@ -22,7 +22,7 @@ mod wall;
 mod weld;
 
 pub use event::{Crotch, EventFault, Slab};
-pub use skin::{End, Skin, Tube};
+pub use skin::{Correspondence, End, Skin, Tube};
 pub use weld::Weld;
 
 use crate::ct::Warning;
@@ -73,11 +73,23 @@ pub enum Body {
     Cast,
 }
 
-/// What to build.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// What to build, and how contours are put together where that is not the same for all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Params {
     /// Hollow wall or cast.
     pub body: Body,
+    /// Which points of neighbouring sections correspond.
+    pub correspondence: Correspondence,
+    /// What the operator has decided about the topology.
+    pub decisions: topology::Decisions,
+}
+
+impl Params {
+    /// The body, everything else by default.
+    #[must_use]
+    pub fn new(body: Body) -> Self {
+        Self { body, correspondence: Correspondence::default(), decisions: topology::Decisions::default() }
+    }
 }
 
 /// Where in the stack a fault lies.
@@ -152,6 +164,8 @@ pub struct Solid {
 pub struct Built {
     /// The solid.
     pub solid: Solid,
+    /// Which contour continues which in the lumen, and why.
+    pub matching: topology::Matching,
     /// What was left out or decided by rule.
     pub warnings: Vec<Warning>,
 }
@@ -166,8 +180,9 @@ pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<B
         Body::Wall { wall_mm } if (0.1..=20.0).contains(&wall_mm) => Some(wall_mm),
         Body::Wall { wall_mm } => return Err(Error::WallThickness(wall_mm)),
     };
-    let graph = topology::graph(stack)?;
-    let lumen = lumen::build(&graph, task)?;
+    let graph = topology::graph_decided_by(stack, &params.decisions)?;
+    let lumen = lumen::build(&graph, params.correspondence, task)?;
+    let matching = topology::Matching::of(&graph);
     let mut warnings = graph.warnings;
     let mut outer = None;
     if let Some(wall_mm) = wall_mm {
@@ -175,7 +190,7 @@ pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<B
         outer = Some(skin);
         warnings.extend(noticed);
     }
-    Ok(Built { solid: Solid { lumen, outer }, warnings })
+    Ok(Built { solid: Solid { lumen, outer }, matching, warnings })
 }
 
 impl Sectioned for Solid {

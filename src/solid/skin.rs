@@ -14,6 +14,17 @@ const ARC_SAMPLES: usize = 64;
 /// Grid on which the saddle patch is cut by a plane.
 const SADDLE_GRID: usize = 48;
 
+/// Which points of neighbouring sections of a tube are joined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Correspondence {
+    /// The start of each section is turned until the tube twists least.
+    #[default]
+    LeastTwist,
+    /// The published rule, for comparison: every section starts where x is least.
+    Published,
+}
+
 /// What a tube ends in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum End {
@@ -65,15 +76,20 @@ pub(super) struct Strand {
 }
 
 /// Skins every strand and joins the tubes to the slabs.
-pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<BuiltSlab>) -> Result<Skin, SplineError> {
-    let tubes: Vec<Result<Tube, SplineError>> = strands.into_par_iter().map(tube).collect();
+pub(super) fn skin(
+    strands: Vec<Strand>,
+    slabs: Vec<BuiltSlab>,
+    correspondence: Correspondence,
+) -> Result<Skin, SplineError> {
+    let tubes: Vec<Result<Tube, SplineError>> =
+        strands.into_par_iter().map(|strand| tube(strand, correspondence)).collect();
     let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut slabs: Vec<Slab> = slabs.into_iter().map(|b| b.slab).collect();
     let (welds, _) = weld(&mut tubes, &mut slabs);
     Ok(Skin { tubes, slabs, welds })
 }
 
-fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
+fn tube(mut strand: Strand, correspondence: Correspondence) -> Result<Tube, SplineError> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
@@ -86,8 +102,10 @@ fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
     let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
     for curve in &curves {
         let start_mm = match sections.last() {
-            None => least_x_start(curve),
-            Some(previous) => least_twist_start(curve, previous),
+            Some(previous) if correspondence == Correspondence::LeastTwist => {
+                least_twist_start(curve, previous)
+            }
+            _ => least_x_start(curve),
         };
         sections.push(curve.resampled(SECTION_POINTS, start_mm));
     }

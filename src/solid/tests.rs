@@ -26,11 +26,11 @@ fn cylinder(radius_mm: f64, n_planes: u32) -> SectionStack {
 }
 
 fn cast(stack: &SectionStack) -> Solid {
-    build(stack, &Params { body: Body::Cast }, &Task::quiet()).unwrap().solid
+    build(stack, &Params::new(Body::Cast), &Task::quiet()).unwrap().solid
 }
 
 fn wall(stack: &SectionStack, wall_mm: f64) -> Solid {
-    build(stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet()).unwrap().solid
+    build(stack, &Params::new(Body::Wall { wall_mm }), &Task::quiet()).unwrap().solid
 }
 
 /// Farthest distance of the contours' vertices from the others' boundary, mm.
@@ -113,7 +113,7 @@ fn branches_that_part_at_one_height_are_named() {
             },
         })
         .collect();
-    let result = build(&stack(planes), &Params { body: Body::Cast }, &Task::quiet());
+    let result = build(&stack(planes), &Params::new(Body::Cast), &Task::quiet());
     // Either rounding parts them, or the place is named; never a body that is not what was asked.
     match result {
         Ok(built) => assert_eq!(built.solid.lumen.slabs.len(), 2),
@@ -185,7 +185,7 @@ fn every_phantom_gets_a_wall_of_any_usual_thickness() {
     for kind in [Kind::Merge, Kind::Trifurcation] {
         let stack = phantom_stack(kind);
         for wall_mm in [0.5, 1.0, 2.0] {
-            let built = build(&stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet());
+            let built = build(&stack, &Params::new(Body::Wall { wall_mm }), &Task::quiet());
             assert!(built.is_ok(), "{kind:?} {wall_mm}: {:?}", built.err());
         }
     }
@@ -203,11 +203,11 @@ fn a_solid_is_read_back_as_it_was_written() {
 
 #[test]
 fn what_cannot_be_built_is_refused() {
-    let params = Params { body: Body::Wall { wall_mm: 0.0 } };
+    let params = Params::new(Body::Wall { wall_mm: 0.0 });
     let error = build(&cylinder(3.0, 4), &params, &Task::quiet()).unwrap_err();
     assert_eq!(error.to_string(), "wall thickness is 0 mm: it must lie between 0.1 and 20 mm");
     let one = stack(vec![cylinder(3.0, 1).planes[0].clone()]);
-    let error = build(&one, &Params { body: Body::Cast }, &Task::quiet()).unwrap_err();
+    let error = build(&one, &Params::new(Body::Cast), &Task::quiet()).unwrap_err();
     assert!(matches!(error, Error::Topology(topology::Error::TooFewPlanes { found: 1 })));
 }
 
@@ -216,6 +216,6 @@ fn work_stops_when_asked() {
     let cancel = crate::progress::CancelToken::default();
     cancel.cancel();
     let task = Task::new(&|_, _| {}, cancel);
-    let error = build(&phantom_stack(Kind::Carotid), &Params { body: Body::Cast }, &task).unwrap_err();
+    let error = build(&phantom_stack(Kind::Carotid), &Params::new(Body::Cast), &task).unwrap_err();
     assert_eq!(error, Error::Cancelled(Cancelled));
 }

@@ -424,8 +424,8 @@ fn jobs_for_the_outside_check() {
         return;
     };
     let stack = crate::sections::format::from_json(&text).unwrap();
-    let wall = solid::Params { body: solid::Body::Wall { wall_mm: 1.0 } };
-    let cast = solid::Params { body: solid::Body::Cast };
+    let wall = solid::Params::new(solid::Body::Wall { wall_mm: 1.0 });
+    let cast = solid::Params::new(solid::Body::Cast);
     for (name, params) in [("carotid_wall", wall), ("carotid_cast", cast)] {
         let built = solid::build(&stack, &params, &Task::quiet()).unwrap();
         write_job(&dir, name, &built.solid);

@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Which contour of a plane: by its number, or by a point that it encloses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected the number of a contour, or a point [x, y] in mm inside it")]
 pub enum Pick {
     /// Counted from 0, as in `sections.json`.
     Number(usize),

@@ -287,11 +287,10 @@ impl Layers<'_> {
         let against = drifted.is_some_and(|d| d < DRIFT_AGAINST);
         if overlap >= STRONG {
             let surely_others = rivals.iter().all(|r| *r >= SURE);
+            let is_sliver = overlap < 2.0 * STRONG || self.is_explained(k, i, j, tracks);
             return if overlap < SURE && surely_others && against {
                 pair(false, Cause::Elsewhere, drifted, None)
-            } else if overlap < 2.0 * STRONG && one_has_others && against {
-                pair(false, Cause::Sliver, drifted, None)
-            } else if one_has_others && against && self.is_explained(k, i, j, tracks) {
+            } else if one_has_others && against && is_sliver {
                 pair(false, Cause::Sliver, drifted, None)
             } else if one_has_others && against && self.both_drift(k, i, j, tracks) {
                 pair(
@@ -339,8 +338,8 @@ impl Layers<'_> {
         let open_lower: Vec<bool> = (0..n).map(|i| !pairs.iter().any(|p| p.joined && p.lower == i)).collect();
         let open_upper: Vec<bool> = (0..m).map(|j| !pairs.iter().any(|p| p.joined && p.upper == j)).collect();
         let mut found: Vec<(usize, usize, f64)> = Vec::new();
-        for i in 0..n {
-            for j in (0..m).filter(|&j| open_lower[i] || open_upper[j]) {
+        for (i, &is_open) in open_lower.iter().enumerate() {
+            for j in (0..m).filter(|&j| is_open || open_upper[j]) {
                 let known = pairs.iter().any(|p| p.lower == i && p.upper == j);
                 let drifted = if known { None } else { self.drifted(k, i, j, tracks) };
                 found.extend(drifted.filter(|d| *d >= DRIFT_ALONE).map(|d| (i, j, d)));

@@ -27,18 +27,22 @@
 //! assert_eq!((&graph.stars[0].lower[..], &graph.stars[0].upper[..]), (&[0][..], &[1, 2][..]));
 //! ```
 
+mod between;
 mod build;
 mod check;
 mod crossing;
 mod decisions;
+pub mod drawing;
 mod error;
 mod link;
+pub mod matching;
 mod overlap;
 mod stars;
 
-pub use build::{graph, graph_decided_by};
+pub use build::{graph, graph_decided_by, repaired};
 pub use decisions::{Decisions, DropDecision, LinkDecision, Pick};
 pub use error::{ContourFault, DecisionFault, Error};
+pub use matching::{Matching, Summary};
 
 use crate::ct::Warning;
 use crate::geom::Contour;
@@ -152,6 +156,18 @@ impl Graph {
     #[must_use]
     pub fn is_virtual(&self, plane: usize) -> bool {
         self.given[plane].is_none()
+    }
+
+    /// Distances between the lowest two and between the uppermost two planes that were given, mm.
+    #[must_use]
+    pub fn end_intervals_mm(&self) -> [f64; 2] {
+        let given = self.z_mm.iter().zip(&self.given).filter(|(_, g)| g.is_some()).map(|(z, _)| *z);
+        let z_mm: Vec<f64> = given.collect();
+        match z_mm[..] {
+            [first, second, .., before, last] => [second - first, last - before],
+            [first, .., last] => [last - first; 2],
+            _ => [0.0; 2],
+        }
     }
 
     /// For every node the star that it is a lower node of.

@@ -19,6 +19,25 @@ fn stack() -> SectionStack {
     SectionStack { planes: (0..46).map(plane).collect(), patient_from_stack: RigidTransform::identity() }
 }
 
+/// Which contour continues which, on stacks ten and a hundred times as fine: the cost is linear.
+fn graph(c: &mut Criterion) {
+    let vessel = Vessel::new(Kind::Carotid);
+    let mut group = c.benchmark_group("graph");
+    group.sample_size(10);
+    for n_planes in [46u32, 460, 4600] {
+        let plane = |k: u32| {
+            let z_mm = 135.0 * f64::from(k) / f64::from(n_planes - 1);
+            PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+        };
+        let planes = (0..n_planes).map(plane).collect();
+        let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
+        group.bench_function(format!("{n_planes} planes"), |b| {
+            b.iter(|| lumenfab::topology::graph(black_box(&stack)).expect("the phantom links"));
+        });
+    }
+    group.finish();
+}
+
 fn solid(c: &mut Criterion) {
     let stack = stack();
     let mut group = c.benchmark_group("solid");
@@ -26,7 +45,7 @@ fn solid(c: &mut Criterion) {
     for (name, body) in [("cast", Body::Cast), ("wall", Body::Wall { wall_mm: 1.0 })] {
         group.bench_function(name, |b| {
             b.iter(|| {
-                build(black_box(&stack), &Params { body }, &Task::quiet()).expect("the phantom builds")
+                build(black_box(&stack), &Params::new(body), &Task::quiet()).expect("the phantom builds")
             });
         });
     }
@@ -34,7 +53,7 @@ fn solid(c: &mut Criterion) {
 }
 
 fn tessellation(c: &mut Criterion) {
-    let params = Params { body: Body::Wall { wall_mm: 1.0 } };
+    let params = Params::new(Body::Wall { wall_mm: 1.0 });
     let built = build(&stack(), &params, &Task::quiet()).expect("the phantom builds");
     let mut group = c.benchmark_group("tessellate");
     group.sample_size(10);
@@ -47,5 +66,5 @@ fn tessellation(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, solid, tessellation);
+criterion_group!(benches, graph, solid, tessellation);
 criterion_main!(benches);

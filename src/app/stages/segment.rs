@@ -14,6 +14,7 @@ use crate::phantom;
 use crate::progress::Task;
 use crate::sections::{self, SectionStack};
 use crate::segment::{self, Polarity, Segmentation};
+use crate::topology;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -79,12 +80,12 @@ impl Session<'_> {
         };
         self.redo(Stage::Segment, &made_from, because_of, |session, _| {
             let bad = |source| Error::SectionsFile { path: file.to_owned(), source };
-            let stack = sections::format::from_json(&text).map_err(bad)?;
+            let (stack, warnings) = topology::repaired(sections::format::from_json(&text).map_err(bad)?);
             let staging = session.case.staging()?;
             staging.write(SECTIONS_FILE, sections::format::to_json(&stack).map_err(bad)?.as_bytes())?;
             let summary = format!("{} planes of ready contours", stack.planes.len());
             session.held.sections = Some(stack);
-            Ok(Made { staging, summary, warnings: Vec::new() })
+            Ok(Made { staging, summary, warnings })
         })
     }
 

@@ -1,6 +1,7 @@
-//! Contours to the solid: `solid.bin`.
+//! Contours to the solid: `solid.bin`; which contour continues which: `topology.json`.
 
 use super::segment::SECTIONS_FILE;
+use super::{read_json, to_json};
 use crate::app::case::{CaseError, MadeFrom};
 use crate::app::error::Error;
 use crate::app::event::Stage;
@@ -10,8 +11,12 @@ use crate::app::{atomic, packed};
 use crate::ct::Warning;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, Solid};
+use crate::topology::{Matching, drawing};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
+/// Which contour continues which, and why.
+pub(crate) const TOPOLOGY_FILE: &str = "topology.json";
 /// The solid.
 pub(crate) const SOLID_FILE: &str = "solid.bin";
 /// Its first line; the number changes with what the surfaces are made of.
@@ -38,28 +43,51 @@ impl Session<'_> {
     /// [`Error`] where there are no contours, where they make no solid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
         self.require(Stage::Segment)?;
-        self.stage(Stage::Solid, Self::build_solid)
+        self.stage(Stage::Solid, Self::build_solid)?;
+        self.topology = Some(self.matching()?.summary);
+        Ok(())
+    }
+
+    /// Draws which contour continues which, and why, as SVG.
+    ///
+    /// # Errors
+    /// [`Error`] where there is no solid, or where the file cannot be written.
+    pub fn draw_matching(&mut self, path: &Path) -> Result<(), Error> {
+        self.require(Stage::Solid)?;
+        Ok(atomic::write_export(path, drawing::svg(&self.matching()?).as_bytes())?)
+    }
+
+    fn matching(&self) -> Result<Matching, Error> {
+        Ok(read_json(&self.case.output(Stage::Solid, TOPOLOGY_FILE)?)?)
     }
 
     pub(crate) fn solid_made_from(&self) -> Result<MadeFrom, Error> {
         Ok(MadeFrom::from([
             ("sections", self.case.output_hash(Stage::Segment, SECTIONS_FILE)?),
-            ("parameters", hash_of(&self.settings().body)),
+            ("parameters", hash_of(&self.solid_params())),
         ]))
     }
 
-    fn build_solid(&mut self, task: &Task<'_>) -> Result<Made, Error> {
-        let body = match self.settings().body {
+    fn solid_params(&self) -> solid::Params {
+        let settings = self.settings();
+        let body = match settings.body {
             Body::WallMm(wall_mm) => solid::Body::Wall { wall_mm },
             Body::Cast => solid::Body::Cast,
         };
-        let built = solid::build(self.sections()?, &solid::Params { body }, task)?;
+        let (correspondence, decisions) = (settings.correspondence, settings.decisions.clone());
+        solid::Params { body, correspondence, decisions }
+    }
+
+    fn build_solid(&mut self, task: &Task<'_>) -> Result<Made, Error> {
+        let params = self.solid_params();
+        let built = solid::build(self.sections()?, &params, task)?;
         let staging = self.case.staging()?;
         let document = DocumentRef { warnings: &built.warnings, solid: &built.solid };
         let bytes = packed::to_bytes(DOCUMENT, &document).expect("every list of a solid knows its length");
         staging.write(SOLID_FILE, &bytes)?;
+        staging.write(TOPOLOGY_FILE, &to_json(&built.matching))?;
         let [bottom, top] = built.solid.z_range_mm();
-        let what = if matches!(body, solid::Body::Cast) { "cast" } else { "hollow wall" };
+        let what = if matches!(params.body, solid::Body::Cast) { "cast" } else { "hollow wall" };
         let summary = format!("{what}, z {bottom:.2} to {top:.2} mm");
         self.held.solid = Some(built.solid);
         self.held.sliced = None;
