@@ -2,17 +2,48 @@
 
 use super::Error;
 use super::assemble::{Recipe, assemble};
-use super::event::{EventPlanes, EventSource};
+use super::distance::{DistanceSource, Inverse};
+use super::event::{EventPlanes, EventSource, Plane};
 use super::lobes::LobeSource;
 use super::skin::Skin;
+use crate::geom::Contour;
 use crate::progress::Task;
 use crate::topology::Graph;
 
 struct Lumen;
 
+fn boxed<'a>(source: impl EventSource + 'a) -> Box<dyn EventSource + 'a> {
+    Box::new(source)
+}
+
+fn all_planes(planes: &EventPlanes) -> impl Iterator<Item = &Plane> {
+    planes.parents.iter().chain(&planes.daughters)
+}
+
+/// Holes as outlines.
+fn reversed(planes: &EventPlanes) -> EventPlanes {
+    let plane = |p: &Plane| Plane { w: p.w, contours: p.contours.iter().map(Contour::reversed).collect() };
+    EventPlanes {
+        parents: planes.parents.iter().map(plane).collect(),
+        daughters: planes.daughters.iter().map(plane).collect(),
+    }
+}
+
 impl Recipe for Lumen {
     fn source<'a>(&'a self, planes: &EventPlanes, _sign: f64) -> Option<Box<dyn EventSource + 'a>> {
-        LobeSource::fit(planes).map(|s| Box::new(s) as Box<dyn EventSource>)
+        let n_holes = all_planes(planes).flat_map(|p| &p.contours).filter(|c| !c.is_ccw()).count();
+        let n: usize = all_planes(planes).map(|p| p.contours.len()).sum();
+        if n_holes == 0 {
+            LobeSource::fit(planes).map(boxed)
+        } else if n_holes == n {
+            LobeSource::fit(&reversed(planes)).map(|s| boxed(Inverse(s)))
+        } else {
+            DistanceSource::through(planes).map(boxed)
+        }
+    }
+
+    fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
+        DistanceSource::through(planes).map(boxed)
     }
 
     fn is_measured(&self) -> bool {

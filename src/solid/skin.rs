@@ -1,6 +1,6 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
-use super::event::{BuiltSlab, Crotch, Slab};
+use super::event::{Crotch, Slab};
 use crate::geom::{Contour, Point2, Point3};
 use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
@@ -62,10 +62,10 @@ pub(super) struct Strand {
 }
 
 /// Skins every strand.
-pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<BuiltSlab>) -> Result<Skin, SplineError> {
+pub(super) fn skin(strands: Vec<Strand>, slabs: Vec<Slab>) -> Result<Skin, SplineError> {
     let tubes: Vec<Result<Tube, SplineError>> = strands.into_par_iter().map(tube).collect();
     let tubes = tubes.into_iter().collect::<Result<_, _>>()?;
-    Ok(Skin { tubes, slabs: slabs.into_iter().map(|b| b.slab).collect() })
+    Ok(Skin { tubes, slabs })
 }
 
 fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
@@ -97,7 +97,7 @@ fn least_x_start(curve: &ClosedCurve) -> f64 {
 }
 
 /// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
-fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
+pub(super) fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
     let n = previous.len();
     let points = curve.resampled(n, 0.0);
     let cost = |shift: usize| -> f64 {
@@ -122,7 +122,8 @@ impl Skin {
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
     }
 
-    /// The closed curves at height z, counter-clockwise polylines with chords within the tolerance.
+    /// The closed curves at height z as polylines with chords within the tolerance: outlines run counter-clockwise,
+    /// holes clockwise.
     #[must_use]
     pub fn section(&self, z_mm: f64, tolerance_mm: f64) -> Vec<Contour> {
         let mut contours: Vec<Contour> = self
@@ -284,7 +285,7 @@ fn chained(mut pieces: Vec<Vec<Point2>>) -> Vec<Vec<Point2>> {
     curves
 }
 
-/// Joins open curves to closed counter-clockwise contours, nearest ends first.
+/// Joins directed open curves, by bridges of either direction, to closed contours, nearest ends first.
 fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec<Contour> {
     let mut closed = Vec::new();
     while let Some(mut contour) = open.pop() {
@@ -311,7 +312,7 @@ fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec
         }
         let contour = Contour::new(contour);
         if contour.len() >= 3 {
-            closed.push(if contour.is_ccw() { contour } else { contour.reversed() });
+            closed.push(contour);
         }
     }
     closed
