@@ -18,6 +18,8 @@ const LEAST_APART_MM: f64 = 0.1;
 /// Radius within which heights are mapped, in the same unit, mm.
 const MOST_RADIUS_MM: f64 = 2.0;
 const LEAST_RADIUS_MM: f64 = 0.4;
+/// Steps of the contours' grid over those of the source.
+const FINER: f64 = 0.3;
 
 /// A place at which heights are mapped.
 #[derive(Debug, Clone, Copy)]
@@ -86,6 +88,8 @@ pub(super) fn spread<'a>(
         Warp { at: c.at, radius, sites: [low, moved[k], high], own: c.w }
     };
     let warps = criticals.iter().enumerate().map(warp).collect();
+    // Where heights are stretched, gaps are narrower for longer.
+    let frame = Frame { bounds: frame.bounds, step_mm: FINER * frame.step_mm };
     Some(Biased { source, frame, warps, step_w: 1e-4 * (high - low) })
 }
 

@@ -31,11 +31,10 @@ fn reversed(planes: &EventPlanes) -> EventPlanes {
 
 impl Recipe for Lumen {
     fn source<'a>(&'a self, planes: &EventPlanes, _sign: f64) -> Option<Box<dyn EventSource + 'a>> {
-        let n_holes = all_planes(planes).flat_map(|p| &p.contours).filter(|c| !c.is_ccw()).count();
-        let n: usize = all_planes(planes).map(|p| p.contours.len()).sum();
-        if n_holes == 0 {
+        let is_hole = |c: &Contour| !c.is_ccw();
+        if !planes.daughters.iter().flat_map(|p| &p.contours).any(is_hole) {
             LobeSource::fit(planes).map(boxed)
-        } else if n_holes == n {
+        } else if all_planes(planes).flat_map(|p| &p.contours).all(is_hole) {
             LobeSource::fit(&reversed(planes)).map(|s| boxed(Inverse(s)))
         } else {
             DistanceSource::through(planes).map(boxed)

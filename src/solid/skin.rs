@@ -6,8 +6,11 @@ use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSu
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy.
-const SECTION_POINTS: usize = 256;
+/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy; contours with sharper bends than
+/// these points can follow get twice as many, and twice that.
+const SECTION_POINTS: [usize; 3] = [256, 512, 1024];
+/// How far a section may leave the closed spline through its contour, mm.
+const SECTION_TOLERANCE_MM: f64 = 3e-4;
 /// Samples along a lateral patch's row from which its bending is taken.
 const ARC_SAMPLES: usize = 64;
 /// Grid on which the saddle patch is cut by a plane.
@@ -78,22 +81,44 @@ fn tube(mut strand: Strand) -> Result<Tube, SplineError> {
     if curves.len() != z.len() {
         return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
     }
+    let n_points = section_points(&curves);
     let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
     for curve in &curves {
         let start_mm = match sections.last() {
-            None => least_x_start(curve),
+            None => least_x_start(curve, n_points),
             Some(previous) => least_twist_start(curve, previous),
         };
-        sections.push(curve.resampled(SECTION_POINTS, start_mm));
+        sections.push(curve.resampled(n_points, start_mm));
     }
     Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
 }
 
+/// How many points round the section all curves of a tube need.
+fn section_points(curves: &[ClosedCurve]) -> usize {
+    let leaves = |curve: &ClosedCurve, n: usize| {
+        let section = SectionCurve::through_points(&curve.resampled(n, 0.0));
+        let between = |i: usize| (i as f64 + 0.5) / n as f64;
+        (0..n).any(|i| {
+            let u = between(i);
+            (section.at(u) - curve.at_length(u * curve.length_mm())).norm() > SECTION_TOLERANCE_MM
+        })
+    };
+    let [few, more, most] = SECTION_POINTS;
+    let enough = |n: usize| !curves.iter().any(|curve| leaves(curve, n));
+    if enough(few) {
+        few
+    } else if enough(more) {
+        more
+    } else {
+        most
+    }
+}
+
 /// The published rule for the first section of a branch: start where x is least.
-fn least_x_start(curve: &ClosedCurve) -> f64 {
-    let points = curve.resampled(SECTION_POINTS, 0.0);
-    let least = (0..SECTION_POINTS).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
-    curve.length_mm() * least as f64 / SECTION_POINTS as f64
+fn least_x_start(curve: &ClosedCurve, n_points: usize) -> f64 {
+    let points = curve.resampled(n_points, 0.0);
+    let least = (0..n_points).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
+    curve.length_mm() * least as f64 / n_points as f64
 }
 
 /// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
