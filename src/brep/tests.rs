@@ -1,5 +1,5 @@
 use super::*;
-use crate::geom::{Contour, Point2, RigidTransform};
+use crate::geom::RigidTransform;
 use crate::mesh::SkinChoice;
 use crate::phantom::{Kind as Vessels, Vessel};
 use crate::progress::Task;
@@ -8,7 +8,7 @@ use crate::solid::{Body as Wanted, Params, Solid, build};
 
 fn solid(planes: Vec<PlaneSections>, body: Wanted) -> Solid {
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
-    build(&stack, &Params { body }, &Task::quiet()).unwrap().solid
+    build(&stack, &Params::new(body), &Task::quiet()).unwrap().solid
 }
 
 fn phantom(kind: Vessels, body: Wanted) -> Solid {

@@ -52,7 +52,7 @@ pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<
     if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward; lumen caps inside the body do, too.
         mesher.mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        rims.iter_mut().for_each(|r| r.is_hole = true);
+        rims.iter_mut().for_each(|r| r.is_hole = !r.is_hole);
         let outer_rims = mesher.skin(outer)?;
         rims.extend(outer_rims);
     }
@@ -120,7 +120,10 @@ impl Mesher<'_> {
             if end == Some(End::Cap) {
                 let vertices = row.iter().map(|s| s.vertex).collect();
                 let z_mm = if k == 0 { low } else { high };
-                rims.push(RimAt { z_mm, downward: k == 0, is_hole: false, vertices });
+                // A hole of the lumen runs clockwise.
+                let outline = row.iter().map(|s| self.mesh.vertices[s.vertex as usize].xy()).collect();
+                let is_hole = !Contour::new(outline).is_ccw();
+                rims.push(RimAt { z_mm, downward: k == 0, is_hole, vertices });
             }
             if let Some(lower) = &below {
                 between_rings(lower, &row, &self.mesh.vertices, &mut self.mesh.triangles);

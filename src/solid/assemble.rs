@@ -2,11 +2,13 @@
 //!
 //! Branches run from event to event; at every event virtual sections from the event's field are added to the given
 //! ones on both sides, denser towards the apex, so that the lofted tubes meet the patches of the slab on one field.
+//! Cost: linear in the number of contours.
 
-use super::event::{
-    Apex, BuiltSlab, EventFault, EventPlanes, EventSource, Plane, apex, build_slab, component,
-};
+use super::dome;
+use super::event::{EventFault, EventPlanes, EventSource, Plane, Slab};
+use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
+use super::sweep::{Interval, Joint, LEGS_SIDE_MM, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
 use super::{Error, Place};
 use crate::geom::{Contour, Vector2};
 use crate::progress::Task;
@@ -16,25 +18,16 @@ use rayon::prelude::*;
 
 /// Planes on either side that an event looks at.
 const EVENT_PLANES: usize = 3;
-/// Half-heights of the slab below and above the apex for daughters of 3 mm radius, mm: thin, so that the normals
-/// of the interpolated patches agree with the field's; not so thin that the saddle degenerates.
-const SLAB_BELOW_MM: f64 = 0.3;
-const SLAB_ABOVE_MM: f64 = 0.15;
-/// The share of the way to the next plane that a slab may take.
-const SLAB_SHARE: f64 = 0.35;
-/// A slab thinner than this, mm, is rounding: its patches would have no shape.
-const LEAST_SLAB_MM: f64 = 1e-3;
-/// The radius that lengths in this file are stated for.
+/// The radius that lengths of slabs and virtual sections are stated for.
 const STATED_RADIUS_MM: f64 = 3.0;
-/// Virtual sections of a daughter above the apex, mm.
-const DAUGHTER_OFFSETS_MM: [f64; 6] = [0.15, 0.25, 0.45, 0.8, 1.3, 2.0];
-/// Virtual sections of the parent, as fractions of the way from its last plane to the waist.
-const PARENT_FRACTIONS: [f64; 6] = [0.2, 0.4, 0.6, 0.75, 0.88, 1.0];
 /// Virtual sections in the daughters' first full interval and in the parent's last one.
 const DAUGHTER_INTERVAL: [f64; 3] = [1.0 / 12.0, 0.25, 0.5];
 const PARENT_INTERVAL: [f64; 2] = [1.0 / 3.0, 2.0 / 3.0];
+/// Of those, the part that an event may take where the interval's other end is an event, too.
+const SHARED_INTERVAL: f64 = 0.3;
 /// A scale or shift of an extrapolated end section beyond this is noise, not anatomy.
 const MOST_END_CHANGE: f64 = 0.15;
+const NONE: usize = usize::MAX;
 
 /// A branch of the graph: nodes from the bottom upward.
 #[derive(Debug, Clone)]
@@ -46,22 +39,37 @@ struct Branch {
 pub(super) trait Recipe: Sync {
     /// The field around an event seen along w = `sign` z; `None` where its contours are degenerate.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>>;
-    /// Whether the sections are measured: every one must be kept, and branches that reach the first or last plane
-    /// go on by half a plane interval. Sections that were computed may be left out where a slab needs the room.
+    /// A field to try where no event can be built on the first one.
+    fn second_source<'a>(&'a self, _planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
+        None
+    }
+    /// Whether the sections are measured: every one must be kept, branches that reach the first or last plane
+    /// go on by half a plane interval, others end in domes. Sections that were computed may be left out where a slab
+    /// needs the room.
     fn is_measured(&self) -> bool;
     /// Two branches that part in a crease instead of a saddle; `None` where they do not. The patches may reach down
     /// to the height w `floor` of the parent.
     fn crease(&self, _planes: &EventPlanes, _upward: bool, _floor: f64) -> Option<Creased> {
         None
     }
-
     /// Which points of neighbouring sections correspond.
     fn correspondence(&self) -> Correspondence {
         Correspondence::LeastTwist
     }
 }
 
+/// A slab with the contours at its borders.
+#[derive(Debug, Clone)]
+pub(super) struct BuiltSlab {
+    pub(super) slab: Slab,
+    /// The parent's contour at the waist.
+    pub(super) waist: Contour,
+    /// The daughters' contours at their ends.
+    pub(super) daughters: [Contour; 2],
+}
+
 /// The patches of a crease with the sections that lead to them.
+#[derive(Debug)]
 pub(super) struct Creased {
     pub(super) slab: BuiltSlab,
     /// Further sections of the parent and of the daughters: height w, contour.
@@ -71,16 +79,89 @@ pub(super) struct Creased {
     pub(super) clearance_mm: f64,
 }
 
+impl Creased {
+    /// The crease as an event of three parts: the parent, then the daughters.
+    fn swept(self) -> (Swept, f64) {
+        let [w_waist, w_top] = self.slab.slab.w_mm;
+        let mut sections = vec![(0, w_waist, self.slab.waist)];
+        sections.extend(self.parent.into_iter().map(|(w, c)| (0, w, c)));
+        for (side, (end, further)) in self.slab.daughters.into_iter().zip(self.daughters).enumerate() {
+            sections.push((side + 1, w_top, end));
+            sections.extend(further.into_iter().map(|(w, c)| (side + 1, w, c)));
+        }
+        let joints = vec![Joint { waist: 0, legs: [1, 2], slab: self.slab.slab }];
+        (Swept { n_parts: 3, upper: vec![1, 2], joints, sections }, self.clearance_mm)
+    }
+}
+
+/// The graph with its branches, and for each node what it belongs to.
+struct Layout<'a> {
+    graph: &'a Graph,
+    branches: Vec<Branch>,
+    branch_of: Vec<usize>,
+    /// Whether a star leads from each branch downward and upward.
+    continued: Vec<[bool; 2]>,
+    /// Whether the branch is what others join to there.
+    is_parent: Vec<[bool; 2]>,
+}
+
+impl<'a> Layout<'a> {
+    fn of(graph: &'a Graph) -> Self {
+        let n = graph.nodes.len();
+        let (mut up, mut down) = (vec![NONE; n], vec![NONE; n]);
+        for (s, star) in graph.stars.iter().enumerate() {
+            star.lower.iter().for_each(|&node| up[node] = s);
+            star.upper.iter().for_each(|&node| down[node] = s);
+        }
+        let plain = |s: usize| s != NONE && !is_event(&graph.stars[s]);
+        let (mut branches, mut continued, mut is_parent) = (Vec::new(), Vec::new(), Vec::new());
+        let several = |s: usize, side: fn(&Star) -> &[usize]| s != NONE && side(&graph.stars[s]).len() > 1;
+        let mut branch_of = vec![NONE; n];
+        for node in (0..n).filter(|&node| !plain(down[node])) {
+            let mut nodes = vec![node];
+            let mut last = node;
+            while plain(up[last]) {
+                last = graph.stars[up[last]].upper[0];
+                nodes.push(last);
+            }
+            nodes.iter().for_each(|&k| branch_of[k] = branches.len());
+            branches.push(Branch { nodes });
+            continued.push([down[node] != NONE, up[last] != NONE]);
+            is_parent.push([several(down[node], |s| &s.lower), several(up[last], |s| &s.upper)]);
+        }
+        Self { graph, branches, branch_of, continued, is_parent }
+    }
+
+    fn strand(&self, branch: &Branch) -> Strand {
+        let section = |&n: &usize| (self.z(n), self.graph.nodes[n].contour.clone());
+        Strand { sections: branch.nodes.iter().map(section).collect(), bottom: End::Cap, top: End::Cap }
+    }
+
+    fn z(&self, node: usize) -> f64 {
+        self.graph.z_mm[self.graph.nodes[node].plane]
+    }
+
+    /// How far down along w a crease may reach into its parent: to the parent's end, half of the way where another
+    /// event reaches into it from there.
+    fn floor(&self, parent: usize, upward: bool) -> f64 {
+        let nodes = &self.branches[parent].nodes;
+        let (bottom, top) = (self.z(nodes[0]), self.z(nodes[nodes.len() - 1]));
+        let (near, far) = if upward { (top, bottom) } else { (-bottom, -top) };
+        let opposed = self.is_parent[parent][usize::from(!upward)];
+        if opposed { 0.5 * (near + far) } else { far }
+    }
+}
+
 /// Builds a skin.
 pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> Result<Skin, Error> {
-    let branches = branches(graph);
-    let mut strands: Vec<Strand> = branches.iter().map(|b| strand(graph, b)).collect();
+    let layout = Layout::of(graph);
+    let mut strands = Strands::of(layout.branches.iter().map(|b| layout.strand(b)).collect());
     let events: Vec<usize> = (0..graph.stars.len()).filter(|&s| is_event(&graph.stars[s])).collect();
     let built: Vec<Result<Event, Error>> = events
         .par_iter()
         .map(|&star| {
             task.check()?;
-            Event::build(graph, &branches, star, recipe)
+            Event::build(&layout, star, recipe)
         })
         .collect();
     let mut slabs = Vec::new();
@@ -88,288 +169,212 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
     for event in built {
         event?.install(&mut strands, &mut slabs);
     }
-    if recipe.is_measured() {
-        branches.iter().zip(&mut strands).for_each(|(b, s)| extend_ends(graph, b, s));
+    for (k, branch) in layout.branches.iter().enumerate() {
+        if recipe.is_measured() {
+            let [from_below, from_above] = layout.continued[k];
+            let strand = strands.get(k);
+            if !from_below {
+                finish(&layout, branch.nodes[0], false, strand);
+            }
+            if !from_above {
+                finish(&layout, branch.nodes[branch.nodes.len() - 1], true, strand);
+            }
+        }
     }
-    skin(strands, slabs, recipe.correspondence()).map_err(Error::Spline)
+    skin(strands.joined(&slabs), slabs, recipe.correspondence()).map_err(Error::Spline)
 }
 
 fn is_event(star: &Star) -> bool {
     star.lower.len() > 1 || star.upper.len() > 1
 }
 
-fn star_at(graph: &Graph, node: usize, upward: bool) -> Option<usize> {
-    graph.stars.iter().position(|s| if upward { s.lower.contains(&node) } else { s.upper.contains(&node) })
+/// Strands of which some turn out to be pieces of one (union-find).
+struct Strands {
+    strands: Vec<Strand>,
+    parent: Vec<usize>,
 }
 
-fn branches(graph: &Graph) -> Vec<Branch> {
-    let mut found = Vec::new();
-    for node in 0..graph.nodes.len() {
-        let down = star_at(graph, node, false);
-        if down.is_some_and(|s| !is_event(&graph.stars[s])) {
-            continue;
-        }
-        let mut nodes = vec![node];
-        while let Some(s) = star_at(graph, nodes[nodes.len() - 1], true) {
-            if is_event(&graph.stars[s]) {
-                break;
-            }
-            nodes.push(graph.stars[s].upper[0]);
-        }
-        found.push(Branch { nodes });
+impl Strands {
+    fn of(strands: Vec<Strand>) -> Self {
+        let parent = (0..strands.len()).collect();
+        Self { strands, parent }
     }
-    found
+
+    fn root(&mut self, mut k: usize) -> usize {
+        while self.parent[k] != k {
+            self.parent[k] = self.parent[self.parent[k]];
+            k = self.parent[k];
+        }
+        k
+    }
+
+    fn get(&mut self, k: usize) -> &mut Strand {
+        let root = self.root(k);
+        &mut self.strands[root]
+    }
+
+    fn begin(&mut self) -> usize {
+        self.strands.push(Strand { sections: Vec::new(), bottom: End::Cap, top: End::Cap });
+        self.parent.push(self.parent.len());
+        self.parent.len() - 1
+    }
+
+    /// Makes two strands one.
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a == b {
+            return;
+        }
+        let (kept, gone) = (a.min(b), a.max(b));
+        let Strand { sections, bottom, top } = std::mem::replace(
+            &mut self.strands[gone],
+            Strand { sections: Vec::new(), bottom: End::Cap, top: End::Cap },
+        );
+        self.parent[gone] = kept;
+        let strand = &mut self.strands[kept];
+        strand.sections.extend(sections);
+        if bottom != End::Cap {
+            strand.bottom = bottom;
+        }
+        if top != End::Cap {
+            strand.top = top;
+        }
+    }
+
+    /// The strands that are left, without what lies beyond their slabs: between an apex and a plane that was left
+    /// out there may be sections of the other side.
+    fn joined(mut self, slabs: &[Slab]) -> Vec<Strand> {
+        let n = self.strands.len();
+        let is_root: Vec<bool> = (0..n).map(|k| self.root(k) == k).collect();
+        let z = |end: End| match end {
+            End::Cap => None,
+            End::Waist { slab } => Some(slabs[slab].z_of(slabs[slab].w_mm[0])),
+            End::Daughter { slab, .. } => Some(slabs[slab].z_of(slabs[slab].w_mm[1])),
+        };
+        let mut left = Vec::new();
+        for (mut strand, _) in self.strands.into_iter().zip(is_root).filter(|(_, is_root)| *is_root) {
+            let low = z(strand.bottom).unwrap_or(f64::NEG_INFINITY);
+            let high = z(strand.top).unwrap_or(f64::INFINITY);
+            strand.sections.retain(|(z, _)| *z >= low && *z <= high);
+            left.push(strand);
+        }
+        left
+    }
 }
 
-fn strand(graph: &Graph, branch: &Branch) -> Strand {
-    let section = |&n: &usize| (graph.z_mm[graph.nodes[n].plane], graph.nodes[n].contour.clone());
-    Strand { sections: branch.nodes.iter().map(section).collect(), bottom: End::Cap, top: End::Cap }
-}
-
-/// An event seen along w: one branch parts into several.
+/// An event seen along w.
 struct Event {
     upward: bool,
-    parent: usize,
-    daughters: Vec<usize>,
-    slabs: Vec<(Joint, BuiltSlab)>,
-    /// Virtual sections: of which part, height w, contour.
-    sections: Vec<(Part, f64, Contour)>,
-    /// How many new branches lie between chained slabs.
-    n_between: usize,
+    lower: Vec<usize>,
+    upper: Vec<usize>,
+    swept: Swept,
     /// How near to a slab computed sections are left out, mm.
     clearance_mm: f64,
 }
 
-/// A branch of an event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Part {
-    Parent,
-    Daughter(usize),
-    /// A branch between two slabs of one event.
-    Between(usize),
-}
-
-/// Which parts a slab joins.
-#[derive(Debug, Clone, Copy)]
-struct Joint {
-    parent: Part,
-    daughters: [Part; 2],
-}
-
-/// A set of daughters that are joined at the height reached so far.
-#[derive(Debug, Clone)]
-struct Cluster {
-    lobes: Vec<usize>,
-    part: Part,
-    /// Lowest height w at which the part is known: its first CT plane or the waist above.
-    w_top: f64,
-}
-
 impl Event {
-    fn build(
-        graph: &Graph,
-        branches: &[Branch],
-        star_idx: usize,
-        recipe: &dyn Recipe,
-    ) -> Result<Self, Error> {
-        let star = &graph.stars[star_idx];
+    fn build(layout: &Layout<'_>, star_idx: usize, recipe: &dyn Recipe) -> Result<Self, Error> {
+        let star = &layout.graph.stars[star_idx];
         let upward = star.upper.len() > 1;
-        let (single, several) =
-            if upward { (star.lower[0], &star.upper) } else { (star.upper[0], &star.lower) };
-        let branch_of =
-            |n: usize| branches.iter().position(|b| b.nodes.contains(&n)).expect("every node is in a branch");
-        let parent = branch_of(single);
-        let daughters: Vec<usize> = several.iter().map(|&n| branch_of(n)).collect();
+        let branches = |nodes: &[usize]| nodes.iter().map(|&n| layout.branch_of[n]).collect();
+        let (below, above): (Vec<usize>, Vec<usize>) = (branches(&star.lower), branches(&star.upper));
+        let (lower, upper) = if upward { (below, above) } else { (above, below) };
         let sign = if upward { 1.0 } else { -1.0 };
-        let planes = event_planes(graph, branches, parent, &daughters, upward, sign);
+        let planes = event_planes(layout, &lower, &upper, upward);
         let place = Place::Planes { lower: star.interval, upper: star.interval + 1 };
         let fault = |fault: EventFault| Error::Event { place, fault };
-        let mut event = Self {
-            upward,
-            parent,
-            daughters,
-            slabs: Vec::new(),
-            sections: Vec::new(),
-            n_between: 0,
-            clearance_mm: 0.0,
-        };
-        if event.daughters.len() == 2
-            && let Some(creased) = recipe.crease(&planes, upward, event.floor(graph, branches))
+        if let ([parent], [_, _]) = (&lower[..], &upper[..])
+            && let Some(creased) = recipe.crease(&planes, upward, layout.floor(*parent, upward))
         {
-            event.add_crease(creased);
-            return Ok(event);
+            let (swept, clearance_mm) = creased.swept();
+            return Ok(Self { upward, lower, upper, swept, clearance_mm });
         }
-        let source = recipe.source(&planes, sign).ok_or_else(|| fault(EventFault::NoApex))?;
-        let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
-        event.join_clusters(&*source, &planes).map_err(fault)?;
-        Ok(event)
-    }
-
-    /// How far down along w a slab may reach into the parent: to its end, half of the way where another event
-    /// reaches into it from there.
-    fn floor(&self, graph: &Graph, branches: &[Branch]) -> f64 {
-        let nodes = &branches[self.parent].nodes;
-        let (near, far) =
-            if self.upward { (nodes[nodes.len() - 1], nodes[0]) } else { (nodes[0], nodes[nodes.len() - 1]) };
-        let sign = if self.upward { 1.0 } else { -1.0 };
-        let w = |node: usize| sign * graph.z_mm[graph.nodes[node].plane];
-        let opposed = star_at(graph, far, !self.upward).is_some_and(|s| {
-            let star = &graph.stars[s];
-            (if self.upward { &star.lower } else { &star.upper }).len() > 1
-        });
-        if opposed { 0.5 * (w(near) + w(far)) } else { w(far) }
-    }
-
-    fn add_crease(&mut self, creased: Creased) {
-        let [waist_w, top_w] = creased.slab.slab.w_mm;
-        self.clearance_mm = creased.clearance_mm;
-        self.sections.push((Part::Parent, waist_w, creased.slab.waist.clone()));
-        self.sections.extend(creased.parent.into_iter().map(|(w, c)| (Part::Parent, w, c)));
-        for (side, sections) in creased.daughters.into_iter().enumerate() {
-            self.sections.push((Part::Daughter(side), top_w, creased.slab.daughters[side].clone()));
-            self.sections.extend(sections.into_iter().map(|(w, c)| (Part::Daughter(side), w, c)));
-        }
-        let joint = Joint { parent: Part::Parent, daughters: [Part::Daughter(0), Part::Daughter(1)] };
-        self.slabs.push((joint, creased.slab));
-    }
-
-    /// Joins the daughters pair by pair, highest apex first, until one branch is left: the parent.
-    fn join_clusters(&mut self, source: &dyn EventSource, planes: &EventPlanes) -> Result<(), EventFault> {
-        let unit = planes.mean_radius_mm() / STATED_RADIUS_MM;
-        let (w_parent, w_daughter) = (planes.parents[0].w, planes.daughters[0].w);
-        let n = planes.daughters[0].contours.len();
-        let mut clusters: Vec<Cluster> =
-            (0..n).map(|i| Cluster { lobes: vec![i], part: Part::Daughter(i), w_top: w_daughter }).collect();
-        let mut apexes: Vec<Apex> = Vec::new();
-        for i in 0..n {
-            for j in i + 1..n {
-                apexes.extend(apex(source, [i, j], [w_parent, w_daughter]));
-            }
-        }
-        apexes.sort_by(|a, b| b.w.total_cmp(&a.w));
-        for (k, apex) in apexes.iter().enumerate() {
-            let find = |lobe: usize| clusters.iter().position(|c| c.lobes.contains(&lobe));
-            let (Some(x), Some(y)) = (find(apex.lobes[0]), find(apex.lobes[1])) else { continue };
-            if x == y {
-                continue;
-            }
-            let last = clusters.len() == 2;
-            let third = |a: &&Apex| {
-                let joins = |c: &Cluster| a.lobes.iter().filter(|l| c.lobes.contains(l)).count();
-                joins(&clusters[x]) + joins(&clusters[y]) == 1
-            };
-            let floor = apexes[k + 1..].iter().find(third).map_or(w_parent, |next| next.w);
-            let roof = clusters[x].w_top.min(clusters[y].w_top);
-            let below = (SLAB_BELOW_MM * unit).min(SLAB_SHARE * (apex.w - floor));
-            let above = (SLAB_ABOVE_MM * unit).min(SLAB_SHARE * (roof - apex.w));
-            if below < LEAST_SLAB_MM || above < LEAST_SLAB_MM {
-                return Err(if floor > w_parent { EventFault::Simultaneous } else { EventFault::NoApex });
-            }
-            let slab = build_slab(source, *apex, [apex.w - below, apex.w + above], self.upward)?;
-            let part = if last {
-                Part::Parent
-            } else {
-                self.n_between += 1;
-                Part::Between(self.n_between - 1)
-            };
-            let joint = Joint { parent: part, daughters: [clusters[x].part, clusters[y].part] };
-            for (side, c) in [x, y].into_iter().enumerate() {
-                self.sections.push((clusters[c].part, apex.w + above, slab.daughters[side].clone()));
-                self.add_daughter_sections(source, planes, &clusters[c], [apex.w, above], unit);
-            }
-            self.sections.push((part, apex.w - below, slab.waist.clone()));
-            self.slabs.push((joint, slab));
-            let joined = clusters.remove(x.max(y));
-            let kept = &mut clusters[x.min(y)];
-            kept.lobes.extend(joined.lobes);
-            kept.part = part;
-            kept.w_top = apex.w - below;
-        }
-        if clusters.len() != 1 {
-            return Err(EventFault::NoApex);
-        }
-        let w_waist = clusters[0].w_top;
-        self.add_parent_sections(source, planes, w_waist);
-        Ok(())
-    }
-
-    /// Virtual sections between an apex and the top of a cluster.
-    fn add_daughter_sections(
-        &mut self,
-        source: &dyn EventSource,
-        planes: &EventPlanes,
-        cluster: &Cluster,
-        [w_apex, above]: [f64; 2],
-        unit: f64,
-    ) {
-        let mut heights: Vec<f64> = DAUGHTER_OFFSETS_MM
-            .iter()
-            .map(|o| w_apex + o * unit)
-            .filter(|w| *w > w_apex + above + 0.05 * unit && *w < cluster.w_top - 0.1 * unit)
-            .collect();
-        if let (Part::Daughter(_), [first, second, ..]) = (cluster.part, &planes.daughters[..]) {
-            heights.extend(DAUGHTER_INTERVAL.iter().map(|f| first.w + f * (second.w - first.w)));
-        }
-        self.add_sections(source, cluster.part, cluster.lobes[0], &heights);
-    }
-
-    fn add_parent_sections(&mut self, source: &dyn EventSource, planes: &EventPlanes, w_waist: f64) {
-        let last = planes.parents[0].w;
-        let inner = &PARENT_FRACTIONS[..PARENT_FRACTIONS.len() - 1];
-        let mut heights: Vec<f64> = inner.iter().map(|f| last + f * (w_waist - last)).collect();
-        if let Some(before) = planes.parents.get(1) {
-            heights.extend(PARENT_INTERVAL.iter().map(|f| before.w + f * (last - before.w)));
-        }
-        self.add_sections(source, Part::Parent, 0, &heights);
-    }
-
-    fn add_sections(&mut self, source: &dyn EventSource, part: Part, lobe: usize, heights: &[f64]) {
-        let found: Vec<_> = heights
-            .par_iter()
-            .filter_map(|&w| {
-                let contours = source.contours(w);
-                component(&contours, source.anchor(lobe, w)).map(|(_, c)| (part, w, c.clone()))
+        let try_on = |source: Option<Box<dyn EventSource + '_>>, planes: EventPlanes| {
+            let source = source.ok_or(EventFault::NoApex)?;
+            let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
+            let outer = outer_heights(layout, &lower, &upper, &planes);
+            sweep(&*source, &interval(&planes, outer, upward))
+        };
+        let swept = try_on(recipe.source(&planes, sign), planes.clone())
+            .or_else(|error| {
+                let second = recipe.second_source(&planes);
+                if second.is_some() { try_on(second, planes).map_err(|_second| error) } else { Err(error) }
             })
-            .collect();
-        self.sections.extend(found);
+            .map_err(fault)?;
+        Ok(Self { upward, lower, upper, swept, clearance_mm: 0.0 })
     }
 
     /// Adds slabs and sections to the branches.
-    fn install(self, strands: &mut Vec<Strand>, slabs: &mut Vec<BuiltSlab>) {
-        let first_between = strands.len();
-        let empty = || Strand { sections: Vec::new(), bottom: End::Cap, top: End::Cap };
-        strands.extend(std::iter::repeat_with(empty).take(self.n_between));
-        let strand_of = |part: Part| match part {
-            Part::Parent => self.parent,
-            Part::Daughter(i) => self.daughters[i],
-            Part::Between(i) => first_between + i,
-        };
+    fn install(self, strands: &mut Strands, slabs: &mut Vec<Slab>) {
+        let parts: Vec<usize> = (0..self.swept.n_parts).map(|_| strands.begin()).collect();
+        self.lower.iter().enumerate().for_each(|(k, &branch)| strands.join(branch, parts[k]));
+        for (&branch, &part) in self.upper.iter().zip(&self.swept.upper) {
+            strands.join(branch, parts[part]);
+        }
         let sign = if self.upward { 1.0 } else { -1.0 };
-        for (joint, slab) in &self.slabs {
-            // Between the apex and a plane that was left out there may be sections of the other side.
-            let [waist, top] = slab.slab.w_mm;
-            let room = self.clearance_mm;
-            strands[strand_of(joint.parent)].sections.retain(|(z, _)| sign * z <= waist - room);
-            for part in joint.daughters {
-                strands[strand_of(part)].sections.retain(|(z, _)| sign * z >= top + room);
+        let room = self.clearance_mm;
+        for joint in self.swept.joints.iter().filter(|_| room > 0.0) {
+            let [waist, top] = joint.slab.w_mm;
+            strands.get(parts[joint.waist]).sections.retain(|(z, _)| joint.slab.w_of(*z) <= waist - room);
+            for leg in joint.legs {
+                strands.get(parts[leg]).sections.retain(|(z, _)| joint.slab.w_of(*z) >= top + room);
             }
         }
-        for (part, w, contour) in self.sections {
-            strands[strand_of(part)].sections.push((sign * w, contour));
+        for (part, w, contour) in self.swept.sections {
+            let sections = &mut strands.get(parts[part]).sections;
+            // Sections that all but coincide would make the spline through them steep. The slab's borders, which come
+            // first, have room by now.
+            if sections.iter().all(|(z, _)| (z - sign * w).abs() >= 0.99 * room) {
+                sections.push((sign * w, contour));
+            }
         }
-        for (joint, slab) in self.slabs {
-            let idx = slabs.len();
-            let mut set = |part: Part, end: End, towards_daughters: bool| {
-                let strand = &mut strands[strand_of(part)];
-                if towards_daughters == self.upward { strand.top = end } else { strand.bottom = end }
+        for joint in self.swept.joints {
+            let slab = slabs.len();
+            let mut set = |part: usize, end: End, is_top: bool| {
+                let strand = strands.get(parts[part]);
+                if is_top { strand.top = end } else { strand.bottom = end }
             };
-            set(joint.parent, End::Waist { slab: idx }, true);
-            for (side, part) in joint.daughters.into_iter().enumerate() {
-                set(part, End::Daughter { slab: idx, side }, false);
+            let upward = joint.slab.upward;
+            set(joint.waist, End::Waist { slab }, upward);
+            for (side, part) in joint.legs.into_iter().enumerate() {
+                set(part, End::Daughter { slab, side }, !upward);
             }
-            slabs.push(slab);
+            slabs.push(joint.slab);
         }
     }
+}
+
+fn interval(planes: &EventPlanes, [below, above]: [Vec<f64>; 2], upward: bool) -> Interval<'_> {
+    Interval {
+        w: [planes.parents[0].w, planes.daughters[0].w],
+        lower: &planes.parents[0].contours,
+        upper: &planes.daughters[0].contours,
+        below,
+        above,
+        unit: planes.mean_radius_mm() / STATED_RADIUS_MM,
+        upward,
+    }
+}
+
+/// Heights of virtual sections in the full intervals beside an event.
+fn outer_heights(
+    layout: &Layout<'_>,
+    lower: &[usize],
+    upper: &[usize],
+    planes: &EventPlanes,
+) -> [Vec<f64>; 2] {
+    // A branch of two nodes has an event at the interval's other end, or its own end.
+    let shared = |branches: &[usize]| branches.iter().any(|&b| layout.branches[b].nodes.len() < 3);
+    let between = |planes: &[Plane], fractions: &[f64], shared: bool| -> Vec<f64> {
+        let [first, second, ..] = planes else { return Vec::new() };
+        let most = if shared { SHARED_INTERVAL } else { 1.0 };
+        let near = fractions.iter().filter(|f| **f <= most);
+        near.map(|f| first.w + f * (second.w - first.w)).collect()
+    };
+    [
+        between(&planes.parents, &PARENT_INTERVAL, shared(lower)),
+        between(&planes.daughters, &DAUGHTER_INTERVAL, shared(upper)),
+    ]
 }
 
 /// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be. The
@@ -381,69 +386,75 @@ fn with_room(source: &dyn EventSource, mut planes: EventPlanes) -> EventPlanes {
     let range = [farthest_parent, farthest_daughters].map(|p| p.map_or(0.0, |p| p.w));
     let n = planes.daughters[0].contours.len();
     let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| [i, j]));
-    let heights: Vec<f64> = pairs.filter_map(|pair| apex(source, pair, range)).map(|a| a.w).collect();
+    let heights: Vec<f64> = pairs.filter_map(|pair| neck::apex(source, pair, range)).map(|a| a.w).collect();
     let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let room = |half_height: f64| half_height * unit / SLAB_SHARE;
-    while planes.parents.len() > 1 && lowest - planes.parents[0].w < room(SLAB_BELOW_MM) {
+    while planes.parents.len() > 1 && lowest - planes.parents[0].w < room(WAIST_SIDE_MM) {
         planes.parents.remove(0);
     }
-    while planes.daughters.len() > 1 && planes.daughters[0].w - highest < room(SLAB_ABOVE_MM) {
+    while planes.daughters.len() > 1 && planes.daughters[0].w - highest < room(LEGS_SIDE_MM) {
         planes.daughters.remove(0);
     }
     planes
 }
 
-/// The planes that an event looks at: those of the branch itself, no farther than its next event.
-fn event_planes(
-    graph: &Graph,
-    branches: &[Branch],
-    parent: usize,
-    daughters: &[usize],
-    upward: bool,
-    sign: f64,
-) -> EventPlanes {
-    let height = |n: usize| sign * graph.z_mm[graph.nodes[n].plane];
+/// The planes that an event looks at: those of the branches themselves, no farther than their next events.
+fn event_planes(layout: &Layout<'_>, lower: &[usize], upper: &[usize], upward: bool) -> EventPlanes {
+    let sign = if upward { 1.0 } else { -1.0 };
     // Nodes of a branch, nearest to the event first.
     let ordered = |branch: usize, from_bottom: bool| -> Vec<usize> {
-        let nodes = &branches[branch].nodes;
-        if from_bottom { nodes.clone() } else { nodes.iter().rev().copied().collect() }
+        let nodes = &layout.branches[branch].nodes;
+        if from_bottom {
+            nodes.iter().take(2 * EVENT_PLANES).copied().collect()
+        } else {
+            nodes.iter().rev().take(2 * EVENT_PLANES).copied().collect()
+        }
     };
-    let parents = ordered(parent, !upward)
-        .into_iter()
-        .take(EVENT_PLANES)
-        .map(|n| Plane { w: height(n), contours: vec![graph.nodes[n].contour.clone()] })
-        .collect();
-    let columns: Vec<Vec<usize>> = daughters.iter().map(|&d| ordered(d, upward)).collect();
-    // A virtual plane holds contours of some branches only: planes count that all daughters have a contour on.
-    let on_plane = |&first: &usize| -> Option<Plane> {
-        let same = |n: &&usize| graph.nodes[**n].plane == graph.nodes[first].plane;
-        let near = |c: &Vec<usize>| c.iter().take(2 * EVENT_PLANES).find(same).copied();
-        let nodes: Vec<usize> = columns.iter().map(near).collect::<Option<_>>()?;
-        let contours = nodes.iter().map(|&n| graph.nodes[n].contour.clone()).collect();
-        Some(Plane { w: height(first), contours })
+    let planes = |branches: &[usize], from_bottom: bool| -> Vec<Plane> {
+        let columns: Vec<Vec<usize>> = branches.iter().map(|&b| ordered(b, from_bottom)).collect();
+        // A virtual plane holds contours of some branches only: planes count that all of them have a contour on.
+        let on_plane = |&first: &usize| -> Option<Plane> {
+            let same = |n: &&usize| layout.graph.nodes[**n].plane == layout.graph.nodes[first].plane;
+            let nodes: Vec<usize> =
+                columns.iter().map(|c| c.iter().find(same).copied()).collect::<Option<_>>()?;
+            let contours = nodes.iter().map(|&n| layout.graph.nodes[n].contour.clone()).collect();
+            Some(Plane { w: sign * layout.z(first), contours })
+        };
+        columns[0].iter().filter_map(on_plane).take(EVENT_PLANES).collect()
     };
-    let daughters =
-        columns[0].iter().take(2 * EVENT_PLANES).filter_map(on_plane).take(EVENT_PLANES).collect();
-    EventPlanes { parents, daughters }
+    EventPlanes { parents: planes(lower, !upward), daughters: planes(upper, upward) }
 }
 
-/// Continues a branch that reaches the stack's first or last plane by half a plane interval along its end tangent.
-fn extend_ends(graph: &Graph, branch: &Branch, strand: &mut Strand) {
-    let last_plane = graph.z_mm.len() - 1;
-    let plane = |i: usize| graph.nodes[branch.nodes[i]].plane;
-    let n = branch.nodes.len();
-    let contour = |i: usize| (graph.z_mm[plane(i)], &graph.nodes[branch.nodes[i]].contour);
-    if strand.bottom == End::Cap && plane(0) == 0 {
-        let half = 0.5 * graph.end_intervals_mm()[0];
-        let section = extended(contour(0), (n > 1).then(|| contour(1)), -half);
-        strand.sections.push(section);
+/// Ends a branch that goes no further at a node: half a plane interval beyond the stack's first or last plane, in a
+/// dome elsewhere.
+fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
+    let (z_mm, plane) = (&layout.graph.z_mm, layout.graph.nodes[node].plane);
+    strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if is_top {
+        strand.sections.reverse();
     }
-    if strand.top == End::Cap && plane(n - 1) == last_plane {
-        let half = 0.5 * graph.end_intervals_mm()[1];
-        let section = extended(contour(n - 1), (n > 1).then(|| contour(n - 2)), half);
-        strand.sections.push(section);
-    }
+    // A virtual plane says nothing of branches that do not pass it.
+    let given = |plane: &usize| !layout.graph.is_virtual(*plane);
+    let below = (0..plane).rev().find(given).map(|k| z_mm[k]);
+    let above = (plane + 1..z_mm.len()).find(given).map(|k| z_mm[k]);
+    let at_end = strand.sections.iter().position(|s| (s.0 - z_mm[plane]).abs() < 1e-9).unwrap_or(0);
+    let sections = &strand.sections[at_end..];
+    let added = match (is_top, below, above) {
+        (true, Some(before), None) => vec![beyond_stack(sections, 0.5 * (z_mm[plane] - before))],
+        (false, None, Some(next)) => vec![beyond_stack(sections, -0.5 * (next - z_mm[plane]))],
+        (true, _, Some(next)) => dome::towards(sections, next),
+        (false, Some(before), _) => dome::towards(sections, before),
+        _ => Vec::new(),
+    };
+    strand.sections.extend(added);
+}
+
+/// The first section moved on by `by_mm` along the direction to it from the one that lies about as far behind it.
+fn beyond_stack(sections: &[(f64, Contour)], by_mm: f64) -> (f64, Contour) {
+    let far = |s: &&(f64, Contour)| (s.0 - sections[0].0).abs() > 1.2 * by_mm.abs();
+    let neighbour = sections.iter().find(far).or_else(|| sections.get(1));
+    extended((sections[0].0, &sections[0].1), neighbour.map(|s| (s.0, &s.1)), by_mm)
 }
 
 /// The end contour moved and scaled on by `by_mm` at the rate between it and its neighbour.

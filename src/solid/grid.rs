@@ -15,7 +15,7 @@ pub(super) struct Jet {
 }
 
 /// Nodes along the border where the spline's end condition is felt; it fades by 0.27 a node.
-const BORDER: f64 = 4.0;
+const BORDER: f64 = 6.0;
 
 /// A bicubic spline through samples on a grid.
 #[derive(Debug, Clone)]

@@ -11,7 +11,7 @@
 //! Templates and corrections are sampled once on grids ([`SmoothGrid`]), so that the field with its gradient costs
 //! about a tenth of a microsecond.
 
-use super::event::{EventPlanes, EventSource, Plane};
+use super::event::{EventPlanes, EventSource, Frame, Plane};
 use super::fit::{Normal, least_squares};
 use super::grid::{Jet, SmoothGrid};
 use super::iso;
@@ -32,6 +32,8 @@ const TEMPLATE_REACH: f64 = 1.2;
 /// The same for a correction.
 const CORRECTION_STEPS: f64 = 12.0;
 const CORRECTION_REACH: f64 = 0.5;
+/// Steps of the contours' grid to the smallest daughter's radius.
+const CONTOUR_STEPS: f64 = 18.0;
 /// Times that a correction is itself corrected by what it leaves at the contour's points.
 const CORRECTION_ROUNDS: usize = 2;
 /// Gap between daughters, relative to their radius, below which their first plane already shows the blend.
@@ -460,8 +462,7 @@ impl Fitter<'_> {
 #[derive(Debug)]
 pub(super) struct LobeSource {
     field: LobeField,
-    bounds: Bounds2,
-    step_mm: f64,
+    frame: Frame,
 }
 
 impl LobeSource {
@@ -469,34 +470,36 @@ impl LobeSource {
     pub(super) fn fit(planes: &EventPlanes) -> Option<Self> {
         let radius = |c: &Contour| radius_mm(c.signed_area_mm2());
         let least_radius = planes.daughters[0].contours.iter().map(radius).fold(f64::INFINITY, f64::min);
-        Some(Self {
-            field: LobeField::fit(planes)?,
-            bounds: planes.bounds()?.grown(0.5 * planes.mean_radius_mm()),
-            // Fine enough for the smallest daughter and for the gap at the apex.
-            step_mm: least_radius / 18.0,
-        })
+        let bounds = planes.bounds()?.grown(0.5 * planes.mean_radius_mm());
+        let frame = Frame { bounds, step_mm: least_radius / CONTOUR_STEPS };
+        Some(Self { field: LobeField::fit(planes)?, frame })
     }
 }
 
 impl EventSource for LobeSource {
-    fn jet(&self, p: Point2, w: f64) -> Jet {
-        self.field.at(w).jet(p)
-    }
-
     fn value(&self, p: Point2, w: f64) -> f64 {
         self.jet(p, w).value
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
+    fn jet(&self, p: Point2, w: f64) -> Jet {
+        self.field.at(w).jet(p)
+    }
+
+    fn slice(&self, w: f64) -> Box<dyn Fn(Point2) -> Jet + '_> {
         let at = self.field.at(w);
-        let mut contours = iso::contours(&|p| at.jet(p), self.bounds, self.step_mm);
-        contours.retain(|c| c.signed_area_mm2() > self.step_mm * self.step_mm);
-        contours
+        Box::new(move |p| at.jet(p))
+    }
+
+    fn frame(&self) -> Option<Frame> {
+        Some(self.frame)
+    }
+
+    fn contours(&self, w: f64) -> Vec<Contour> {
+        iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm)
     }
 
     fn refine(&self, p: Point2, w: f64) -> Point2 {
-        let at = self.field.at(w);
-        iso::project(&|p| at.jet(p), p, self.step_mm)
+        iso::project(&*self.slice(w), p, self.frame.step_mm)
     }
 
     fn anchor(&self, i: usize, w: f64) -> Point2 {

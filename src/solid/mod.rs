@@ -11,13 +11,21 @@
 //! an explicit edge (it is smoothed over a fraction of a millimetre).
 
 mod assemble;
+mod bias;
+mod critical;
+mod distance;
+mod dome;
 mod event;
 mod fit;
 mod grid;
 mod iso;
 mod lobes;
 mod lumen;
+mod neck;
 mod skin;
+mod slab;
+mod sweep;
+mod tip;
 mod wall;
 mod weld;
 

@@ -1,14 +1,17 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
-use super::event::{BuiltSlab, Crotch, Slab};
+use super::event::{Crotch, Slab};
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2, Point3};
 use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy.
-const SECTION_POINTS: usize = 256;
+/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy; contours with sharper bends than
+/// these points can follow get twice as many, and twice that.
+const SECTION_POINTS: [usize; 3] = [256, 512, 1024];
+/// How far a section may leave the closed spline through its contour, mm.
+const SECTION_TOLERANCE_MM: f64 = 3e-4;
 /// Samples along a lateral patch's row from which its bending is taken.
 const ARC_SAMPLES: usize = 64;
 /// Grid on which the saddle patch is cut by a plane.
@@ -78,13 +81,12 @@ pub(super) struct Strand {
 /// Skins every strand and joins the tubes to the slabs.
 pub(super) fn skin(
     strands: Vec<Strand>,
-    slabs: Vec<BuiltSlab>,
+    mut slabs: Vec<Slab>,
     correspondence: Correspondence,
 ) -> Result<Skin, SplineError> {
     let tubes: Vec<Result<Tube, SplineError>> =
         strands.into_par_iter().map(|strand| tube(strand, correspondence)).collect();
     let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let mut slabs: Vec<Slab> = slabs.into_iter().map(|b| b.slab).collect();
     let (welds, _) = weld(&mut tubes, &mut slabs);
     Ok(Skin { tubes, slabs, welds })
 }
@@ -99,28 +101,50 @@ fn tube(mut strand: Strand, correspondence: Correspondence) -> Result<Tube, Spli
     if curves.len() != z.len() {
         return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
     }
+    let n_points = section_points(&curves);
     let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
     for curve in &curves {
         let start_mm = match sections.last() {
             Some(previous) if correspondence == Correspondence::LeastTwist => {
                 least_twist_start(curve, previous)
             }
-            _ => least_x_start(curve),
+            _ => least_x_start(curve, n_points),
         };
-        sections.push(curve.resampled(SECTION_POINTS, start_mm));
+        sections.push(curve.resampled(n_points, start_mm));
     }
     Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
 }
 
+/// How many points round the section all curves of a tube need.
+fn section_points(curves: &[ClosedCurve]) -> usize {
+    let leaves = |curve: &ClosedCurve, n: usize| {
+        let section = SectionCurve::through_points(&curve.resampled(n, 0.0));
+        let between = |i: usize| (i as f64 + 0.5) / n as f64;
+        (0..n).any(|i| {
+            let u = between(i);
+            (section.at(u) - curve.at_length(u * curve.length_mm())).norm() > SECTION_TOLERANCE_MM
+        })
+    };
+    let [few, more, most] = SECTION_POINTS;
+    let enough = |n: usize| !curves.iter().any(|curve| leaves(curve, n));
+    if enough(few) {
+        few
+    } else if enough(more) {
+        more
+    } else {
+        most
+    }
+}
+
 /// The published rule for the first section of a branch: start where x is least.
-fn least_x_start(curve: &ClosedCurve) -> f64 {
-    let points = curve.resampled(SECTION_POINTS, 0.0);
-    let least = (0..SECTION_POINTS).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
-    curve.length_mm() * least as f64 / SECTION_POINTS as f64
+fn least_x_start(curve: &ClosedCurve, n_points: usize) -> f64 {
+    let points = curve.resampled(n_points, 0.0);
+    let least = (0..n_points).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
+    curve.length_mm() * least as f64 / n_points as f64
 }
 
 /// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
-fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
+pub(super) fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
     let n = previous.len();
     let points = curve.resampled(n, 0.0);
     let cost = |shift: usize| -> f64 {
@@ -145,7 +169,8 @@ impl Skin {
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
     }
 
-    /// The closed curves at height z, counter-clockwise polylines with chords within the tolerance.
+    /// The closed curves at height z as polylines with chords within the tolerance: outlines run counter-clockwise,
+    /// holes clockwise.
     #[must_use]
     pub fn section(&self, z_mm: f64, tolerance_mm: f64) -> Vec<Contour> {
         let mut contours: Vec<Contour> = self
@@ -307,7 +332,7 @@ fn chained(mut pieces: Vec<Vec<Point2>>) -> Vec<Vec<Point2>> {
     curves
 }
 
-/// Joins open curves to closed counter-clockwise contours, nearest ends first.
+/// Joins directed open curves, by bridges of either direction, to closed contours, nearest ends first.
 fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec<Contour> {
     let mut closed = Vec::new();
     while let Some(mut contour) = open.pop() {
@@ -334,7 +359,7 @@ fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec
         }
         let contour = Contour::new(contour);
         if contour.len() >= 3 {
-            closed.push(if contour.is_ccw() { contour } else { contour.reversed() });
+            closed.push(contour);
         }
     }
     closed

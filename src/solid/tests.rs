@@ -3,6 +3,8 @@ use crate::geom::{Contour, Point2, RigidTransform, SegmentIndex};
 use crate::phantom::{Kind, Vessel};
 use crate::sections::PlaneSections;
 
+mod events;
+
 fn phantom_stack(kind: Kind) -> SectionStack {
     let vessel = Vessel::new(kind);
     let plane = |k: u32| {
@@ -95,30 +97,6 @@ fn a_merge_is_a_split_read_downward() {
 fn three_daughters_part_one_after_the_other() {
     let solid = cast(&phantom_stack(Kind::Trifurcation));
     assert_eq!((solid.lumen.tubes.len(), solid.lumen.slabs.len()), (5, 2));
-}
-
-#[test]
-fn branches_that_part_at_one_height_are_named() {
-    let daughter = |turn: f64| {
-        let (sin, cos) = (turn * std::f64::consts::TAU / 3.0).sin_cos();
-        Contour::circle(Point2::new(3.2 * cos, 3.2 * sin), 2.2, 128)
-    };
-    let planes = (0..6)
-        .map(|k| PlaneSections {
-            z_mm: 3.0 * f64::from(k),
-            contours: if k < 3 {
-                vec![Contour::circle(Point2::origin(), 4.5, 128)]
-            } else {
-                [0.0, 1.0, 2.0].map(daughter).to_vec()
-            },
-        })
-        .collect();
-    let result = build(&stack(planes), &Params::new(Body::Cast), &Task::quiet());
-    // Either rounding parts them, or the place is named; never a body that is not what was asked.
-    match result {
-        Ok(built) => assert_eq!(built.solid.lumen.slabs.len(), 2),
-        Err(error) => assert!(error.to_string().starts_with("between planes 2 and 3: "), "{error}"),
-    }
 }
 
 #[test]

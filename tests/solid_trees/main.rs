@@ -139,7 +139,7 @@ fn check_interpolation(stack: &SectionStack, solid: &Solid) -> Result<(), TestCa
 fn check(case: &Case) -> Result<(), TestCaseError> {
     let stack = stack_of(case);
     let body = if case.wall { Body::Wall { wall_mm: 1.0 } } else { Body::Cast };
-    let built = build(&stack, &Params { body }, &Task::quiet());
+    let built = build(&stack, &Params::new(body), &Task::quiet());
     if case.contradiction.is_some() {
         let message = built.err().map(|e| e.to_string());
         prop_assert!(message.as_ref().is_some_and(|m| m.contains("plane")), "{:?}", message);

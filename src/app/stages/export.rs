@@ -142,7 +142,13 @@ impl std::fmt::Display for Exported {
 impl Export {
     fn paths(&self) -> impl Iterator<Item = (&'static str, PathBuf)> {
         let plot = self.sweep.as_deref().map(plot_beside);
-        let named = [("stl", &self.stl), ("3mf", &self.three_mf), ("step", &self.step), ("sweep", &self.sweep), ("sweep", &plot)];
+        let named = [
+            ("stl", &self.stl),
+            ("3mf", &self.three_mf),
+            ("step", &self.step),
+            ("sweep", &self.sweep),
+            ("sweep", &plot),
+        ];
         let paths: Vec<_> =
             named.into_iter().filter_map(|(name, path)| Some((name, path.clone()?))).collect();
         paths.into_iter()

@@ -8,8 +8,8 @@
 use super::feet::{Feet, Foot};
 use super::trace::{Tracer, Vertex, at_height, contour};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2, Vector3};
-use crate::solid::assemble::Creased;
-use crate::solid::event::{BuiltSlab, Crotch, EventPlanes, Slab};
+use crate::solid::assemble::{BuiltSlab, Creased};
+use crate::solid::event::{Crotch, EventPlanes, Slab};
 use crate::spline::PatchSurface;
 
 /// Intervals along an arc, cosine-spaced.
