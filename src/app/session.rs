@@ -46,7 +46,10 @@ pub struct Outcome {
     /// The report, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<ReportPlace>,
-    /// Why there is none, although the whole way was asked for.
+    /// The picture of the solid, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<PathBuf>,
+    /// Why there is no report, although the whole way was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub no_report: Option<&'static str>,
 }
@@ -87,6 +90,8 @@ pub struct Session<'a> {
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
     pub(crate) report: Option<ReportPlace>,
+    /// The picture of the solid that was written.
+    pub(crate) view: Option<PathBuf>,
     no_report: Option<&'static str>,
     /// Stages that were found or made up to date in this session.
     fresh: Vec<Stage>,
@@ -156,6 +161,7 @@ impl<'a> Session<'a> {
             context,
             held: Held::default(),
             report: None,
+            view: None,
             no_report: None,
             fresh: Vec::new(),
             outcomes: Vec::new(),
@@ -200,6 +206,7 @@ impl<'a> Session<'a> {
             id: self.case.id().to_owned(),
             stages: self.outcomes,
             report: self.report,
+            view: self.view,
             no_report: self.no_report,
         }
     }

@@ -195,13 +195,18 @@ fn segment(args: &SegmentArgs, context: Context<'_>) -> Result<Outcome, Error> {
 fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
     let (Some(out), Some(file)) = (&args.out, &args.sections) else {
         let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
-        return stage(case, args.body.patch(), context, Session::solid);
+        return stage(case, args.body.patch(), context, |session| build_and_view(session, args));
     };
     let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
     let mut session = Session::open_or_create(out, parameters, context)?;
     session.import_sections(file)?;
-    session.solid()?;
+    build_and_view(&mut session, args)?;
     Ok(session.into_outcome())
+}
+
+fn build_and_view(session: &mut Session<'_>, args: &SolidArgs) -> Result<(), Error> {
+    session.solid()?;
+    args.view.wanted().map_or(Ok(()), |wanted| session.view(&wanted))
 }
 
 fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
@@ -234,6 +239,7 @@ fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
         sweep: args.sweep.clone(),
         skin: args.skin,
         deflection: deflection.unwrap_or(Deflection::Absolute(args.deflection_mm)),
+        colouring: args.colour,
     };
     let exported = session.export(&wanted)?;
     face.result(&exported, &exported.to_string());
@@ -316,6 +322,7 @@ fn case_text(outcome: &Outcome) -> String {
         lines.push(format!("report  {}", report.index_html.display()));
         lines.extend(report.headline.iter().map(|line| format!("        {line}")));
     }
+    lines.extend(outcome.view.iter().map(|file| format!("view    {}", file.display())));
     lines.extend(outcome.no_report.map(|why| format!("report  none: {why}")));
     lines.join("\n") + "\n"
 }

@@ -1,12 +1,14 @@
 //! The solid as files for other programs.
 
+use super::view::Colouring;
 use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
 use crate::geom::Contour;
-use crate::mesh::threemf::Description;
+use crate::mesh::colour::{ColourScale, mean_curvature};
+use crate::mesh::threemf::{Colour, Description};
 use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
 use crate::progress::Task;
 use crate::solid::{Solid, Tube};
@@ -49,6 +51,8 @@ pub struct Export {
     pub skin: SkinChoice,
     /// How fine the mesh is.
     pub deflection: Deflection,
+    /// Colours, where a format has them.
+    pub colouring: Colouring,
 }
 
 /// The mesh that was written.
@@ -167,7 +171,8 @@ impl Session<'_> {
                 files.push((path, mesh::stl::to_bytes(&made)?));
             }
             if let Some(path) = &wanted.three_mf {
-                files.push((path, mesh::threemf::to_bytes(&made, &[], &about)?));
+                files
+                    .push((path, mesh::threemf::to_bytes(&made, &colours(&made, wanted.colouring), &about)?));
             }
             let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
             mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
@@ -216,6 +221,18 @@ fn mesh_of(
     };
     let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin }, task)?;
     Ok(mesh::fit_for_files(&mesh, task)?)
+}
+
+/// Colours of a mesh's vertices; none where none are asked for.
+fn colours(mesh: &TriMesh, colouring: Colouring) -> Vec<Colour> {
+    match colouring {
+        Colouring::None => Vec::new(),
+        Colouring::Curvature => {
+            let values = mean_curvature(mesh);
+            let scale = ColourScale::over(&values);
+            values.into_iter().map(|v| scale.colour(v)).collect()
+        }
+    }
 }
 
 /// The smallest radius of the lumen: with it, no place gets a coarser mesh than its own radius would ask for.
