@@ -6,7 +6,8 @@
 //! four. The letters at the edges of a tile name the patient's sides (A, P, L, R, S, I).
 //!
 //! A body can be cut open: what lies between whoever looks and the middle of its lumen is left away, so that the lumen
-//! is seen; cut material is painted flat.
+//! is seen; cut material is painted flat. Where branches lie far before each other, the cut steps from one to the other beside
+//! their split.
 //!
 //! Same scene, same bytes, on any number of threads. Cost grows with the picture: about a second a megapixel and core.
 
@@ -140,7 +141,7 @@ const SIDE_PX: f64 = 44.0;
 const ABOVE_PX: f64 = 74.0;
 const BELOW_PX: f64 = 84.0;
 /// Room for the scale of colours.
-const LEGEND_PX: f64 = 150.0;
+const LEGEND_PX: f64 = 170.0;
 /// Least width of a tile: its scale bar and name.
 const LEAST_TILE_PX: f64 = 200.0;
 /// Samples a pixel and direction.
@@ -300,7 +301,7 @@ fn colour_bar(canvas: &mut Pixmap, left: f64, height: f64, scale: ColourScale, t
         draw::text(canvas, &format!("{value:.3}"), (px(x + 26.0), px(y - 6.0)), 2.0, INK);
     }
     for (i, line) in title.split(", ").enumerate() {
-        draw::text(canvas, line, (px(left), 16.0 + 22.0 * px(i as f64)), 1.7, INK);
+        draw::text(canvas, line, (px(left + 14.0), 16.0 + 22.0 * px(i as f64)), 1.7, INK);
     }
 }
 

@@ -107,10 +107,10 @@ impl Shader<'_> {
     fn lit(&self, base: [f32; 3], n: Vector3, open: f32) -> [f32; 3] {
         let [key, fill] = self.lights;
         // Light that wraps a little round the form: a shadow's border is soft.
-        let wrapped = |l: Vector3| ((n.dot(&l) + 0.25) / 1.25).max(0.0);
+        let wrapped = |l: Vector3| ((n.dot(&l) + 0.12) / 1.12).max(0.0);
         let from_above = 0.5 + 0.5 * n.y;
-        let ambient = narrow(0.26 + 0.14 * from_above) * open;
-        let diffuse = narrow(0.62 * wrapped(key) + 0.16 * wrapped(fill)) * (0.4 + 0.6 * open);
+        let ambient = narrow(0.20 + 0.14 * from_above) * open;
+        let diffuse = narrow(0.76 * wrapped(key) + 0.18 * wrapped(fill)) * (0.4 + 0.6 * open);
         let half = unit([key.x, key.y, key.z + 1.0]);
         let gloss = 0.10 * narrow(n.dot(&half).max(0.0).powi(36)) * open;
         // Surfaces that turn away are darker: the form is read from its rim.

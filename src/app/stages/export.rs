@@ -1,13 +1,13 @@
 //! The solid as files for other programs.
 
-use super::view::Colouring;
+use super::view::{self, Colouring};
 use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
 use crate::geom::Contour;
-use crate::mesh::colour::{ColourScale, mean_curvature};
+use crate::mesh::colour::ColourScale;
 use crate::mesh::threemf::{Colour, Description};
 use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
 use crate::progress::Task;
@@ -171,8 +171,10 @@ impl Session<'_> {
                 files.push((path, mesh::stl::to_bytes(&made)?));
             }
             if let Some(path) = &wanted.three_mf {
-                files
-                    .push((path, mesh::threemf::to_bytes(&made, &colours(&made, wanted.colouring), &about)?));
+                files.push((
+                    path,
+                    mesh::threemf::to_bytes(&made, &colours(solid, &made, wanted, &task)?, &about)?,
+                ));
             }
             let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
             mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
@@ -215,23 +217,28 @@ fn mesh_of(
     deflection: Deflection,
     task: &Task<'_>,
 ) -> Result<TriMesh, Error> {
-    let deflection_mm = match deflection {
-        Deflection::Absolute(mm) => mm,
-        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
-    };
+    let deflection_mm = deflection_mm(solid, deflection);
     let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin }, task)?;
     Ok(mesh::fit_for_files(&mesh, task)?)
 }
 
 /// Colours of a mesh's vertices; none where none are asked for.
-fn colours(mesh: &TriMesh, colouring: Colouring) -> Vec<Colour> {
-    match colouring {
-        Colouring::None => Vec::new(),
+fn colours(solid: &Solid, mesh: &TriMesh, wanted: &Export, task: &Task<'_>) -> Result<Vec<Colour>, Error> {
+    match wanted.colouring {
+        Colouring::None => Ok(Vec::new()),
         Colouring::Curvature => {
-            let values = mean_curvature(mesh);
+            let deflection_mm = deflection_mm(solid, wanted.deflection);
+            let values = view::curvature(solid, mesh, wanted.skin, deflection_mm, task)?;
             let scale = ColourScale::over(&values);
-            values.into_iter().map(|v| scale.colour(v)).collect()
+            Ok(values.into_iter().map(|v| scale.colour(v)).collect())
         }
+    }
+}
+
+fn deflection_mm(solid: &Solid, deflection: Deflection) -> f64 {
+    match deflection {
+        Deflection::Absolute(mm) => mm,
+        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
     }
 }
 

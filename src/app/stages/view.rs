@@ -70,7 +70,7 @@ impl Session<'_> {
                 Paint::Skins { is_lumen: lumen_triangles(solid, &mesh, deflection_mm, &task)? }
             }
             Colouring::Curvature => {
-                let values = mean_curvature(&mesh);
+                let values = curvature(solid, &mesh, SkinChoice::All, deflection_mm, &task)?;
                 let scale = ColourScale::over(&values);
                 Paint::Values { values, scale, title: Colouring::CURVATURE_TITLE }
             }
@@ -96,6 +96,27 @@ fn lumen_triangles(
     let lumen = mesh::tessellate(solid, &Tessellation { deflection_mm, skin: SkinChoice::Lumen }, task)?;
     let wall_mm = least_gap_mm(&solid.lumen, outer);
     Ok(mesh::triangles_on(mesh, &lumen, (NEAR_LUMEN * wall_mm).max(2.0 * deflection_mm)))
+}
+
+/// Mean curvature of the vessel at a mesh's vertices, 1/mm: both skins of a wall as seen from outside the vessel, a tube of
+/// radius r having 1 / 2r on either.
+pub(super) fn curvature(
+    solid: &Solid,
+    mesh: &TriMesh,
+    skin: SkinChoice,
+    deflection_mm: f64,
+    task: &Task<'_>,
+) -> Result<Vec<f64>, Error> {
+    let mut values = mean_curvature(mesh);
+    if skin == SkinChoice::All && solid.outer.is_some() {
+        let is_lumen = lumen_triangles(solid, mesh, deflection_mm, task)?;
+        let mut is_inner = vec![false; values.len()];
+        let of_lumen = mesh.triangles.iter().zip(&is_lumen).filter(|(_, is)| **is);
+        of_lumen.flat_map(|(t, _)| t).for_each(|&v| is_inner[v as usize] = true);
+        // Seen from the material, the lumen is hollow.
+        values.iter_mut().zip(is_inner).filter(|(_, inner)| *inner).for_each(|(v, _)| *v = -*v);
+    }
+    Ok(values)
 }
 
 /// About the wall's thickness: from the areas that both skins enclose at the bottom.
