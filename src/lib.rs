@@ -5,7 +5,7 @@
 //! ```text
 //!  DICOM ─ ct ─▶ Volume ─ segment ─▶ Mask ─ sections ─▶ SectionStack
 //!                                                          │ topology, spline
-//!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL)
+//!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL, 3MF)
 //!     ▲                                                                    │
 //!     └──────────── Volume, SectionStack, Solid, layers, job ──────────────┘
 //! ```
@@ -24,9 +24,11 @@
 //! | [`spline`] | knot vectors, B-spline curves and surfaces, interpolation |
 //! | [`topology`] | which contour continues which: tubes, splits, merges, caps |
 //! | [`solid`] | the boundary representation and its exact sections |
-//! | [`mesh`] | tessellation, closedness, STL |
+//! | [`mesh`] | tessellation, what is wrong with a mesh, STL and 3MF |
 //! | [`brep`] | vertices, edges, faces and shells of a solid; whether it is valid |
 //! | [`step`] | a boundary representation as a STEP file |
+//! | [`draw`] | lines, letters and scale bars on pictures |
+//! | [`view`] | a mesh to a shaded picture |
 //! | [`mod@slice`] | layers on the CT-aligned grid |
 //! | [`toolpath`] | layers to beads and travels |
 //! | [`profile`] | firmware and machine profiles, as data |
@@ -53,6 +55,7 @@ pub mod app;
 pub mod brep;
 pub mod cli;
 pub mod ct;
+pub mod draw;
 pub mod gcode;
 pub mod geom;
 pub mod mesh;
@@ -71,3 +74,4 @@ pub mod step;
 pub mod toolpath;
 pub mod topology;
 pub mod units;
+pub mod view;

@@ -487,6 +487,33 @@ fn ready_contours_become_closed_meshes_of_their_volume() {
     };
     close(&lumen, volume(5.0));
     close(&wall, volume(6.0) - volume(5.0));
+    let both =
+        place.json(0, &["export", "case", "--stl", "b.stl", "--3mf", "b.3mf", "--colour", "curvature"]);
+    assert_eq!((&both["3mf"], &both["deflection_mm"]), (&"b.3mf".into(), &0.01.into()));
+    assert_eq!(fs::read(place.path("b.stl")).unwrap(), fs::read(place.path("w.stl")).unwrap());
+    let relative = place.json(0, &["export", "case", "--3mf", "r.3mf", "--deflection-relative", "0.02"]);
+    assert!(relative["n_triangles"].as_u64() < both["n_triangles"].as_u64(), "{relative}");
+    fs::create_dir(place.path("dir")).unwrap();
+    for (code, args, line) in [
+        (1, vec!["--stl", "n.stl", "--3mf", "none/n.3mf"], "cannot create a file in none: no such file"),
+        (1, vec!["--stl", "dir"], "cannot write dir: is a directory"),
+        (
+            2,
+            vec!["--stl", "n.stl", "--3mf", "n.stl"],
+            "--3mf: found n.stl, expected another file than for --stl",
+        ),
+        (2, vec!["--stl", "n.stl", "--deflection-relative", "7"], "--deflection-relative: found 7, expected"),
+    ] {
+        let error = place.refused(code, &[&["export", "case"], &args[..]].concat());
+        assert!(error.starts_with(line), "{args:?}: {error}");
+        assert!(!place.path("n.stl").exists(), "{args:?}");
+    }
+    let viewed = place.json(0, &["solid", "case", "--view", "v.png", "--cut", "--size-px", "300"]);
+    assert_eq!(viewed["view"], "v.png");
+    assert!(fs::read(place.path("v.png")).unwrap().starts_with(b"\x89PNG"));
+    fs::write(place.path("case/solid.bin"), "lumenfab solid 1\nrubbish").unwrap();
+    let damaged = place.refused(2, &["export", "case", "--stl", "n.stl"]);
+    assert!(damaged.contains("solid.bin was changed by hand since it was made"), "{damaged}");
     fs::write(place.path("broken.json"), &document.to_string()[..100]).unwrap();
     let error = place.refused(1, &["solid", "--sections", "broken.json", "--out", "other"]);
     assert!(error.starts_with("broken.json: not a sections document: EOF while parsing"), "{error}");

@@ -6,7 +6,7 @@ use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
     ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid, toolpath,
-    topology,
+    topology, view,
 };
 use std::path::PathBuf;
 
@@ -97,6 +97,9 @@ pub enum Error {
     /// The report.
     #[error(transparent)]
     Report(#[from] report::Error),
+    /// Drawing the solid.
+    #[error(transparent)]
+    View(#[from] view::Error),
     /// Writing the mesh.
     #[error(transparent)]
     Mesh(#[from] mesh::Error),
@@ -116,6 +119,7 @@ impl Error {
                 | Self::Sections(sections::Error::Cancelled(_))
                 | Self::Solid(solid::Error::Cancelled(_))
                 | Self::Mesh(mesh::Error::Cancelled(_))
+                | Self::View(view::Error::Cancelled(_))
                 | Self::Slice(slice::Error::Cancelled(_))
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))

@@ -23,6 +23,7 @@ pub use session::{Context, Outcome, Session};
 pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
 pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
+pub use stages::view::{Colouring, View};
 
 use settings::{CaseFile, Settings};
 use std::path::{Path, PathBuf};

@@ -50,7 +50,10 @@ pub struct Outcome {
     /// The report, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<ReportPlace>,
-    /// Why there is none, although the whole way was asked for.
+    /// The picture of the solid, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<PathBuf>,
+    /// Why there is no report, although the whole way was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub no_report: Option<&'static str>,
 }
@@ -92,6 +95,8 @@ pub struct Session<'a> {
     pub(crate) held: Held,
     pub(crate) topology: Option<topology::Summary>,
     pub(crate) report: Option<ReportPlace>,
+    /// The picture of the solid that was written.
+    pub(crate) view: Option<PathBuf>,
     no_report: Option<&'static str>,
     /// Stages that were found or made up to date in this session.
     fresh: Vec<Stage>,
@@ -162,6 +167,7 @@ impl<'a> Session<'a> {
             held: Held::default(),
             topology: None,
             report: None,
+            view: None,
             no_report: None,
             fresh: Vec::new(),
             outcomes: Vec::new(),
@@ -207,6 +213,7 @@ impl<'a> Session<'a> {
             stages: self.outcomes,
             topology: self.topology,
             report: self.report,
+            view: self.view,
             no_report: self.no_report,
         }
     }

@@ -1,12 +1,13 @@
 //! What may be written on the command line. Each flag is checked here as far as it can be without its file.
 
-use crate::app::Skin;
 use crate::app::settings::{
     self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, Fault, LAYER_MM, Limits,
     SIMULATED_PORT, WALL_MM,
 };
+use crate::app::{Colouring, Skin, View};
 use crate::phantom::{self, Contrast, Kind};
 use crate::segment::Polarity;
+use crate::view::Direction;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -171,6 +172,30 @@ pub(crate) struct SolidArgs {
     /// Draw which contour continues which, and why, as SVG
     #[arg(long, value_name = "F.svg")]
     pub(crate) matching: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) view: ViewArgs,
+}
+
+/// A picture of the solid.
+#[derive(Debug, Args)]
+pub(crate) struct ViewArgs {
+    /// Draw the solid shaded, as PNG
+    #[arg(long, value_name = "F.png")]
+    pub(crate) view: Option<PathBuf>,
+    /// Where the picture is taken from, as the patient sees it; may be given more than once: tiles side by side
+    /// [default: front, left and oblique]
+    #[arg(long, requires = "view", value_parser = named(Direction::ALL.map(|d| (d.name(), d))))]
+    pub(crate) from: Vec<Direction>,
+    /// Height of the picture, pixels, 200 to 4000
+    #[arg(long, value_name = "N", requires = "view", default_value_t = 1200,
+          value_parser = clap::value_parser!(u32).range(200..=4000))]
+    pub(crate) size_px: u32,
+    /// What the surfaces are coloured by
+    #[arg(long, requires = "view", default_value = "none", value_parser = colouring())]
+    pub(crate) colour: Colouring,
+    /// Cut the body open, so that the lumen is seen
+    #[arg(long, requires = "view")]
+    pub(crate) cut: bool,
 }
 
 #[derive(Debug, Args)]
@@ -226,6 +251,9 @@ pub(crate) struct ExportArgs {
           conflicts_with = "deflection_mm",
           help = range_help("The same as a fraction", settings::DEFLECTION_RELATIVE))]
     pub(crate) deflection_relative: Option<f64>,
+    /// What the vertices of a 3MF are coloured by
+    #[arg(long, default_value = "none", value_parser = colouring())]
+    pub(crate) colour: Colouring,
 }
 
 #[derive(Debug, Args)]
@@ -271,6 +299,10 @@ fn named<T: Copy + Send + Sync + 'static, const N: usize>(
         let found = names.iter().find(|(name, _)| *name == text);
         found.expect("only the given words pass").1
     })
+}
+
+fn colouring() -> impl TypedValueParser<Value = Colouring> {
+    named([("none", Colouring::None), ("curvature", Colouring::Curvature)])
 }
 
 fn wall_mm(text: &str) -> Result<f64, Fault> {
@@ -319,6 +351,18 @@ impl CtArgs {
 impl BodyArgs {
     pub(crate) fn patch(&self) -> CaseFile {
         CaseFile { wall_mm: self.wall_mm, cast: self.cast.then_some(true), ..CaseFile::default() }
+    }
+}
+
+impl ViewArgs {
+    pub(crate) fn wanted(&self) -> Option<View> {
+        Some(View {
+            file: self.view.clone()?,
+            from: self.from.clone(),
+            size_px: self.size_px,
+            colouring: self.colour,
+            is_cut: self.cut,
+        })
     }
 }
 

@@ -193,23 +193,23 @@ fn segment(args: &SegmentArgs, context: Context<'_>) -> Result<Outcome, Error> {
 }
 
 fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
-    let mut session = match (&args.out, &args.sections) {
-        (Some(out), Some(file)) => {
-            let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
-            let mut session = Session::open_or_create(out, parameters, context)?;
-            session.import_sections(file)?;
-            session
-        }
-        _ => {
-            let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
-            Session::open(case, args.body.patch(), context)?
-        }
+    let (Some(out), Some(file)) = (&args.out, &args.sections) else {
+        let case = args.case.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
+        return stage(case, args.body.patch(), context, |session| build_and_draw(session, args));
     };
+    let parameters = CaseFile { source: Some(SourceName::Sections), ..args.body.patch() };
+    let mut session = Session::open_or_create(out, parameters, context)?;
+    session.import_sections(file)?;
+    build_and_draw(&mut session, args)?;
+    Ok(session.into_outcome())
+}
+
+fn build_and_draw(session: &mut Session<'_>, args: &SolidArgs) -> Result<(), Error> {
     session.solid()?;
     if let Some(path) = &args.matching {
         session.draw_matching(path)?;
     }
-    Ok(session.into_outcome())
+    args.view.wanted().map_or(Ok(()), |wanted| session.view(&wanted))
 }
 
 fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
@@ -243,6 +243,7 @@ fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
         sweep: args.sweep.clone(),
         skin: args.skin,
         deflection: deflection.unwrap_or(Deflection::Absolute(args.deflection_mm)),
+        colouring: args.colour,
     };
     let exported = session.export(&wanted)?;
     face.result(&exported, &exported.to_string());
@@ -328,6 +329,7 @@ fn case_text(outcome: &Outcome) -> String {
         lines.push(format!("report  {}", report.index_html.display()));
         lines.extend(report.headline.iter().map(|line| format!("        {line}")));
     }
+    lines.extend(outcome.view.iter().map(|file| format!("view    {}", file.display())));
     lines.extend(outcome.no_report.map(|why| format!("report  none: {why}")));
     lines.join("\n") + "\n"
 }

@@ -84,6 +84,20 @@ pub fn measure(
     })
 }
 
+/// Which triangles of a mesh lie on another surface: their middles are no farther from it than `within_mm`.
+#[must_use]
+pub fn triangles_on(mesh: &TriMesh, surface: &TriMesh, within_mm: f64) -> Vec<bool> {
+    if surface.triangles.is_empty() {
+        return vec![false; mesh.triangles.len()];
+    }
+    let bvh = Bvh::of(surface);
+    let is_on = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.vertices[v as usize].coords);
+        bvh.nearest(surface, ((a + b + c) / 3.0).into(), within_mm).is_some()
+    };
+    mesh.triangles.par_iter().map(is_on).collect()
+}
+
 /// Distance of a point to the mesh; the first try looks no farther than the mesh should be.
 fn distance(bvh: &Bvh, mesh: &TriMesh, p: Point3, deflection_mm: f64) -> f64 {
     let near = bvh.nearest(mesh, p, 2.0 * deflection_mm).or_else(|| bvh.nearest(mesh, p, f64::INFINITY));

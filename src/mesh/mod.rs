@@ -9,6 +9,7 @@ mod bodies;
 mod bvh;
 mod cap;
 mod check;
+pub mod colour;
 pub mod intersect;
 mod measure;
 mod ribbon;
@@ -23,7 +24,7 @@ mod zip;
 pub use bodies::bodies;
 pub use check::{Closedness, closedness};
 pub use intersect::{Intersection, self_intersections};
-pub use measure::{MeasuredMesh, measure};
+pub use measure::{MeasuredMesh, measure, triangles_on};
 pub use tessellate::{SkinChoice, Tessellation, tessellate};
 
 use crate::geom::Point3;

@@ -43,12 +43,12 @@ pub fn svg(rows: &[MeasuredMesh]) -> String {
     let triangles: Vec<[f64; 2]> = rows.iter().map(|r| [r.deflection_mm, r.n_triangles as f64]).collect();
     let deviations: Vec<[f64; 2]> = rows.iter().map(|r| [r.deflection_mm, r.largest_deviation_mm]).collect();
     let asked: Vec<[f64; 2]> = rows.iter().map(|r| [r.deflection_mm; 2]).collect();
-    if let Some(panel) = Panel::of([84.0, 470.0], &[&triangles]) {
+    if let Some(panel) = Panel::of([104.0, 474.0], &[&triangles]) {
         panel.frame(&mut text, "Triangles", "number of triangles");
         panel.curve(&mut text, &triangles, BLUE, false);
         panel.values(&mut text, &triangles);
     }
-    if let Some(panel) = Panel::of([584.0, 960.0], &[&deviations, &asked]) {
+    if let Some(panel) = Panel::of([594.0, 964.0], &[&deviations, &asked]) {
         panel.frame(&mut text, "Deviation: measured (solid), asked for (dashed)", "largest deviation, mm");
         panel.curve(&mut text, &asked, ORANGE, true);
         panel.curve(&mut text, &deviations, BLUE, false);
@@ -75,7 +75,7 @@ impl Panel {
             let values = curves.iter().flat_map(|c| c.iter()).map(|p| p[k].log10());
             let [low, high] =
                 values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)]);
-            (low.is_finite() && high.is_finite()).then_some([low - 0.08, high + 0.12])
+            (low.is_finite() && high.is_finite()).then_some([low - 0.1, high + 0.2])
         };
         Some(Self { left, right, x: range(0)?, y: range(1)? })
     }
@@ -134,7 +134,7 @@ impl Panel {
                 BOTTOM + 46.0
             ),
         );
-        let (x, y) = (left - 62.0, 0.5 * (TOP + BOTTOM));
+        let (x, y) = (left - 76.0, 0.5 * (TOP + BOTTOM));
         put(
             text,
             format_args!(

@@ -23,7 +23,6 @@
 
 mod anatomy;
 mod deviation;
-mod glyphs;
 mod image;
 mod lumen;
 mod page;

@@ -6,15 +6,13 @@
 //! Orientation letters follow the patient (R, L, A, P, H, F); the patient's right is on the left of a transaxial
 //! plane, as radiologists hold images.
 
-use super::glyphs;
 use super::image::Plane;
 use super::{Error, deviation::quantile};
 use crate::ct::Volume;
+use crate::draw::{self, Ink, add_polyline, px};
 use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};
 use crate::solid::CrossSection;
-use tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform,
-};
+use tiny_skia::{Color, FillRule, Path, PathBuilder, Pixmap, StrokeDash, Transform};
 
 /// Free space around the vessel, mm.
 const MARGIN_MM: f64 = 5.0;
@@ -25,8 +23,8 @@ const GREEN: [u8; 4] = [64, 235, 110, 255];
 const RED: [u8; 4] = [255, 59, 48, 255];
 const BLUE: [u8; 4] = [38, 130, 255, 255];
 const AMBER: [u8; 4] = [255, 179, 0, 84];
-const WHITE: [u8; 4] = [255, 255, 255, 255];
-const SHADE: [u8; 4] = [0, 0, 0, 170];
+/// White on a dark shade: it is read on every grey.
+const INK: Ink = Ink { line: [255, 255, 255, 255], shade: [0, 0, 0, 170] };
 
 /// A picture of one CT plane.
 #[derive(Debug, Clone, PartialEq)]
@@ -139,24 +137,13 @@ pub(super) fn paint(scene: &Scene<'_>) -> Result<Picture, Error> {
     brush.outline(scene.contours, GREEN, 1.6, StrokeDash::new(vec![7.0, 5.0], 0.0));
     brush.scale_bar();
     brush.letters(scene);
-    let png = encode(&brush.canvas).map_err(|e| fail(&e.to_string()))?;
+    let png = draw::encode(&brush.canvas).map_err(|e| fail(&e.to_string()))?;
     Ok(Picture { plane: scene.plane, png, size_px: scene.frame.size_px, px_per_mm: scene.frame.px_per_mm })
 }
 
 struct Brush {
     canvas: Pixmap,
     frame: Frame,
-}
-
-fn paint_of([r, g, b, a]: [u8; 4]) -> Paint<'static> {
-    let mut paint = Paint { anti_alias: true, ..Paint::default() };
-    paint.set_color(Color::from_rgba8(r, g, b, a));
-    paint
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "pixels fit into f32")]
-fn px(value: f64) -> f32 {
-    value as f32
 }
 
 impl Brush {
@@ -194,7 +181,13 @@ impl Brush {
     /// Contours are filled on a canvas of their own, so that the fill is translucent once.
     fn fill(&mut self, contours: &[Contour], colour: [u8; 4]) {
         if let Some(path) = self.path(contours) {
-            self.canvas.fill_path(&path, &paint_of(colour), FillRule::EvenOdd, Transform::identity(), None);
+            self.canvas.fill_path(
+                &path,
+                &draw::paint(colour),
+                FillRule::EvenOdd,
+                Transform::identity(),
+                None,
+            );
         }
     }
 
@@ -215,37 +208,20 @@ impl Brush {
     }
 
     fn stroke(&mut self, path: &Path, colour: [u8; 4], width: f32, dash: Option<StrokeDash>) {
-        let stroke = tiny_skia::Stroke {
-            width,
-            dash,
-            line_cap: LineCap::Butt,
-            line_join: LineJoin::Round,
-            ..tiny_skia::Stroke::default()
-        };
-        self.canvas.stroke_path(path, &paint_of(colour), &stroke, Transform::identity(), None);
+        draw::stroke(&mut self.canvas, path, colour, width, dash);
     }
 
     /// A bar of a round length, about a fifth of the picture.
     fn scale_bar(&mut self) {
         let [width, height] = self.frame.size_px.map(f64::from);
-        let wanted = 0.2 * width / self.frame.px_per_mm;
-        let length_mm =
-            [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0].into_iter().find(|l| *l <= wanted).unwrap_or(0.5);
-        let (x0, y) = (px(16.0), px(height - 18.0));
-        let x1 = x0 + px(length_mm * self.frame.px_per_mm);
-        let mut builder = PathBuilder::new();
-        add_polyline(&mut builder, [(x0, y - 5.0), (x0, y), (x1, y), (x1, y - 5.0)].into_iter());
-        if let Some(path) = builder.finish() {
-            self.stroke(&path, SHADE, 5.0, None);
-            self.stroke(&path, WHITE, 2.2, None);
-        }
-        self.text(&format!("{length_mm} mm"), x0, y - 24.0, 2.2);
+        let at = (16.0, px(height - 18.0));
+        draw::scale_bar(&mut self.canvas, at, 0.2 * width, self.frame.px_per_mm, INK);
     }
 
     fn letters(&mut self, scene: &Scene<'_>) {
         let [width, height] = self.frame.size_px.map(|n| px(f64::from(n)));
-        let letter = |v: Vector3| orientation(scene.patient_from_stack.rotate(v));
-        let (half, size) = (glyphs::ADVANCE * 1.5, 3.0);
+        let letter = |v: Vector3| draw::side_letter(scene.patient_from_stack.rotate(v), ["H", "F"]);
+        let (half, size) = (0.5 * draw::text_width("L", 3.0), 3.0);
         self.text(letter(-Vector3::x()), 10.0, 0.5 * height - 9.0, size);
         self.text(letter(Vector3::x()), width - 24.0, 0.5 * height - 9.0, size);
         self.text(letter(-Vector3::y()), 0.5 * width - half, 34.0, size);
@@ -253,44 +229,7 @@ impl Brush {
         self.text(&format!("plane {}   z {:.2} mm", scene.plane, scene.z_mm), 12.0, 12.0, 2.0);
     }
 
-    /// White strokes on a dark shade, upper left corner at (x, y), `unit` pixels a glyph unit.
     fn text(&mut self, text: &str, x: f32, y: f32, unit: f32) {
-        let mut builder = PathBuilder::new();
-        let mut left = x;
-        for c in text.chars() {
-            for line in glyphs::strokes(c) {
-                add_polyline(&mut builder, line.iter().map(|(u, v)| (left + u * unit, y + v * unit)));
-            }
-            left += if c == ' ' { 0.55 } else { 1.0 } * glyphs::ADVANCE * unit;
-        }
-        if let Some(path) = builder.finish() {
-            self.stroke(&path, SHADE, 2.2 * unit, None);
-            self.stroke(&path, WHITE, 0.75 * unit, None);
-        }
+        draw::text(&mut self.canvas, text, (x, y), unit, INK);
     }
-}
-
-fn add_polyline(builder: &mut PathBuilder, points: impl Iterator<Item = (f32, f32)>) {
-    for (i, (x, y)) in points.enumerate() {
-        if i == 0 { builder.move_to(x, y) } else { builder.line_to(x, y) }
-    }
-}
-
-/// The letter of the patient's side that a direction (LPS) mostly points to.
-fn orientation(v: Vector3) -> &'static str {
-    let sides = [("L", "R", v.x), ("P", "A", v.y), ("H", "F", v.z)];
-    let main = sides.into_iter().max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()));
-    main.map_or("", |(plus, minus, part)| if part > 0.0 { plus } else { minus })
-}
-
-fn encode(canvas: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
-    // Every pixel is opaque: premultiplied colours are the colours.
-    let rgb: Vec<u8> = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-    let mut bytes = Vec::with_capacity(rgb.len() / 2);
-    let mut encoder = png::Encoder::new(&mut bytes, canvas.width(), canvas.height());
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
-    encoder.write_header()?.write_image_data(&rgb)?;
-    Ok(bytes)
 }

@@ -1,5 +1,6 @@
 //! The solid as files for other programs.
 
+use super::view::{self, Colouring};
 use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
@@ -7,7 +8,8 @@ use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
 use crate::brep::Brep;
 use crate::geom::Contour;
-use crate::mesh::threemf::Description;
+use crate::mesh::colour::ColourScale;
+use crate::mesh::threemf::{Colour, Description};
 use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
 use crate::progress::Task;
 use crate::solid::{Solid, Tube};
@@ -53,6 +55,8 @@ pub struct Export {
     pub skin: SkinChoice,
     /// How fine the mesh is.
     pub deflection: Deflection,
+    /// Colours, where a format has them.
+    pub colouring: Colouring,
 }
 
 /// The mesh that was written.
@@ -195,7 +199,10 @@ impl Session<'_> {
                 files.push((path, mesh::stl::to_bytes(&made)?));
             }
             if let Some(path) = &wanted.three_mf {
-                files.push((path, mesh::threemf::to_bytes(&made, &[], &about)?));
+                files.push((
+                    path,
+                    mesh::threemf::to_bytes(&made, &colours(solid, &made, wanted, &task)?, &about)?,
+                ));
             }
             let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
             mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
@@ -244,12 +251,29 @@ fn mesh_of(
     deflection: Deflection,
     task: &Task<'_>,
 ) -> Result<TriMesh, Error> {
-    let deflection_mm = match deflection {
-        Deflection::Absolute(mm) => mm,
-        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
-    };
+    let deflection_mm = deflection_mm(solid, deflection);
     let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin }, task)?;
     Ok(mesh::fit_for_files(&mesh, task)?)
+}
+
+/// Colours of a mesh's vertices; none where none are asked for.
+fn colours(solid: &Solid, mesh: &TriMesh, wanted: &Export, task: &Task<'_>) -> Result<Vec<Colour>, Error> {
+    match wanted.colouring {
+        Colouring::None => Ok(Vec::new()),
+        Colouring::Curvature => {
+            let deflection_mm = deflection_mm(solid, wanted.deflection);
+            let values = view::curvature(solid, mesh, wanted.skin, deflection_mm, task)?;
+            let scale = ColourScale::over(&values);
+            Ok(values.into_iter().map(|v| scale.colour(v)).collect())
+        }
+    }
+}
+
+fn deflection_mm(solid: &Solid, deflection: Deflection) -> f64 {
+    match deflection {
+        Deflection::Absolute(mm) => mm,
+        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
+    }
 }
 
 /// The smallest radius of the lumen: with it, no place gets a coarser mesh than its own radius would ask for.

@@ -6,6 +6,7 @@ pub mod report;
 pub mod segment;
 pub mod slice;
 pub mod solid;
+pub mod view;
 
 use super::atomic;
 use super::case::{CaseError, MadeFrom};
