@@ -15,4 +15,4 @@ mod surface;
 
 pub use basis::{Basis, Span, SplineError};
 pub use closed::{ClosedCurve, periodic_control_points};
-pub use surface::{PatchRow, PatchSurface, SectionCurve, TubeSurface};
+pub use surface::{PatchRow, PatchSurface, SectionCurve, TubeJet, TubeNet, TubeRing, TubeSurface};

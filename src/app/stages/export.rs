@@ -4,7 +4,7 @@ use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::Session;
-use crate::mesh::{self, SkinChoice, Tessellation};
+use crate::mesh::{self, Deflection, SkinChoice, Tessellation};
 use crate::progress::Task;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ impl Session<'_> {
     ) -> Result<Exported, Error> {
         self.require(Stage::Solid)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection_mm, skin }, &task)?;
+        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection: Deflection::Absolute { mm: deflection_mm }, skin }, &task)?;
         task.check()?;
         mesh::stl::write(path, &mesh).map_err(atomic::failed("write", path))?;
         Ok(Exported {
