@@ -7,7 +7,7 @@ const SAMPLES: usize = 128;
 /// Points between two chosen ones at which the chord is measured.
 const CHECKS: usize = 6;
 /// Share of the deflection for the chords of a shared edge: triangles on both sides add their own.
-const CHORD_SHARE: f64 = 0.9;
+pub(super) const CHORD_SHARE: f64 = 0.9;
 /// Points grow no farther apart than this, in units of their mean distance where the curve is evenly bent.
 const MOST_STRETCH: f64 = 1.7;
 
@@ -63,7 +63,7 @@ pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how:
                 start + (end - start) * (i as f64 - 1.0 + share) / SAMPLES as f64
             })
             .collect();
-        if n > 100_000 || parameters.windows(2).all(|p| sag(curve, p[0], p[1]) <= how.allowed_mm) {
+        if n > 100_000 || parameters.windows(2).all(|p| sag(curve, p[0], p[1]) <= allowed_mm) {
             return parameters;
         }
         n += n / 12 + 1;

@@ -13,6 +13,9 @@ const BORDER: u32 = u32::MAX;
 /// never both done for rounding's sake.
 const FLIP_BELOW: f64 = -1e-6;
 
+/// Least area of a triangle in the parameters over the product of its extents there.
+const UPRIGHT: f64 = 0.02;
+
 /// A vertex of a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Corner {
@@ -66,7 +69,16 @@ impl<'a> Face<'a> {
                 }
             }
         }
-        Self { chart, corners, triangles, neighbours, incident, is_border, changed: Vec::new(), may_flip: true }
+        Self {
+            chart,
+            corners,
+            triangles,
+            neighbours,
+            incident,
+            is_border,
+            changed: Vec::new(),
+            may_flip: true,
+        }
     }
 
     /// Whether a vertex lies on the face's border.
@@ -116,12 +128,13 @@ impl<'a> Face<'a> {
         params
     }
 
-    /// Whether three vertices run counter-clockwise in the parameters, not merely by rounding.
+    /// Whether three vertices run counter-clockwise in the parameters and are not nearly on one line there: such a
+    /// triangle may hide much of a bent surface.
     fn is_upright(&self, vertices: [u32; 3]) -> bool {
         let [a, b, c] = self.unrolled(vertices);
         let (ab, ac) = (b - a, c - a);
         let area = ab.perp(&ac);
-        area > 1e-9 * (ab.x.abs() + ac.x.abs()) * (ab.y.abs() + ac.y.abs())
+        area > UPRIGHT * (ab.x.abs() + ac.x.abs()) * (ab.y.abs() + ac.y.abs())
     }
 
     /// The corner of `t` that lies opposite to its edge with `vertices[b]`, `vertices[c]`.
@@ -265,7 +278,8 @@ impl<'a> Face<'a> {
 
     /// A vertex on the surface at the given parameters.
     fn corner_at(&self, param: Point2) -> Corner {
-        let param = if self.chart.is_periodic() { Point2::new(param.x.rem_euclid(1.0), param.y) } else { param };
+        let param =
+            if self.chart.is_periodic() { Point2::new(param.x.rem_euclid(1.0), param.y) } else { param };
         Corner { param, point: self.chart.at(param), is_pole: false, shared: None }
     }
 

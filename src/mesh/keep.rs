@@ -18,13 +18,13 @@ const FEW_PIECES: f64 = 8.0;
 const ESTIMATE_SHARE: f64 = 0.97;
 const SAMPLE_SHARE: f64 = 0.985;
 /// Passes after which triangles are only halved at their longest edges, which ends on every surface.
-const FLIPPING_PASSES: usize = 10;
+const FLIPPING_PASSES: usize = 6;
 /// Edges shorter than this share of a triangle's longest are not split.
 const LONG: f64 = 0.6;
 /// A triangle whose edges are shorter than this share of the deflection keeps it.
 const SMALL: f64 = 0.5;
 /// Passes over the triangles that changed; each halves the edges that are too far off.
-const MOST_PASSES: usize = 40;
+const MOST_PASSES: usize = 60;
 
 /// Splits triangles until every one keeps the deflection; `false` where it could not be reached.
 pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> Result<bool, Cancelled> {
@@ -187,7 +187,11 @@ pub(super) fn peak([a, b, c]: [f64; 3]) -> f64 {
     let sum: f64 = weights.iter().sum();
     let [l, m, n] = weights.map(|w| w / sum);
     // The stationary point, where it lies inside.
-    if l > 0.0 && m > 0.0 && n > 0.0 { edges.max((4.0 * (a * m * n + b * n * l + c * l * m)).abs()) } else { edges }
+    if l > 0.0 && m > 0.0 && n > 0.0 {
+        edges.max((4.0 * (a * m * n + b * n * l + c * l * m)).abs())
+    } else {
+        edges
+    }
 }
 
 /// Distance of a point from a triangle (Ericson, *Real-Time Collision Detection*, 2005, 5.1.5).

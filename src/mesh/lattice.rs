@@ -141,7 +141,8 @@ impl Profile {
         let mut rows: Vec<Row> = Vec::new();
         let mut at = 0.0;
         // Natural distance of the next row from the one before.
-        let advance = |rows: &[Row]| if rows.last().is_some_and(|r| r.is_staggered) { 1.0 } else { PLAIN_STEP };
+        let advance =
+            |rows: &[Row]| if rows.last().is_some_and(|r| r.is_staggered) { 1.0 } else { PLAIN_STEP };
         let mut turned = false;
         loop {
             let zone = self.zone(at, whole);
@@ -218,20 +219,22 @@ fn level(net: &TubeNet<'_>, z_mm: f64, h_mm: f64, allowed_mm: f64) -> Level {
     let layout_mm = LAYOUT_SHARE * allowed_mm;
     let mut wanted = bends.map(|b| b.columns_per_mm(layout_mm));
     let length: f64 = bends.iter().map(|b| b.speed).sum();
-    let mean = wanted.iter().zip(&bends).map(|(w, b)| w * b.speed).sum::<f64>() / length.max(f64::MIN_POSITIVE);
+    let mean =
+        wanted.iter().zip(&bends).map(|(w, b)| w * b.speed).sum::<f64>() / length.max(f64::MIN_POSITIVE);
     let mean = mean.max(f64::MIN_POSITIVE);
     wanted.iter_mut().for_each(|w| *w = w.clamp(mean / MOST_STRETCH, mean / LEAST_STRETCH));
     let mut share = [0.0; ROUND + 1];
     for j in 0..ROUND {
-        let piece = 0.5 * (wanted[j] * bends[j].speed + wanted[(j + 1) % ROUND] * bends[(j + 1) % ROUND].speed);
+        let piece =
+            0.5 * (wanted[j] * bends[j].speed + wanted[(j + 1) % ROUND] * bends[(j + 1) % ROUND].speed);
         share[j + 1] = share[j] + piece / ROUND as f64;
     }
     let n_columns = share[ROUND];
     share.iter_mut().for_each(|s| *s /= n_columns.max(f64::MIN_POSITIVE));
     share[ROUND] = 1.0;
-    // The step that suits the columns on average, and the sharpest bend along the tube.
-    let suits: f64 = wanted.iter().zip(&bends).map(|(w, b)| b.speed * b.rise * w).sum::<f64>()
-        / bends.iter().map(|b| b.speed).sum::<f64>().max(f64::MIN_POSITIVE);
+    // The step that suits the mean column, not the mean place, and the sharpest bend along the tube.
+    let suits = wanted.iter().zip(&bends).map(|(w, b)| b.speed * b.rise * w * w).sum::<f64>()
+        / wanted.iter().zip(&bends).map(|(w, b)| b.speed * w).sum::<f64>().max(f64::MIN_POSITIVE);
     let bent = bends.iter().map(|b| b.rise * (b.along.abs() / (8.0 * layout_mm)).sqrt()).fold(0.0, f64::max);
     let steps_per_mm = (suits / STEP_RATIO).max(bent);
     Level { z_mm, n_columns, share, steps_per_mm, steps: 0.0 }

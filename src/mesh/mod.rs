@@ -17,9 +17,9 @@ mod ribbon;
 mod slab;
 pub mod stl;
 mod tessellate;
-mod tube;
 #[cfg(test)]
 mod tests;
+mod tube;
 
 pub use check::{Closedness, closedness};
 pub use tessellate::{Deflection, SkinChoice, Tessellation, tessellate};

@@ -76,10 +76,8 @@ impl SlabEdges {
         let q = bq[bq.len() - 1].vertex;
         let first = placed(&waist[0], Some(a), Some(b), &mut push)?;
         let second = placed(&waist[1], Some(b), Some(a), &mut push)?;
-        let daughters = [
-            placed(&tops[0], Some(p), Some(p), &mut push)?,
-            placed(&tops[1], Some(q), Some(q), &mut push)?,
-        ];
+        let daughters =
+            [placed(&tops[0], Some(p), Some(p), &mut push)?, placed(&tops[1], Some(q), Some(q), &mut push)?];
         // One vertex, one place: both patches at an edge see the same.
         let mut edges = Self { waist: [first, second], daughters, sides: [[ap, bp], [bq, aq]] };
         let all = edges.waist.iter_mut().chain(&mut edges.daughters).chain(edges.sides.iter_mut().flatten());
@@ -192,9 +190,8 @@ fn lateral_border(slab: &Slab, side: usize, edges: &SlabEdges) -> Border {
 
 fn saddle_border(edges: &SlabEdges) -> Border {
     let [[ap, bp], [bq, aq]] = &edges.sides;
-    let ahead = |edge: &[OnEdge], at: &dyn Fn(f64) -> Point2| {
-        edge.iter().map(|e| (at(e.t), *e)).collect::<Vec<_>>()
-    };
+    let ahead =
+        |edge: &[OnEdge], at: &dyn Fn(f64) -> Point2| edge.iter().map(|e| (at(e.t), *e)).collect::<Vec<_>>();
     let back = |edge: &[OnEdge], at: &dyn Fn(f64) -> Point2| {
         edge.iter().rev().map(|e| (at(1.0 - e.t), *e)).collect::<Vec<_>>()
     };
@@ -221,7 +218,15 @@ fn zipped(border: &Border) -> (Vec<Corner>, Vec<[u32; 3]>) {
         .map(|(param, e)| Corner { param: *param, point: e.point, is_pole: false, shared: Some(e.vertex) })
         .collect();
     let number = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
-    let upper = |j: usize| number(if j == 0 { 0 } else if j == m - 1 { n - 1 } else { n + j - 1 });
+    let upper = |j: usize| {
+        number(if j == 0 {
+            0
+        } else if j == m - 1 {
+            n - 1
+        } else {
+            n + j - 1
+        })
+    };
     let place = |p: &(Point2, OnEdge)| border.along[0] * p.0.x + border.along[1] * p.0.y;
     let mut triangles = vec![[0, 1, upper(1)]];
     let (mut i, mut j) = (1, 1);

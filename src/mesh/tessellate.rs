@@ -83,11 +83,21 @@ pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<
         edges.push(of_skin.collect::<Result<Vec<_>, _>>()?);
     }
     for (k, &(skin, is_void)) in skins.iter().enumerate() {
-        jobs.extend((0..skin.tubes.len()).map(|tube| Job { skin, is_void, edges: &edges[k], what: What::Tube(tube) }));
+        jobs.extend((0..skin.tubes.len()).map(|tube| Job {
+            skin,
+            is_void,
+            edges: &edges[k],
+            what: What::Tube(tube),
+        }));
         for slab in 0..skin.slabs.len() {
             let patches = [Patch::Lateral(0), Patch::Lateral(1), Patch::Saddle];
             let present = patches.into_iter().filter(|&p| surface(&skin.slabs[slab], p).is_some());
-            jobs.extend(present.map(|patch| Job { skin, is_void, edges: &edges[k], what: What::Patch(slab, patch) }));
+            jobs.extend(present.map(|patch| Job {
+                skin,
+                is_void,
+                edges: &edges[k],
+                what: What::Patch(slab, patch),
+            }));
         }
     }
     let done: Vec<Result<Done, Error>> = jobs.par_iter().map(|job| job.run(how.deflection, task)).collect();
@@ -173,7 +183,13 @@ impl Job<'_> {
         self.done(face, ends, false, is_kept)
     }
 
-    fn patch(&self, slab: usize, patch: Patch, deflection: Deflection, task: &Task<'_>) -> Result<Done, Error> {
+    fn patch(
+        &self,
+        slab: usize,
+        patch: Patch,
+        deflection: Deflection,
+        task: &Task<'_>,
+    ) -> Result<Done, Error> {
         let edges = &self.edges[slab];
         let slab = &self.skin.slabs[slab];
         let allowed = of_slab(slab, deflection);
@@ -183,11 +199,19 @@ impl Job<'_> {
         self.done(face, Vec::new(), !slab.upward, is_kept)
     }
 
-    fn done(&self, face: Face<'_>, ends: Vec<(bool, Vec<u32>)>, is_mirrored: bool, is_kept: bool) -> Result<Done, Error> {
+    fn done(
+        &self,
+        face: Face<'_>,
+        ends: Vec<(bool, Vec<u32>)>,
+        is_mirrored: bool,
+        is_kept: bool,
+    ) -> Result<Done, Error> {
         let Face { corners, mut triangles, .. } = face;
         if !is_kept {
             let z = corners.iter().map(|c| c.point.z);
-            return Err(Error::NotKept { z_mm: z.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], z| [l.min(z), h.max(z)]) });
+            return Err(Error::NotKept {
+                z_mm: z.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], z| [l.min(z), h.max(z)]),
+            });
         }
         if self.is_void != is_mirrored {
             triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -236,4 +260,3 @@ fn of_tube(surface: &TubeSurface, deflection: Deflection) -> Allowed {
     size.iter_mut().for_each(|row| row.1 = of_fraction(fraction, row.1));
     Allowed::ByHeight(size)
 }
-

@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::chart::{Allowed, Chart};
-use super::curve::sag;
+use super::curve::{CHORD_SHARE, sag};
 use super::face::{Corner, Face};
 use super::keep::keep;
 use super::lattice::{Profile, Row};
@@ -120,8 +120,7 @@ impl Layout<'_> {
 
     /// The tip of a dome: the middle of its tiny section.
     fn point(&mut self, z: f64) -> Result<Vec<Station>, Error> {
-        let sum: nalgebra::Vector3<f64> =
-            (0..8).map(|i| self.net.at(f64::from(i) / 8.0, z).coords).sum();
+        let sum: nalgebra::Vector3<f64> = (0..8).map(|i| self.net.at(f64::from(i) / 8.0, z).coords).sum();
         let corner =
             Corner { param: Point2::new(0.0, z), point: (sum / 8.0).into(), is_pole: true, shared: None };
         Ok(vec![self.add(corner)?])
@@ -135,7 +134,7 @@ impl Layout<'_> {
             let u: Vec<f64> = (0..n).map(|k| self.profile.u(steps, k as f64 / n as f64)).collect();
             let curve = |u: f64| self.net.at(u, z);
             let sags = |k: usize| sag(&curve, u[k], if k + 1 == n { 1.0 + u[0] } else { u[k + 1] });
-            if n > MOST_RIM || (0..n).all(|k| sags(k) <= allowed_mm) {
+            if n > MOST_RIM || (0..n).all(|k| sags(k) <= CHORD_SHARE * allowed_mm) {
                 return u.into_iter().map(|u| self.at(u, z)).collect();
             }
             n += 2 * (n / 24 + 1);

@@ -128,8 +128,7 @@ impl TubeNet<'_> {
         };
         let [low, high] = self.z.range();
         let (below, above) = ((z_mm - step_mm).max(low), (z_mm + step_mm).min(high));
-        let (before, after) =
-            (combined(self.z.derivative_at(below)), combined(self.z.derivative_at(above)));
+        let (before, after) = (combined(self.z.derivative_at(below)), combined(self.z.derivative_at(above)));
         let span_mm = (above - below).max(f64::MIN_POSITIVE);
         let second = before.iter().zip(&after).map(|(b, a)| (a - b) / span_mm).collect();
         let along_z = [combined(self.z.at(z_mm)), combined(self.z.derivative_at(z_mm)), second];
@@ -171,13 +170,7 @@ impl TubeRing {
         let (i, t) = piece(u, n);
         let scale = n as f64;
         let s = 1.0 - t;
-        let first = [
-            -0.5 * s * s,
-            (1.5 * t - 2.0) * t,
-            (2.0 - 1.5 * s) * s,
-            0.5 * t * t,
-        ]
-        .map(|w| w * scale);
+        let first = [-0.5 * s * s, (1.5 * t - 2.0) * t, (2.0 - 1.5 * s) * s, 0.5 * t * t].map(|w| w * scale);
         let second = [s, 3.0 * t - 2.0, 3.0 * s - 2.0, t].map(|w| w * scale * scale);
         let columns = [(i + n - 1) % n, i, (i + 1) % n, (i + 2) % n];
         let sum = |row: &[f64], weights: &[f64; 4], z: f64| {

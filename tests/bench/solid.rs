@@ -39,7 +39,8 @@ fn tessellation(c: &mut Criterion) {
     let mut group = c.benchmark_group("tessellate");
     group.sample_size(10);
     for deflection_mm in [0.1, 0.03, 0.01, 0.005] {
-        let how = Tessellation { skin: SkinChoice::All, deflection: Deflection::Absolute { mm: deflection_mm } };
+        let how =
+            Tessellation { skin: SkinChoice::All, deflection: Deflection::Absolute { mm: deflection_mm } };
         group.bench_function(format!("{deflection_mm} mm"), |b| {
             b.iter(|| tessellate(black_box(&built.solid), &how, &Task::quiet()).expect("the phantom meshes"));
         });

@@ -45,7 +45,11 @@ impl Session<'_> {
     ) -> Result<Exported, Error> {
         self.require(Stage::Solid)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let mesh = mesh::tessellate(self.built()?, &Tessellation { deflection: Deflection::Absolute { mm: deflection_mm }, skin }, &task)?;
+        let mesh = mesh::tessellate(
+            self.built()?,
+            &Tessellation { deflection: Deflection::Absolute { mm: deflection_mm }, skin },
+            &task,
+        )?;
         task.check()?;
         mesh::stl::write(path, &mesh).map_err(atomic::failed("write", path))?;
         Ok(Exported {
