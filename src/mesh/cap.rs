@@ -71,7 +71,7 @@ pub(super) fn regions(rims: &[Rim]) -> Vec<Region<'_>> {
         let holes = (0..rims.len()).filter(|&i| parents[i] == Some(k)).map(|i| &rims[i]).collect();
         Region { outer: &rims[k], holes }
     };
-    (0..rims.len()).filter(|&k| depths[k] % 2 == 0).map(region).collect()
+    (0..rims.len()).filter(|&k| depths[k].is_multiple_of(2)).map(region).collect()
 }
 
 /// New vertices and all triangles of a region, corners numbered as in `Filled::corners`.
