@@ -8,24 +8,32 @@
 mod bodies;
 mod bvh;
 mod cap;
+mod chart;
 mod check;
 pub mod colour;
+mod curve;
+mod face;
 pub mod intersect;
+mod keep;
+mod lattice;
 mod measure;
+mod remesh;
 mod ribbon;
+mod slab;
 pub mod stl;
 pub mod sweep;
 mod tessellate;
 #[cfg(test)]
 mod tests;
 pub mod threemf;
+mod tube;
 mod zip;
 
 pub use bodies::bodies;
 pub use check::{Closedness, closedness};
 pub use intersect::{Intersection, self_intersections};
 pub use measure::{MeasuredMesh, measure, triangles_on};
-pub use tessellate::{SkinChoice, Tessellation, tessellate};
+pub use tessellate::{Deflection, SkinChoice, Tessellation, tessellate};
 
 use crate::geom::Point3;
 use crate::progress::{Cancelled, Task};
@@ -45,6 +53,19 @@ pub enum Error {
     /// A deflection must be a length.
     #[error("deflection is {0} mm: it must lie between 0.0005 and 5 mm")]
     Deflection(f64),
+    /// A relative deflection must be a fraction of the size.
+    #[error("relative deflection is {0}: it must lie between 0.0001 and 0.5 of the local radius")]
+    Fraction(f64),
+    /// A face cannot be approached by triangles.
+    #[error(
+        "the surface between z {} and {} mm stays farther from its triangles than the deflection: look at the contours there, or ask for a larger deflection",
+        z_mm[0],
+        z_mm[1]
+    )]
+    NotKept {
+        /// Lowest and highest z of the face.
+        z_mm: [f64; 2],
+    },
     /// More vertices than an index can name.
     #[error("the mesh would have more than 2^32 vertices: ask for a larger deflection")]
     TooLarge,

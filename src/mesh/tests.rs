@@ -28,7 +28,7 @@ fn cylinder(body: Body) -> Solid {
 }
 
 fn fine(skin: SkinChoice, deflection_mm: f64) -> Tessellation {
-    Tessellation { skin, deflection_mm }
+    Tessellation { skin, deflection: Deflection::Absolute { mm: deflection_mm } }
 }
 
 #[test]
@@ -155,22 +155,6 @@ fn straight_sides_are_capped_vertex_by_vertex() {
         tessellate(&solid(planes, Body::Wall { wall_mm: 0.5 }), &fine(SkinChoice::All, 0.01), &Task::quiet())
             .unwrap();
     assert!(mesh.volume_mm3() > 0.0);
-}
-
-#[test]
-fn a_square_with_vertices_along_its_sides_is_filled() {
-    let mut mesh = TriMesh::default();
-    let corner = |i: u32| match i / 5 {
-        0 => (f64::from(i), 0.0),
-        1 => (5.0, f64::from(i - 5)),
-        2 => (15.0 - f64::from(i), 5.0),
-        _ => (0.0, 20.0 - f64::from(i)),
-    };
-    let rim: Vec<u32> =
-        (0..20).map(corner).map(|(x, y)| mesh.push(Point3::new(x, y, 1.0)).unwrap()).collect();
-    cap::fill(&mut mesh, &rim, &[], false).unwrap();
-    assert_eq!(mesh.triangles.len(), 18);
-    assert_eq!(closedness(&mesh).free, 20);
 }
 
 #[test]

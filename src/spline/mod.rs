@@ -18,4 +18,4 @@ mod surface;
 pub use basis::{Basis, Span, SplineError};
 pub use closed::{ClosedCurve, periodic_control_points};
 pub use curve::Curve;
-pub use surface::{Jet, PatchRow, PatchSurface, SectionCurve, Side, TubeSurface};
+pub use surface::{Jet, PatchRow, PatchSurface, SectionCurve, Side, TubeJet, TubeNet, TubeRing, TubeSurface};

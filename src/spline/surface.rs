@@ -62,6 +62,12 @@ impl TubeSurface {
         self.row(self.z.derivative_at(z_mm))
     }
 
+    /// The control points in both directions, for evaluation at single points.
+    #[must_use]
+    pub fn net(&self) -> TubeNet<'_> {
+        TubeNet { n_u: self.n_u, z_mm: &self.z_mm, z: &self.z, control: &self.control }
+    }
+
     /// The same surface with u counted from u = `steps` / n, n the number of points round a section.
     #[must_use]
     pub fn turned(mut self, steps: usize) -> Self {
@@ -120,6 +126,149 @@ fn weighted(control: &[f64], span: &Span) -> Point2 {
         Vector2::new(control[2 * j], control[2 * j + 1]) * *w
     };
     span.weights.iter().enumerate().map(term).sum::<Vector2>().into()
+}
+
+/// The control net of a tube: points and derivatives without solving for each section anew.
+#[derive(Debug, Clone)]
+pub struct TubeNet<'a> {
+    n_u: usize,
+    z_mm: &'a [f64],
+    z: &'a Basis,
+    /// Control rows in v, each of the periodic control points x, y in u.
+    control: &'a [f64],
+}
+
+impl TubeNet<'_> {
+    /// Pieces round the tube.
+    #[must_use]
+    pub const fn n_u(&self) -> usize {
+        self.n_u
+    }
+
+    /// Lowest and highest z, mm.
+    #[must_use]
+    pub fn z_range_mm(&self) -> [f64; 2] {
+        self.z.range()
+    }
+
+    /// Heights of the sections, mm.
+    #[must_use]
+    pub const fn section_z_mm(&self) -> &[f64] {
+        self.z_mm
+    }
+
+    /// The point at (u, z); u is periodic in 1.
+    #[must_use]
+    pub fn at(&self, u: f64, z_mm: f64) -> Point3 {
+        let span = self.z.at(z_mm);
+        let (i, t) = piece(u, self.n_u);
+        let weights = uniform_weights(t);
+        let columns = [(i + self.n_u - 1) % self.n_u, i, (i + 1) % self.n_u, (i + 2) % self.n_u];
+        let mut point = Point3::new(0.0, 0.0, z_mm);
+        for (k, wz) in span.weights.iter().enumerate().take(self.z.degree() + 1) {
+            let row = &self.control[2 * (span.first + k) * self.n_u..2 * (span.first + k + 1) * self.n_u];
+            for (column, wu) in columns.iter().zip(&weights) {
+                point.x += wz * wu * row[2 * column];
+                point.y += wz * wu * row[2 * column + 1];
+            }
+        }
+        point
+    }
+
+    /// The section at height z with its first two derivatives along z. The second one is the difference quotient of
+    /// the first over `step_mm`.
+    #[must_use]
+    pub fn ring(&self, z_mm: f64, step_mm: f64) -> TubeRing {
+        let combined = |span: Span| {
+            let mut row = Vec::new();
+            Basis::combine(span, self.control, 2 * self.n_u, &mut row);
+            row
+        };
+        let [low, high] = self.z.range();
+        let (below, above) = ((z_mm - step_mm).max(low), (z_mm + step_mm).min(high));
+        let (before, after) = (combined(self.z.derivative_at(below)), combined(self.z.derivative_at(above)));
+        let span_mm = (above - below).max(f64::MIN_POSITIVE);
+        let second = before.iter().zip(&after).map(|(b, a)| (a - b) / span_mm).collect();
+        let along_z = [combined(self.z.at(z_mm)), combined(self.z.derivative_at(z_mm)), second];
+        TubeRing { n_u: self.n_u, z_mm, along_z }
+    }
+}
+
+/// A section of a tube with its derivatives along z.
+#[derive(Debug, Clone)]
+pub struct TubeRing {
+    n_u: usize,
+    z_mm: f64,
+    /// Control points of the section, of its first and of its second derivative.
+    along_z: [Vec<f64>; 3],
+}
+
+/// A point of a tube with its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TubeJet {
+    /// The point.
+    pub at: Point3,
+    /// First derivative along u.
+    pub du: Vector3,
+    /// Second derivative along u.
+    pub duu: Vector3,
+    /// First derivative along z.
+    pub dz: Vector3,
+    /// Mixed derivative.
+    pub duz: Vector3,
+    /// Second derivative along z.
+    pub dzz: Vector3,
+}
+
+impl TubeRing {
+    /// The point at u with its derivatives.
+    #[must_use]
+    pub fn jet(&self, u: f64) -> TubeJet {
+        let n = self.n_u;
+        let (i, t) = piece(u, n);
+        let scale = n as f64;
+        let s = 1.0 - t;
+        let first = [-0.5 * s * s, (1.5 * t - 2.0) * t, (2.0 - 1.5 * s) * s, 0.5 * t * t].map(|w| w * scale);
+        let second = [s, 3.0 * t - 2.0, 3.0 * s - 2.0, t].map(|w| w * scale * scale);
+        let columns = [(i + n - 1) % n, i, (i + 1) % n, (i + 2) % n];
+        let sum = |row: &[f64], weights: &[f64; 4], z: f64| {
+            let mut sum = Vector3::new(0.0, 0.0, z);
+            for (column, w) in columns.iter().zip(weights) {
+                sum.x += w * row[2 * column];
+                sum.y += w * row[2 * column + 1];
+            }
+            sum
+        };
+        let value = uniform_weights(t);
+        let [here, slope, bend] = &self.along_z;
+        TubeJet {
+            at: sum(here, &value, self.z_mm).into(),
+            du: sum(here, &first, 0.0),
+            duu: sum(here, &second, 0.0),
+            dz: sum(slope, &value, 1.0),
+            duz: sum(slope, &first, 0.0),
+            dzz: sum(bend, &value, 0.0),
+        }
+    }
+}
+
+/// The piece of a uniform closed spline in which u lies, and the fraction of it.
+fn piece(u: f64, n: usize) -> (usize, f64) {
+    let scaled = u.rem_euclid(1.0) * n as f64;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..n")]
+    let i = (scaled.floor() as usize).min(n - 1);
+    (i, scaled - i as f64)
+}
+
+/// Weights of the uniform cubic B-spline at a fraction of a piece.
+fn uniform_weights(t: f64) -> [f64; 4] {
+    let s = 1.0 - t;
+    [
+        s * s * s / 6.0,
+        (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+        (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+        t * t * t / 6.0,
+    ]
 }
 
 /// A horizontal section of a tube: a uniform periodic cubic B-spline in u.
@@ -357,6 +506,12 @@ impl PatchSurface {
         Self { u: u.clone(), v: v.clone(), control }
     }
 
+    /// Number of control points along u and along v.
+    #[must_use]
+    pub fn n_functions(&self) -> [usize; 2] {
+        [self.u.len(), self.v.len()]
+    }
+
     /// The iso-curve at v, ready for evaluation in u.
     #[must_use]
     pub fn row(&self, v: f64) -> PatchRow<'_> {
@@ -511,6 +666,32 @@ mod tests {
         }
         assert!((patch.border_column(Side::Last).at(2.2) - patch.at(1.0, 2.2)).norm() < 1e-13);
         assert!((patch.border_row(Side::First).at(0.4) - patch.at(0.4, 0.0)).norm() < 1e-13);
+    }
+
+    #[test]
+    fn the_net_of_a_tube_agrees_with_its_sections_and_their_difference_quotients() {
+        let z: Vec<f64> = (0..9).map(f64::from).collect();
+        let section = |z: f64| Contour::circle(Point2::new(0.3 * z * z, z.sin()), 2.0 + 0.1 * z, 64).points;
+        let sections: Vec<_> = z.iter().map(|&z| section(z)).collect();
+        let tube = TubeSurface::through(&z, &sections).unwrap();
+        let net = tube.net();
+        for (u, z) in [(0.0, 0.0), (0.31, 3.3), (0.999, 8.0), (-0.2, 5.5)] {
+            let p = net.at(u, z);
+            assert!((p.xy() - tube.section(z).at(u)).norm() < 1e-12);
+            let jet = net.ring(z, 1e-4).jet(u);
+            assert!((jet.at - p).norm() < 1e-12);
+            let h = 1e-4;
+            let inside = z.clamp(h, 8.0 - h);
+            let jet = net.ring(inside, h).jet(u);
+            let at = |i: f64, k: f64| net.at(u + i * h, inside + k * h).coords;
+            let near = |a: Vector3, b: Vector3| (a - b).norm() < 1e-3 * (1.0 + b.norm());
+            assert!(near(jet.du, (at(1.0, 0.0) - at(-1.0, 0.0)) / (2.0 * h)));
+            assert!(near(jet.duu, (at(1.0, 0.0) - 2.0 * at(0.0, 0.0) + at(-1.0, 0.0)) / (h * h)));
+            assert!(near(jet.dz, (at(0.0, 1.0) - at(0.0, -1.0)) / (2.0 * h)));
+            assert!(near(jet.dzz, (at(0.0, 1.0) - 2.0 * at(0.0, 0.0) + at(0.0, -1.0)) / (h * h)));
+            let mixed = (at(1.0, 1.0) - at(-1.0, 1.0) - at(1.0, -1.0) + at(-1.0, -1.0)) / (4.0 * h * h);
+            assert!(near(jet.duz, mixed));
+        }
     }
 
     #[test]

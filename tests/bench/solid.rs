@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lumenfab::geom::RigidTransform;
-use lumenfab::mesh::{SkinChoice, Tessellation, tessellate};
+use lumenfab::mesh::{Deflection, SkinChoice, Tessellation, tessellate};
 use lumenfab::phantom::{Kind, Vessel};
 use lumenfab::progress::Task;
 use lumenfab::sections::{PlaneSections, SectionStack};
@@ -58,7 +58,8 @@ fn tessellation(c: &mut Criterion) {
     let mut group = c.benchmark_group("tessellate");
     group.sample_size(10);
     for deflection_mm in [0.1, 0.03, 0.01, 0.005] {
-        let how = Tessellation { skin: SkinChoice::All, deflection_mm };
+        let how =
+            Tessellation { skin: SkinChoice::All, deflection: Deflection::Absolute { mm: deflection_mm } };
         group.bench_function(format!("{deflection_mm} mm"), |b| {
             b.iter(|| tessellate(black_box(&built.solid), &how, &Task::quiet()).expect("the phantom meshes"));
         });

@@ -147,7 +147,7 @@ fn check(case: &Case) -> Result<(), TestCaseError> {
     }
     let solid = built.map_err(|e| TestCaseError::fail(e.to_string()))?.solid;
     check_interpolation(&stack, &solid)?;
-    let how = Tessellation { skin: SkinChoice::All, deflection_mm: 0.05 };
+    let how = Tessellation::within(0.05, SkinChoice::All);
     let mesh = tessellate(&solid, &how, &Task::quiet()).map_err(|e| TestCaseError::fail(e.to_string()))?;
     prop_assert!(closedness(&mesh).is_closed());
     prop_assert!(mesh.volume_mm3() > 0.0);

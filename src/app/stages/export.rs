@@ -251,8 +251,11 @@ fn mesh_of(
     deflection: Deflection,
     task: &Task<'_>,
 ) -> Result<TriMesh, Error> {
-    let deflection_mm = deflection_mm(solid, deflection);
-    let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin }, task)?;
+    let deflection = match deflection {
+        Deflection::Absolute(mm) => mesh::Deflection::Absolute { mm },
+        Deflection::Relative(fraction) => mesh::Deflection::Relative { fraction },
+    };
+    let mesh = mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?;
     Ok(mesh::fit_for_files(&mesh, task)?)
 }
 

@@ -64,7 +64,7 @@ impl Session<'_> {
         // Chords shorter than a pixel sees: half a pixel at the scale of the whole body.
         let [low, high] = crate::solid::Sectioned::z_range_mm(solid);
         let deflection_mm = (0.5 * (high - low) / f64::from(wanted.size_px)).clamp(0.005, 0.5);
-        let mesh = mesh::tessellate(solid, &Tessellation { deflection_mm, skin: SkinChoice::All }, &task)?;
+        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::All), &task)?;
         let paint = match wanted.colouring {
             Colouring::None => {
                 Paint::Skins { is_lumen: lumen_triangles(solid, &mesh, deflection_mm, &task)? }
@@ -93,7 +93,7 @@ fn lumen_triangles(
     task: &Task<'_>,
 ) -> Result<Vec<bool>, Error> {
     let Some(outer) = &solid.outer else { return Ok(vec![true; mesh.triangles.len()]) };
-    let lumen = mesh::tessellate(solid, &Tessellation { deflection_mm, skin: SkinChoice::Lumen }, task)?;
+    let lumen = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
     let wall_mm = least_gap_mm(&solid.lumen, outer);
     Ok(mesh::triangles_on(mesh, &lumen, (NEAR_LUMEN * wall_mm).max(2.0 * deflection_mm)))
 }

@@ -29,7 +29,7 @@ fn assert_sound(solid: &Solid, stack: &SectionStack) {
             assert!(off < 1e-3, "z {}: {off}", plane.z_mm);
         }
     }
-    let how = Tessellation { skin: SkinChoice::Lumen, deflection_mm: 0.05 };
+    let how = Tessellation::within(0.05, SkinChoice::Lumen);
     let mesh = tessellate(solid, &how, &Task::quiet()).unwrap();
     assert!(closedness(&mesh).is_closed() && mesh.volume_mm3() > 0.0);
 }
@@ -195,7 +195,7 @@ fn assert_area(solid: &Solid, z: f64, expected: f64, tolerance: f64) {
 }
 
 fn assert_closed(solid: &Solid) {
-    let how = Tessellation { skin: SkinChoice::Lumen, deflection_mm: 0.05 };
+    let how = Tessellation::within(0.05, SkinChoice::Lumen);
     let mesh = tessellate(solid, &how, &Task::quiet()).unwrap();
     assert!(closedness(&mesh).is_closed());
 }

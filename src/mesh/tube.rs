@@ -1,0 +1,173 @@
+//! One tube's triangles: rows of the lattice, joined row by row, then measured and mended.
+
+use super::Error;
+use super::chart::{Allowed, Chart};
+use super::curve::{CHORD_SHARE, sag};
+use super::face::{Corner, Face};
+use super::keep::keep;
+use super::lattice::{Profile, Row};
+use super::remesh;
+use super::ribbon::{Station, between_rings};
+use crate::geom::{Contour, Point2, Point3, SegmentIndex};
+use crate::progress::Task;
+use crate::spline::TubeNet;
+
+/// Most vertices of a cap's rim.
+const MOST_RIM: usize = 50_000;
+
+/// A ring that is shared with a slab: numbers and places of its vertices.
+pub(super) type SharedRing = Vec<(u32, Point3)>;
+
+/// A tube's triangles and the rings at its ends as indices of its corners; a ring of one is the tip of a dome.
+#[derive(Debug)]
+pub(super) struct MeshedTube<'a> {
+    pub(super) face: Face<'a>,
+    pub(super) ends: [Vec<u32>; 2],
+    /// Whether the deflection is kept.
+    pub(super) is_kept: bool,
+}
+
+/// The vertices and triangles of a tube while they are laid out.
+struct Layout<'n> {
+    net: &'n TubeNet<'n>,
+    profile: Profile,
+    corners: Vec<Corner>,
+    places: Vec<Point3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// Meshes a tube between the given rings; where one is missing the tube ends in a cap and gets a ring of its own.
+pub(super) fn mesh_tube<'a>(
+    chart: &'a Chart<'a>,
+    net: &TubeNet<'_>,
+    allowed: &Allowed,
+    shared: [Option<SharedRing>; 2],
+    task: &Task<'_>,
+) -> Result<MeshedTube<'a>, Error> {
+    let profile = Profile::of(net, allowed);
+    let mut layout = Layout { net, profile, corners: Vec::new(), places: Vec::new(), triangles: Vec::new() };
+    let points = layout.profile.ends_in_points();
+    let points = [0, 1].map(|k| points[k] && shared[k].is_none());
+    let [bottom, top] = shared;
+    let [low, high] = net.z_range_mm();
+    let mut end = |ring: Option<SharedRing>, k: usize, z: f64| match ring {
+        Some(ring) => layout.shared_ring(&ring, z),
+        None if points[k] => layout.point(z),
+        None => layout.end_ring(k == 1, z, allowed.at(z)),
+    };
+    let (bottom, top) = (end(bottom, 0, low)?, end(top, 1, high)?);
+    let mut below = bottom.clone();
+    for row in layout.profile.rows(points) {
+        task.check()?;
+        let ring = layout.row(&row)?;
+        layout.join(&below, &ring);
+        below = ring;
+    }
+    layout.join(&below, &top);
+    let ends = [&bottom, &top].map(|ring| ring.iter().map(|s| s.vertex).collect());
+    let mut face = Face::new(chart, layout.corners, layout.triangles);
+    face.flip_everywhere();
+    let mut is_kept = keep(&mut face, allowed, task)?;
+    if is_kept {
+        remesh::smooth(&mut face, 2);
+        is_kept = keep(&mut face, allowed, task)?;
+    }
+    Ok(MeshedTube { face, ends, is_kept })
+}
+
+impl Layout<'_> {
+    fn add(&mut self, corner: Corner) -> Result<Station, Error> {
+        let vertex = u32::try_from(self.corners.len()).or(Err(Error::TooLarge))?;
+        self.corners.push(corner);
+        self.places.push(corner.point);
+        Ok(Station { u: corner.param.x, vertex })
+    }
+
+    fn at(&mut self, u: f64, z: f64) -> Result<Station, Error> {
+        let u = u.rem_euclid(1.0);
+        let (param, point) = (Point2::new(u, z), self.net.at(u, z));
+        self.add(Corner { param, point, is_pole: false, shared: None })
+    }
+
+    /// A slab's ring, in the direction of the tube's parameter.
+    fn shared_ring(&mut self, ring: &SharedRing, z: f64) -> Result<Vec<Station>, Error> {
+        let n = self.net.n_u();
+        let section = Contour::new((0..n).map(|i| self.net.at(i as f64 / n as f64, z).xy()).collect());
+        let index = SegmentIndex::try_new(std::slice::from_ref(&section)).ok_or(Error::Cap { z_mm: z })?;
+        let place = |&(_, p): &(u32, Point3)| {
+            let foot = index.nearest(p.xy());
+            let from = section.points[foot.edge_idx];
+            let to = section.points[(foot.edge_idx + 1) % n];
+            let share = (foot.point - from).norm() / (to - from).norm().max(1e-12);
+            (foot.edge_idx as f64 + share) / n as f64
+        };
+        let mut found: Vec<(f64, (u32, Point3))> = ring.iter().map(|v| (place(v), *v)).collect();
+        let step = |a: f64, b: f64| (b - a + 0.5).rem_euclid(1.0) - 0.5;
+        let turns: f64 = (0..found.len()).map(|k| step(found[k].0, found[(k + 1) % found.len()].0)).sum();
+        if turns < 0.0 {
+            found.reverse();
+        }
+        // Feet of neighbours may fall together; the ring's own order holds.
+        let mut u = found[0].0;
+        let mut stations = Vec::with_capacity(found.len());
+        for (at, (vertex, point)) in found {
+            u += step(u, at).max(if stations.is_empty() { 0.0 } else { 1e-9 });
+            let param = Point2::new(u.rem_euclid(1.0), z);
+            stations.push(self.add(Corner { param, point, is_pole: false, shared: Some(vertex) })?);
+        }
+        Ok(stations)
+    }
+
+    /// The tip of a dome: the middle of its tiny section.
+    fn point(&mut self, z: f64) -> Result<Vec<Station>, Error> {
+        let sum: nalgebra::Vector3<f64> = (0..8).map(|i| self.net.at(f64::from(i) / 8.0, z).coords).sum();
+        let corner =
+            Corner { param: Point2::new(0.0, z), point: (sum / 8.0).into(), is_pole: true, shared: None };
+        Ok(vec![self.add(corner)?])
+    }
+
+    /// A plain ring whose chords keep the deflection: the rim of a cap.
+    fn end_ring(&mut self, is_top: bool, z: f64, allowed_mm: f64) -> Result<Vec<Station>, Error> {
+        let steps = if is_top { f64::INFINITY } else { 0.0 };
+        let mut n = self.profile.end_columns(is_top);
+        loop {
+            let u: Vec<f64> = (0..n).map(|k| self.profile.u(steps, k as f64 / n as f64)).collect();
+            let curve = |u: f64| self.net.at(u, z);
+            let sags = |k: usize| sag(&curve, u[k], if k + 1 == n { 1.0 + u[0] } else { u[k + 1] });
+            if n > MOST_RIM || (0..n).all(|k| sags(k) <= CHORD_SHARE * allowed_mm) {
+                return u.into_iter().map(|u| self.at(u, z)).collect();
+            }
+            n += 2 * (n / 24 + 1);
+        }
+    }
+
+    fn row(&mut self, row: &Row) -> Result<Vec<Station>, Error> {
+        let lift = |k: usize| match (row.is_staggered, k % 2) {
+            (false, _) => row.step,
+            (true, 0) => row.step - 0.25,
+            (true, _) => row.step + 0.25,
+        };
+        let turn = if row.is_turned { 0.5 } else { 0.0 };
+        let heights = [lift(0), lift(1)].map(|s| self.profile.z_mm(s));
+        (0..row.n)
+            .map(|k| {
+                let u = self.profile.u(lift(k), (k as f64 + turn) / row.n as f64);
+                self.at(u, heights[k % 2])
+            })
+            .collect()
+    }
+
+    fn join(&mut self, lower: &[Station], upper: &[Station]) {
+        match (lower, upper) {
+            ([tip], ring) => {
+                let n = ring.len();
+                self.triangles.extend((0..n).map(|k| [tip.vertex, ring[(k + 1) % n].vertex, ring[k].vertex]));
+            }
+            (ring, [tip]) => {
+                let n = ring.len();
+                self.triangles.extend((0..n).map(|k| [ring[k].vertex, ring[(k + 1) % n].vertex, tip.vertex]));
+            }
+            _ => between_rings(lower, upper, &self.places, &mut self.triangles),
+        }
+    }
+}
