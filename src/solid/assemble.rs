@@ -349,8 +349,14 @@ impl Event {
                 strands[strand_of(part)].sections.retain(|(z, _)| sign * z >= top + room);
             }
         }
+        let room = self.clearance_mm;
         for (part, w, contour) in self.sections {
-            strands[strand_of(part)].sections.push((sign * w, contour));
+            let sections = &mut strands[strand_of(part)].sections;
+            // Sections that all but coincide would make the spline through them steep. The slab's borders, which come
+            // first, have room by now.
+            if sections.iter().all(|(z, _)| (z - sign * w).abs() >= 0.99 * room) {
+                sections.push((sign * w, contour));
+            }
         }
         for (joint, slab) in self.slabs {
             let idx = slabs.len();
