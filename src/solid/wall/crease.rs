@@ -19,8 +19,8 @@ const LEAST_ROWS: usize = 12;
 const MOST_ROWS: usize = 64;
 /// Largest distance of rows in (mean radius of the branches).
 const ROW_STEP: f64 = 0.12;
-/// A corner that turns less has faded: sine. Rounded over the spacing h of a section's points it errs by h / 80.
-const FADED_TURN: f64 = 0.1;
+/// A corner that turns less has faded: sine. Rounded over the spacing h of a section's points it errs by h / 130.
+const FADED_TURN: f64 = 0.06;
 /// A corner must turn by more at the apex for the skin to be creased there, sine of half the turn.
 const LEAST_APEX_TURN: f64 = 0.15;
 /// Points at which a crease is given up.
@@ -28,8 +28,8 @@ const MOST_POINTS: usize = 4000;
 /// A slab thinner than this share of the wall has no shape.
 const LEAST_HEIGHT: f64 = 0.02;
 /// Sections beside the slab, distances in radii.
-const PARENT_OFFSETS: [f64; 4] = [0.05, 0.12, 0.22, 0.4];
-const DAUGHTER_OFFSETS: [f64; 3] = [0.06, 0.15, 0.3];
+const PARENT_OFFSETS: [f64; 9] = [0.045, 0.1, 0.165, 0.24, 0.33, 0.44, 0.58, 0.76, 1.0];
+const DAUGHTER_OFFSETS: [f64; 4] = [0.06, 0.13, 0.22, 0.36];
 /// Sections that were made for planes keep this distance from the slab, radii.
 const CLEARANCE: f64 = 0.04;
 

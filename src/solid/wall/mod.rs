@@ -249,3 +249,6 @@ impl Recipe for Wall<'_> {
         crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -18,6 +18,8 @@ const LEAST_TURN: f64 = 0.02;
 /// Turn over one step beyond which the step is halved, cosine; and how often.
 const MOST_TURN_COS: f64 = 0.8;
 const MOST_HALVINGS: u32 = 5;
+/// How much nearer than t, in t, another sheet may seem where it is not: the feet's accuracy.
+const CLEAR: f64 = 5e-4;
 const MOST_VERTICES: usize = 4_000;
 
 /// A point of an outline.
@@ -155,6 +157,10 @@ impl Tracer<'_> {
         let last = vertices[vertices.len() - 1];
         let direction = along(&last.feet[1]);
         let mut step = self.step_mm;
+        if let Some(next) = self.along_sheet(&last, step, z) {
+            vertices.push(next);
+            return Some(());
+        }
         let mut any = None;
         for halving in 0..=MOST_HALVINGS {
             let ahead = last.p + direction * step;
@@ -194,6 +200,17 @@ impl Tracer<'_> {
         let (p, next) = any?;
         vertices.push(Vertex::smooth(p, next));
         Some(())
+    }
+
+    /// The next vertex on the same sheet, where that bends little and nothing else is nearer.
+    fn along_sheet(&self, last: &Vertex, step: f64, z: f64) -> Option<Vertex> {
+        let own = last.feet[1];
+        let direction = along(&own);
+        let (p, next) = self.settle(last.p + direction * step, z, Some(own.at))?;
+        let bends_little = direction.dot(&along(&next)) > MOST_TURN_COS;
+        let forward = (p - last.p).dot(&direction) > 0.5 * step && (p - last.p).norm() < 1.5 * step;
+        let nearest = || self.feet.foot(at_height(p, z)).distance_mm;
+        (bends_little && forward && nearest() > self.wall_mm * (1.0 - CLEAR)).then(|| Vertex::smooth(p, next))
     }
 
     /// A corner between the last vertex and a point ahead of it. The other sheet is the one on which that point

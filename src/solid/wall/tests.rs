@@ -1,0 +1,163 @@
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "numbers of slices from heights of a few vessels"
+)]
+
+use super::super::{Body, Crotch, Params, Sectioned, Solid, build};
+use super::*;
+use crate::geom::Region;
+use crate::phantom::{Kind, Vessel};
+
+fn stack(planes: Vec<PlaneSections>) -> SectionStack {
+    SectionStack { planes, patient_from_stack: RigidTransform::identity() }
+}
+
+fn phantom(kind: Kind) -> SectionStack {
+    let vessel = Vessel::new(kind);
+    let plane = |k: u32| {
+        let z_mm = 3.0 * f64::from(k);
+        PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+    };
+    stack((0..46).map(plane).collect())
+}
+
+fn disk(x: f64, radius_mm: f64) -> Contour {
+    Contour::circle(Point2::new(x, 0.0), radius_mm, 128)
+}
+
+/// Two tubes that bend towards each other half-way up; their walls of 1 mm fuse there.
+fn near_touching() -> SectionStack {
+    let plane = |k: u32| {
+        let z_mm = 2.0 * f64::from(k);
+        let gap = 0.5 + 0.012 * (z_mm - 20.0).powi(2);
+        PlaneSections { z_mm, contours: vec![disk(-2.5 - 0.5 * gap, 2.5), disk(2.2 + 0.5 * gap, 2.2)] }
+    };
+    stack((0..21).map(plane).collect())
+}
+
+fn with_wall(stack: &SectionStack, wall_mm: f64) -> Solid {
+    build(stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet()).unwrap().solid
+}
+
+/// The lumen cut at close heights: distances in space without the feet that the outer skin was made with.
+struct Slices {
+    low: f64,
+    slices: Vec<Option<SegmentIndex>>,
+}
+
+impl Slices {
+    const STEP_MM: f64 = 0.02;
+
+    fn of(solid: &Solid, [low, high]: [f64; 2]) -> Self {
+        let n = ((high - low) / Self::STEP_MM).ceil() as usize;
+        let cut = |k: usize| {
+            let region = Region::new(solid.lumen.section(low + Self::STEP_MM * k as f64, 2e-4));
+            SegmentIndex::try_new(&region.contours)
+        };
+        Self { low, slices: (0..=n).into_par_iter().map(cut).collect() }
+    }
+
+    /// Distance of a point outside the lumen from it, mm.
+    fn distance_mm(&self, p: Point2, z_mm: f64, reach_mm: f64) -> f64 {
+        let first = ((z_mm - reach_mm - self.low) / Self::STEP_MM).max(0.0) as usize;
+        let n = (2.0 * reach_mm / Self::STEP_MM) as usize + 1;
+        let near = self.slices.iter().enumerate().skip(first).take(n);
+        let distance = |(k, index): (usize, &Option<SegmentIndex>)| {
+            let dz = self.low + Self::STEP_MM * k as f64 - z_mm;
+            Some(index.as_ref()?.signed_distance_mm(p).max(0.0).hypot(dz))
+        };
+        near.filter_map(distance).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Least and greatest thickness over the outer skin's sections between two heights.
+fn thickness(solid: &Solid, wall_mm: f64, [low, high]: [f64; 2]) -> [f64; 2] {
+    let slices = Slices::of(solid, [low - 1.3 * wall_mm, high + 1.3 * wall_mm]);
+    let n = ((high - low) / 0.23) as usize;
+    let heights: Vec<f64> = (0..n).map(|k| low + 0.23 * k as f64).collect();
+    let range = |&z: &f64| {
+        let outer = solid.section(z, 1e-3).outer;
+        let points = outer.contours.iter().flat_map(|c| c.points.iter().step_by(2));
+        points
+            .map(|&p| slices.distance_mm(p, z, 1.2 * wall_mm))
+            .fold([f64::INFINITY, 0.0f64], |[a, b], t| [a.min(t), b.max(t)])
+    };
+    let ranges: Vec<[f64; 2]> = heights.par_iter().map(range).collect();
+    ranges.iter().fold([f64::INFINITY, 0.0], |[a, b], r| [a.min(r[0]), b.max(r[1])])
+}
+
+fn assert_thickness(stack: &SectionStack, wall_mm: f64, range_mm: [f64; 2], name: &str) {
+    let [least, most] = thickness(&with_wall(stack, wall_mm), wall_mm, range_mm);
+    assert!(least > wall_mm - 0.03 && most < wall_mm + 0.03, "{name}, {wall_mm} mm: {least} .. {most}");
+}
+
+#[test]
+fn the_wall_is_as_thick_as_asked_across_a_split() {
+    for wall_mm in [0.6, 1.0] {
+        assert_thickness(&phantom(Kind::Carotid), wall_mm, [58.0, 74.0], "carotid");
+    }
+}
+
+#[test]
+fn the_wall_is_as_thick_as_asked_across_a_merge() {
+    assert_thickness(&phantom(Kind::Merge), 1.0, [40.0, 110.0], "merge");
+}
+
+#[test]
+fn the_wall_is_as_thick_as_asked_elsewhere() {
+    assert_thickness(&phantom(Kind::Stenosis), 1.0, [55.0, 90.0], "stenosis");
+    assert_thickness(&phantom(Kind::Tube), 1.0, [30.0, 50.0], "tube");
+}
+
+#[test]
+fn walls_of_branches_that_nearly_touch_fuse_and_part_again() {
+    let solid = with_wall(&near_touching(), 1.0);
+    let n_outer = |z: f64| solid.section(z, 1e-2).outer.contours.len();
+    assert_eq!([n_outer(2.0), n_outer(20.0), n_outer(38.0)], [2, 1, 2]);
+    assert_thickness(&near_touching(), 1.0, [3.0, 37.0], "near");
+}
+
+#[test]
+fn branches_part_in_a_crease_of_the_outer_skin() {
+    let solid = with_wall(&phantom(Kind::Carotid), 1.0);
+    let [slab] = &solid.outer.as_ref().unwrap().slabs[..] else { panic!("one slab") };
+    assert_eq!(slab.crotch, Crotch::Crease);
+    let [first, second] = &slab.laterals;
+    for v in [0.0, 0.3, 0.7, 1.0] {
+        // One edge, met by both patches at both of its ends.
+        assert!((first.at(0.0, v) - second.at(1.0, v)).norm() < 1e-9);
+        assert!((first.at(1.0, v) - second.at(0.0, v)).norm() < 1e-9);
+    }
+    assert!((first.at(0.0, 1.0) - first.at(1.0, 1.0)).norm() < 1e-9, "front and back meet in the apex");
+}
+
+#[test]
+fn an_end_inside_the_stack_is_closed_at_the_walls_thickness() {
+    let planes = (0..12).map(|k| PlaneSections {
+        z_mm: 2.0 * f64::from(k),
+        contours: if k < 6 { vec![disk(-3.0, 2.0), disk(6.0, 1.5)] } else { vec![disk(-3.0, 2.0)] },
+    });
+    let stack = stack(planes.collect());
+    let solid = with_wall(&stack, 1.0);
+    let lumen = &solid.lumen;
+    let wall = Wall::around(lumen, 1.0, &Task::quiet()).unwrap().unwrap();
+    let (end, _) = wall.branches.iter().flat_map(|b| &b.inner_ends).copied().next().unwrap();
+    assert_eq!(solid.section(end + 0.5, 1e-3).outer.contours.len(), 2);
+    assert_eq!(solid.section(end + 1.5, 1e-3).outer.contours.len(), 1);
+}
+
+#[test]
+fn what_the_union_makes_agrees_with_what_is_followed() {
+    let solid = with_wall(&phantom(Kind::Carotid), 1.0);
+    let wall = Wall::around(&solid.lumen, 1.0, &Task::quiet()).unwrap().unwrap();
+    for z in [30.0, 62.3, 67.1, 90.4] {
+        let followed = wall.followed(z).unwrap();
+        let united = union::outlines(&solid.lumen, 1.0, z);
+        assert_eq!(followed.len(), united.len(), "z {z}");
+        let index = SegmentIndex::try_new(&united).unwrap();
+        let off = followed.iter().flat_map(|c| &c.points).map(|&p| index.nearest(p).distance_mm);
+        let farthest = off.fold(0.0, f64::max);
+        assert!(farthest < 0.02, "z {z}: {farthest}");
+    }
+}
