@@ -6,6 +6,7 @@
 //! whose rows are iso-curves, and a saddle patch over the quadrilateral A-P-B-Q, sharing four seams. All of them
 //! interpolate one field, so that normals agree across seams without further construction.
 
+use super::grid::Jet;
 use crate::geom::{Bounds2, Contour, Point2, Point3, SegmentIndex, Vector2};
 use crate::spline::{PatchSurface, SplineError};
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,13 @@ impl EventPlanes {
 pub(super) trait EventSource: Sync {
     /// The field, near to a signed distance, mm.
     fn value(&self, p: Point2, w: f64) -> f64;
+    /// The field with its gradient in the plane.
+    fn jet(&self, p: Point2, w: f64) -> Jet {
+        const H: f64 = 1e-4;
+        let along = |d: Vector2| (self.value(p + d, w) - self.value(p - d, w)) / (2.0 * H);
+        let slope = Vector2::new(along(Vector2::new(H, 0.0)), along(Vector2::new(0.0, H)));
+        Jet { value: self.value(p, w), slope }
+    }
     /// Its closed zero contours at height w, counter-clockwise.
     fn contours(&self, w: f64) -> Vec<Contour>;
     /// Moves a point that is nearly on the zero at height w onto it.

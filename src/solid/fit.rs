@@ -1,62 +1,89 @@
-//! Nonlinear least squares by Levenberg-Marquardt with a numerical Jacobian, for a handful of parameters.
+//! Nonlinear least squares by Levenberg-Marquardt for a handful of parameters.
 
 use nalgebra::{DMatrix, DVector};
 
 const MOST_STEPS: usize = 40;
 /// Relative decrease of the sum of squares below which the fit has converged.
-const CONVERGED: f64 = 1e-9;
+const CONVERGED: f64 = 1e-7;
 
-/// Parameters that minimise the sum of the squares that `residuals` appends, starting from `start`.
-pub(super) fn least_squares(start: &[f64], residuals: impl Fn(&[f64], &mut Vec<f64>)) -> Vec<f64> {
+/// Sums over all residuals: of their squares, of their gradients times them, of the products of their gradients.
+#[derive(Debug, Clone)]
+pub(super) struct Normal {
+    sum: f64,
+    gradient: DVector<f64>,
+    matrix: DMatrix<f64>,
+}
+
+impl Normal {
+    fn zero(n: usize) -> Self {
+        Self { sum: 0.0, gradient: DVector::zeros(n), matrix: DMatrix::zeros(n, n) }
+    }
+
+    /// Adds a residual with its derivatives by the parameters from `first` on; the others' are zero.
+    pub(super) fn add(&mut self, residual: f64, first: usize, slopes: &[f64]) {
+        self.sum += residual * residual;
+        for (a, &slope) in slopes.iter().enumerate() {
+            self.gradient[first + a] += slope * residual;
+            for (b, &other) in slopes[..=a].iter().enumerate() {
+                self.matrix[(first + a, first + b)] += slope * other;
+            }
+        }
+    }
+
+    /// As [`Normal::add`], with one more derivative by the parameter `last`.
+    pub(super) fn add_with(&mut self, residual: f64, first: usize, slopes: &[f64], last: usize, slope: f64) {
+        self.add(residual, first, slopes);
+        self.gradient[last] += slope * residual;
+        for (b, &other) in slopes.iter().enumerate() {
+            self.matrix[(last, first + b)] += slope * other;
+        }
+        self.matrix[(last, last)] += slope * slope;
+    }
+
+    fn symmetric(mut self) -> Self {
+        self.matrix.fill_upper_triangle_with_lower_triangle();
+        self
+    }
+}
+
+/// Parameters that minimise the sum of the squares of the residuals that `model` adds, starting from `start`.
+pub(super) fn least_squares(start: &[f64], model: impl Fn(&[f64], &mut Normal)) -> Vec<f64> {
+    let n = start.len();
     let evaluate = |x: &[f64]| {
-        let mut out = Vec::new();
-        residuals(x, &mut out);
-        DVector::from_vec(out)
+        let mut normal = Normal::zero(n);
+        model(x, &mut normal);
+        normal.symmetric()
     };
     let mut x = start.to_vec();
-    let mut r = evaluate(&x);
+    let mut at = evaluate(&x);
     let mut damping = 1e-3;
     for _ in 0..MOST_STEPS {
-        let jacobian = jacobian(&x, &r, &evaluate);
-        let normal = jacobian.transpose() * &jacobian;
-        let gradient = jacobian.transpose() * &r;
-        let before = r.norm_squared();
+        let before = at.sum;
         let mut improved = false;
         while damping < 1e8 {
-            let mut damped = normal.clone();
-            for i in 0..x.len() {
-                damped[(i, i)] += damping * normal[(i, i)].max(1e-9);
+            let mut damped = at.matrix.clone();
+            for i in 0..n {
+                damped[(i, i)] += damping * at.matrix[(i, i)].max(1e-9);
             }
-            let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else {
+            let Some(step) = damped.cholesky().map(|c| c.solve(&at.gradient)) else {
                 damping *= 10.0;
                 continue;
             };
             let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(a, s)| a - s).collect();
-            let trial_r = evaluate(&trial);
-            if trial_r.norm_squared() < before {
-                (x, r) = (trial, trial_r);
+            let there = evaluate(&trial);
+            if there.sum < before {
+                (x, at) = (trial, there);
                 damping = (damping * 0.2).max(1e-9);
                 improved = true;
                 break;
             }
             damping *= 5.0;
         }
-        if !improved || before - r.norm_squared() <= CONVERGED * before {
+        if !improved || before - at.sum <= CONVERGED * before {
             break;
         }
     }
     x
-}
-
-fn jacobian(x: &[f64], r: &DVector<f64>, evaluate: &impl Fn(&[f64]) -> DVector<f64>) -> DMatrix<f64> {
-    let mut matrix = DMatrix::zeros(r.len(), x.len());
-    for i in 0..x.len() {
-        let mut moved = x.to_vec();
-        let h = 1e-6 * x[i].abs().max(1.0);
-        moved[i] += h;
-        matrix.set_column(i, &((evaluate(&moved) - r) / h));
-    }
-    matrix
 }
 
 #[cfg(test)]
@@ -65,10 +92,13 @@ mod tests {
 
     #[test]
     fn a_decaying_exponential_is_found() {
-        let found = least_squares(&[1.0, 0.1], |x, out| {
-            out.extend(
-                (0..20).map(|i| x[0] * (-x[1] * f64::from(i)).exp() - 3.0 * (-0.4 * f64::from(i)).exp()),
-            );
+        let found = least_squares(&[1.0, 0.1], |x, normal| {
+            for i in 0..20 {
+                let t = f64::from(i);
+                let fading = (-x[1] * t).exp();
+                let residual = x[0] * fading - 3.0 * (-0.4 * t).exp();
+                normal.add_with(residual, 0, &[fading], 1, -t * x[0] * fading);
+            }
         });
         assert!((found[0] - 3.0).abs() < 1e-6 && (found[1] - 0.4).abs() < 1e-6);
     }

@@ -13,6 +13,7 @@
 mod assemble;
 mod event;
 mod fit;
+mod grid;
 mod iso;
 mod lobes;
 mod lumen;
