@@ -15,6 +15,10 @@ use serde::{Deserialize, Serialize};
 const ROWS: usize = 13;
 /// Intervals along u of a lateral patch.
 const ARC_INTERVALS: usize = 64;
+/// The share of a ring's length, to either side of its corners, in which it may bend sharply, and the pieces into
+/// which its edges are cut there.
+const NOTCH_SHARE: f64 = 0.03;
+const NOTCH_PIECES: usize = 6;
 
 /// The contours of one plane that take part in an event, and its height rising towards the daughters.
 #[derive(Debug, Clone)]
@@ -219,6 +223,14 @@ struct Corners {
     q: Point2,
 }
 
+impl Corners {
+    /// Moves the corners: each with whether it lies on the waist.
+    fn map(self, move_to: impl Fn(Point2, bool) -> Point2) -> Self {
+        let Self { a, b, p, q } = self;
+        Self { a: move_to(a, true), b: move_to(b, true), p: move_to(p, false), q: move_to(q, false) }
+    }
+}
+
 /// Cosine-spaced numbers from 0 to 1.
 fn cosine_spaced(n: usize) -> Vec<f64> {
     let angle = |i: usize| std::f64::consts::PI * i as f64 / (n - 1) as f64;
@@ -245,7 +257,8 @@ pub(super) fn build_slab(
     if daughters[0] == daughters[1] {
         return Err(EventFault::Components { found: 1, expected: 2 });
     }
-    let corners = corners(waist, &daughters)?;
+    let corners =
+        corners(waist, &daughters)?.map(|p, is_waist| source.refine(p, w_mm[usize::from(!is_waist)]));
     let seam = |from: Point2, to: Point2| -> Vec<Point2> {
         heights.iter().map(|&w| seam_point(source, from, to, w)).collect()
     };
@@ -269,8 +282,26 @@ pub(super) fn build_slab(
     };
     let laterals = [lateral(0, &seams.ap, &seams.bp)?, lateral(1, &seams.bq, &seams.aq)?];
     let saddle = saddle(source, &seams, &heights, &fractions, sign)?;
-    let waist = waist.clone();
+    let waist = denser(waist, [corners.a, corners.b], |p| source.refine(p, w_mm[0]));
+    let [first, second] = &daughters;
+    let daughters = [(first, corners.p), (second, corners.q)]
+        .map(|(contour, tip)| denser(contour, [tip; 2], |p| source.refine(p, w_mm[1])));
     Ok(BuiltSlab { slab: Slab { upward, w_mm, laterals, crotch: Crotch::Saddle(saddle) }, waist, daughters })
+}
+
+/// The contour with more vertices beside the corners, where it bends more sharply than its vertices are set.
+fn denser(contour: &Contour, corners: [Point2; 2], refine: impl Fn(Point2) -> Point2) -> Contour {
+    let reach_mm = NOTCH_SHARE * contour.perimeter_mm();
+    let mut points = Vec::with_capacity(2 * contour.len());
+    for (from, to) in contour.edges() {
+        points.push(from);
+        let middle = nalgebra::center(&from, &to);
+        if corners.iter().any(|c| (c - middle).norm() < reach_mm) {
+            let inner = (1..NOTCH_PIECES).map(|k| from + (to - from) * (k as f64 / NOTCH_PIECES as f64));
+            points.extend(inner.map(&refine));
+        }
+    }
+    Contour::new(points)
 }
 
 /// The components that hold the two anchors: the same one twice below the apex.
