@@ -7,7 +7,7 @@
 //!
 //! The outer skin of a wall goes through the same steps with sections of the parallel surface.
 //!
-//! What it does not do yet: a validity check of the surfaces themselves (the mesh is checked for closedness), domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
+//! What it does not do: test what it made (that is `brep::check`). Not yet: domes at births and deaths (they get flat caps), holes, and the outer skin's crease as
 //! an explicit edge (it is smoothed over a fraction of a millimetre).
 
 mod assemble;

@@ -7,7 +7,9 @@ use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
+use crate::brep::{self, Brep};
 use crate::ct::Warning;
+use crate::mesh::SkinChoice;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, Solid};
 use serde::{Deserialize, Serialize};
@@ -33,7 +35,7 @@ impl Session<'_> {
     /// Builds the solid from the contours.
     ///
     /// # Errors
-    /// [`Error`] where there are no contours, where they make no solid, or where the case cannot be written.
+    /// [`Error`] where there are no contours, where they make no solid or none that is valid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
         self.require(Stage::Segment)?;
         self.stage(Stage::Solid, Self::build_solid)
@@ -52,6 +54,7 @@ impl Session<'_> {
             Body::Cast => solid::Body::Cast,
         };
         let built = solid::build(self.sections()?, &solid::Params { body }, task)?;
+        brep::check(&Brep::of(&built.solid, SkinChoice::All))?;
         let staging = self.case.staging()?;
         staging
             .write(SOLID_FILE, &to_json(&DocumentRef { warnings: &built.warnings, solid: &built.solid }))?;
