@@ -5,8 +5,8 @@ use super::case::CaseError;
 use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
-    ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid, toolpath,
-    topology, view,
+    brep, ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid,
+    toolpath, topology, view,
 };
 use std::path::PathBuf;
 
@@ -79,6 +79,9 @@ pub enum Error {
     /// Building the solid.
     #[error(transparent)]
     Solid(#[from] solid::Error),
+    /// The solid is not one.
+    #[error(transparent)]
+    Invalid(#[from] brep::Invalid),
     /// Cutting the layers.
     #[error(transparent)]
     Slice(#[from] slice::Error),

@@ -31,7 +31,7 @@ impl Ring {
     }
 
     /// The edges from u = a to u = b, b at most one turn farther; ranges count on beyond 1.
-    fn from_to(&self, a: f64, b: f64) -> Vec<Piece> {
+    fn between(&self, a: f64, b: f64) -> Vec<Piece> {
         let once = self.all();
         let next = once.iter().map(|&(e, [s, t])| (e, [s + 1.0, t + 1.0]));
         let middle = |[s, t]: [f64; 2]| 0.5 * (s + t);
@@ -191,7 +191,7 @@ impl Brep {
                 let u = |at: f64| ((at - a) / (b - a)).clamp(0.0, 1.0);
                 let coedge =
                     |(edge, [s, t]): Piece| Coedge { edge, is_forward, trace: [[u(s), v], [u(t), v]] };
-                ring.from_to(a, b).into_iter().map(coedge).collect()
+                ring.between(a, b).into_iter().map(coedge).collect()
             };
             let mut coedges = row(ring(0), [from, to], low, true);
             coedges.push(Coedge { edge: right, is_forward: true, trace: [[1.0, low], [1.0, high]] });

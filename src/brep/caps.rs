@@ -69,5 +69,5 @@ pub(super) fn caps(brep: &Brep, rims: &[Rim]) -> Vec<Face> {
         let loops = std::iter::once(outer).chain(holes).collect();
         Face { surface: Surface::Plane(rims[i].ring.z_mm), is_outward: is_ccw, loops }
     };
-    (0..rims.len()).filter(|&i| nests[i].len() % 2 == 0).map(face).collect()
+    (0..rims.len()).filter(|&i| nests[i].len().is_multiple_of(2)).map(face).collect()
 }

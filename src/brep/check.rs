@@ -41,7 +41,7 @@ pub fn check(brep: &Brep) -> Result<(), Invalid> {
     if faults.is_empty() {
         faults.extend(uses(brep));
         faults.extend(brep.faces.iter().enumerate().flat_map(|(i, f)| loops(brep, i, f)));
-        faults.extend(brep.edges.iter().enumerate().flat_map(|(i, e)| edge(brep, i, e)));
+        faults.extend(brep.edges.iter().flat_map(|e| edge(brep, e)));
         faults.extend(brep.faces.iter().enumerate().filter_map(|(i, f)| fold(i, f)));
         faults.extend(shells(brep));
         faults.extend(euler(brep));
@@ -140,7 +140,7 @@ fn loops(brep: &Brep, index: usize, face: &Face) -> Vec<Fault> {
             };
             let worst = (0..=EDGE_SAMPLES).map(gap).max_by(|a, b| a.0.total_cmp(&b.0));
             // Not a number is off, too.
-            if let Some((off, at)) = worst.filter(|w| !(w.0 <= TOLERANCE_MM)) {
+            if let Some((off, at)) = worst.filter(|w| exceeds(w.0, TOLERANCE_MM)) {
                 faults.push(brep.fault(Kind::OffSurface(off), Some(index), at));
             }
         }
@@ -148,12 +148,17 @@ fn loops(brep: &Brep, index: usize, face: &Face) -> Vec<Fault> {
     faults
 }
 
-fn edge(brep: &Brep, _index: usize, edge: &Edge) -> Vec<Fault> {
+/// Whether a value is above a limit; what is not a number is.
+fn exceeds(value: f64, limit: f64) -> bool {
+    value > limit || value.is_nan() || limit.is_nan()
+}
+
+fn edge(brep: &Brep, edge: &Edge) -> Vec<Fault> {
     let places = [edge.start, edge.end].map(|v| brep.vertices[v].point);
     let mut faults = Vec::new();
     for (place, end) in places.into_iter().zip(edge.curve.ends()) {
         let gap = (place - end).norm();
-        if !(gap <= TOLERANCE_MM) {
+        if exceeds(gap, TOLERANCE_MM) {
             faults.push(brep.fault(Kind::OffVertex(gap), None, end));
         }
     }
@@ -178,9 +183,9 @@ fn uneven_row(surface: &PatchSurface) -> Option<Point3> {
     let points: Vec<Point3> = surface.control().collect();
     let rows: Vec<&[Point3]> = points.chunks_exact(surface.bases()[0].len()).collect();
     let way = rows[rows.len() - 1][0].z - rows[0][0].z;
-    let tilted = |row: &&[Point3]| row.iter().any(|p| !((p.z - row[0].z).abs() <= TOLERANCE_MM));
+    let tilted = |row: &&[Point3]| row.iter().any(|p| exceeds((p.z - row[0].z).abs(), TOLERANCE_MM));
     // Towards a crease's apex rows may lie at one height, but never sink.
-    let sinks = |pair: &[&[Point3]]| !((pair[1][0].z - pair[0][0].z) * way >= -1e-12 * way * way);
+    let sinks = |pair: &[&[Point3]]| exceeds((pair[0][0].z - pair[1][0].z) * way, 1e-12 * way * way);
     let bad = rows.iter().find(|r| tilted(r)).map(|r| r[0]);
     bad.or_else(|| rows.windows(2).find(|p| sinks(p)).map(|p| p[1][0]))
 }
@@ -196,7 +201,7 @@ fn turned_over(saddle: &PatchSurface) -> Option<Point3> {
         .collect();
     let mean = areas.iter().map(|a| a.0).sum::<f64>() / areas.len() as f64;
     // Seen along z it covers its place once: it is a graph over the plane.
-    areas.into_iter().find(|(area, _)| !(area * mean.signum() > -1e-3 * mean.abs())).map(|a| a.1)
+    areas.into_iter().find(|(area, _)| exceeds(-area * mean.signum(), 1e-3 * mean.abs())).map(|a| a.1)
 }
 
 /// Shells that fall apart, bodies that are inside out, hollows outside every body.
@@ -297,7 +302,7 @@ fn degenerate(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
     pieces.iter().filter(|p| p.points.len() > 2).find_map(|piece| {
         let chords: Vec<f64> = piece.edges().map(|(a, b)| (b - a).norm()).collect();
         let mean = chords.iter().sum::<f64>() / chords.len() as f64;
-        let i = chords.iter().position(|c| !(*c > LEAST_CHORD * mean))?;
+        let i = chords.iter().position(|c| exceeds(LEAST_CHORD * mean, *c))?;
         Some((Kind::Folded, piece.face, piece.points[i]))
     })
 }
@@ -348,12 +353,13 @@ fn joins(pieces: &[Piece], a: &Chord, b: &Chord, at: Point2) -> bool {
     }
     let near_end = |c: &Chord| {
         let points = &pieces[c.piece].points;
-        let reach = (c.to - c.from).norm();
+        let reach = (c.to - c.from).norm() + TOLERANCE_MM;
         [points[0], points[points.len() - 1]].iter().any(|end| (end - at).norm() <= reach)
     };
     let is_tube = |c: &Chord| {
         let points = &pieces[c.piece].points;
-        (points[0] - points[points.len() - 1]).norm() < TOLERANCE_MM
+        // A piece of a saddle may be as short as it likes and is still open.
+        points.len() > 2 && (points[0] - points[points.len() - 1]).norm() < TOLERANCE_MM
     };
     !is_tube(a) && !is_tube(b) && near_end(a) && near_end(b)
 }

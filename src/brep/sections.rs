@@ -6,8 +6,8 @@ use super::{Brep, Face, Shell, Surface};
 use crate::geom::{Point2, Point3, Vector2};
 use crate::spline::{PatchSurface, Side, Span};
 
-/// Cells of the grid, each way, on which a saddle is cut.
-const SADDLE_CELLS: usize = 32;
+/// Cells of the grid on which a saddle is cut, each way, for each chord of a lateral. They are closer towards the borders.
+const CELLS_PER_CHORD: f64 = 0.25;
 
 /// A polyline of a section.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,8 +38,8 @@ struct Part<'a> {
 enum How {
     /// v at a height is found on the first column.
     Rows(Vec<Span>),
-    /// Points of the grid, row by row.
-    Grid(Vec<Point3>),
+    /// Points of the grid, row by row, and how many a row has.
+    Grid(Vec<Point3>, usize),
 }
 
 impl<'a> Cutter<'a> {
@@ -64,18 +64,21 @@ fn part(face: usize, of: &Face, n: usize) -> Option<Part<'_>> {
     let [u, _] = surface.bases();
     let [from, to] = u.range();
     let how = if let Surface::Saddle(_) = of.surface {
-        let at = |k: usize| from + (to - from) * k as f64 / SADDLE_CELLS as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of cells")]
+        let cells = (CELLS_PER_CHORD * n as f64).ceil() as usize;
+        let cosine = |k: usize| 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / cells as f64).cos());
+        let at = |k: usize| from + (to - from) * cosine(k);
         let row = |j: usize| {
             let row = surface.row(at(j));
-            (0..=SADDLE_CELLS).map(|i| row.at(at(i))).collect::<Vec<_>>()
+            (0..=cells).map(|i| row.at(at(i))).collect::<Vec<_>>()
         };
-        How::Grid((0..=SADDLE_CELLS).flat_map(row).collect())
+        How::Grid((0..=cells).flat_map(row).collect(), cells + 1)
     } else {
         How::Rows((0..=n).map(|k| u.at(from + (to - from) * k as f64 / n as f64)).collect())
     };
     let z_mm = match &how {
         How::Rows(_) => heights(surface),
-        How::Grid(points) => {
+        How::Grid(points, _) => {
             let heights = points.iter().map(|p| p.z);
             heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], z| [a.min(z), b.max(z)])
         }
@@ -101,7 +104,7 @@ impl Part<'_> {
                 }
                 vec![points]
             }
-            How::Grid(points) => self.cut_grid(points, z_mm),
+            How::Grid(points, n) => self.cut_grid(points, *n, z_mm),
         };
         polylines.into_iter().map(|points| Piece { face: self.face, points }).collect()
     }
@@ -133,11 +136,10 @@ impl Part<'_> {
     }
 
     /// Segments of the plane's cut through the grid's triangles, each directed by the triangle's own normal.
-    fn cut_grid(&self, points: &[Point3], z_mm: f64) -> Vec<Vec<Point2>> {
-        let n = SADDLE_CELLS + 1;
+    fn cut_grid(&self, points: &[Point3], n: usize, z_mm: f64) -> Vec<Vec<Point2>> {
         let mut out = Vec::new();
-        for j in 0..SADDLE_CELLS {
-            for i in 0..SADDLE_CELLS {
+        for j in 0..n - 1 {
+            for i in 0..n - 1 {
                 let at = |di: usize, dj: usize| points[(j + dj) * n + i + di];
                 let quad = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
                 for t in [[0, 1, 2], [0, 2, 3]] {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::geom::RigidTransform;
+use crate::geom::{Contour, Point2, Point3, RigidTransform};
 use crate::mesh::SkinChoice;
 use crate::phantom::{Kind as Vessels, Vessel};
 use crate::progress::Task;
@@ -20,41 +20,130 @@ fn phantom(kind: Vessels, body: Wanted) -> Solid {
     solid((0..46).map(plane).collect(), body)
 }
 
+fn cylinder(body: Wanted) -> Solid {
+    let contours = vec![Contour::circle(Point2::new(5.0, 7.0), 3.0, 256)];
+    let plane = |k: u32| PlaneSections { z_mm: 2.0 * f64::from(k), contours: contours.clone() };
+    solid((0..6).map(plane).collect(), body)
+}
+
+fn kinds(brep: &Brep) -> Vec<Kind> {
+    check(brep).map_or_else(|e| e.0.iter().map(|f| f.kind).collect(), |()| Vec::new())
+}
+
 #[test]
-fn tmp_probe() {
-    for kind in [Vessels::Carotid] {
-        let s = phantom(kind, Wanted::Cast);
-        let b = Brep::of(&s, SkinChoice::All);
-        println!("{kind:?} V {} {:?} jump {:?}", b.volume_mm3(), check(&b), b.normal_jump_deg(21));
-        for (e, edge) in b.edges.iter().enumerate() {
-            let [a, c] = edge.curve.range();
-            let mut uses = Vec::new();
-            for f in &b.faces {
-                let Some(sp) = f.surface.spline() else { continue };
-                for ce in f.loops.iter().flat_map(|l| &l.coedges) {
-                    if ce.edge == e {
-                        uses.push((f.surface.name(), sp, ce.trace));
-                    }
-                }
+fn cylinder_and_pipe_are_valid_and_have_the_volume_of_the_closed_form() {
+    let pi = std::f64::consts::PI;
+    let cast = Brep::of(&cylinder(Wanted::Cast), SkinChoice::All);
+    assert_eq!((cast.vertices.len(), cast.edges.len(), cast.faces.len()), (2, 3, 3));
+    assert_eq!(kinds(&cast), []);
+    assert!((cast.volume_mm3() / (pi * 9.0 * 12.0) - 1.0).abs() < 1e-6, "{}", cast.volume_mm3());
+    let pipe = Brep::of(&cylinder(Wanted::Wall { wall_mm: 1.0 }), SkinChoice::All);
+    assert_eq!((pipe.faces.len(), pipe.bodies.len()), (4, 1));
+    assert_eq!(pipe.faces.iter().filter(|f| f.loops.len() == 2).count(), 2);
+    assert_eq!(kinds(&pipe), []);
+    assert!((pipe.volume_mm3() / (pi * 7.0 * 12.0) - 1.0).abs() < 2e-3, "{}", pipe.volume_mm3());
+}
+
+#[test]
+fn branched_lumens_are_valid_and_smooth() {
+    for (kind, n_faces) in [(Vessels::Carotid, 9), (Vessels::Merge, 9)] {
+        let solid = phantom(kind, Wanted::Cast);
+        let brep = Brep::of(&solid, SkinChoice::All);
+        assert_eq!(kinds(&brep), [], "{kind:?}");
+        assert_eq!(brep.faces.len(), n_faces);
+        let (jump, at) = brep.normal_jump_deg(21).unwrap();
+        assert!(jump < 2.5, "{kind:?}: {jump} at {at}");
+        assert!(solid.lumen.moved_mm < 1e-3, "{kind:?}: {}", solid.lumen.moved_mm);
+    }
+}
+
+#[test]
+fn seams_and_rings_are_one_curve_to_the_last_digits() {
+    let brep = Brep::of(&phantom(Vessels::Carotid, Wanted::Cast), SkinChoice::All);
+    for face in &brep.faces {
+        let Some(spline) = face.surface.spline() else { continue };
+        for coedge in face.loops.iter().flat_map(|l| &l.coedges) {
+            let curve = &brep.edges[coedge.edge].curve;
+            let [a, b] = curve.range();
+            for k in 0..=200 {
+                let share = f64::from(k) / 200.0;
+                let [u, v] = along(coedge.trace, share);
+                let gap = (spline.at(u, v) - curve.at(a + (b - a) * share)).norm();
+                assert!(gap < 1e-11, "{} {gap}", face.surface.name());
             }
-            if uses.len() < 2 {
-                continue;
-            }
-            print!("{e} {} {} {:?}:", uses[0].0, uses[1].0, edge.curve.ends().map(|p| p.z));
-            for k in 0..21 {
-                let sh = (k as f64 + 0.5) / 21.0;
-                let n: Vec<_> = uses
-                    .iter()
-                    .map(|u| {
-                        let [x, y] = along(u.2, sh);
-                        let j = u.1.jet(x, y);
-                        j.by_u.cross(&j.by_v)
-                    })
-                    .collect();
-                print!(" {:.2}", n[0].angle(&n[1]).to_degrees());
-                let _ = (a, c);
-            }
-            println!();
         }
     }
+}
+
+#[test]
+fn each_fault_is_found_alone_and_in_its_place() {
+    let valid = Brep::of(&cylinder(Wanted::Wall { wall_mm: 1.0 }), SkinChoice::All);
+    let damaged = |damage: &dyn Fn(&mut Brep)| {
+        let mut brep = valid.clone();
+        damage(&mut brep);
+        kinds(&brep)
+    };
+    let holds =
+        |found: &[Kind], wanted: &dyn Fn(&Kind) -> bool| assert!(found.iter().any(wanted), "{found:?}");
+    holds(&damaged(&|b| b.faces[2].loops.clear()), &|k| *k == Kind::Incomplete);
+    holds(&damaged(&|b| b.edges[0].start = 99), &|k| *k == Kind::Incomplete);
+    holds(&damaged(&|b| b.bodies[0].outer.faces.push(99)), &|k| *k == Kind::Incomplete);
+    let one = damaged(&|b| b.faces[2].loops.truncate(1));
+    holds(&one, &|k| matches!(k, Kind::EdgeUses(1)));
+    holds(&one, &|k| matches!(k, Kind::Euler { .. }));
+    let turned = damaged(&|b| b.faces[2].loops[0].coedges[0].is_forward ^= true);
+    holds(&turned, &|k| *k == Kind::Misoriented);
+    holds(&damaged(&|b| b.faces[0].loops[0].coedges.swap(0, 1)), &|k| *k == Kind::LoopOpen);
+    let off = damaged(&|b| b.vertices[0].point.x += 1e-3);
+    assert!(off.iter().all(|k| matches!(k, Kind::OffVertex(_))) && !off.is_empty(), "{off:?}");
+    let lifted = damaged(&|b| b.faces[2].surface = Surface::Plane(55.0));
+    assert!(lifted.iter().all(|k| matches!(k, Kind::OffSurface(_))) && !lifted.is_empty(), "{lifted:?}");
+    let shrunk = damaged(&|b| {
+        let edge = &mut b.edges[0];
+        let start = edge.curve.ends()[0];
+        edge.curve = Curve::new(edge.curve.basis().clone(), vec![start; edge.curve.control().len()]);
+    });
+    holds(&shrunk, &|k| *k == Kind::ZeroLength);
+    let split = damaged(&|b| b.bodies[0].outer.faces = vec![0, 1]);
+    holds(&split, &|k| matches!(k, Kind::Incomplete | Kind::Disconnected));
+    let inside_out = damaged(&|b| b.faces.iter_mut().for_each(|f| f.is_outward ^= true));
+    assert!(inside_out.iter().all(|k| *k == Kind::InsideOut) && !inside_out.is_empty(), "{inside_out:?}");
+    // Moves or bends the lumen's tube; its edges are then off it, too.
+    let bent = |bend: &dyn Fn(Point3) -> Point3| {
+        damaged(&|b| {
+            let Surface::Tube(s) = &b.faces[0].surface else { panic!("a tube") };
+            let [u, v] = s.bases();
+            let points: Vec<Point3> = s.control().map(bend).collect();
+            b.faces[0].surface = Surface::Tube(PatchSurface::with_control(u.clone(), v.clone(), &points));
+        })
+    };
+    holds(&bent(&|p| Point3::new(p.x + 2.0, p.y, p.z)), &|k| *k == Kind::Crossing);
+    holds(&bent(&|p| Point3::new(p.x, p.y, p.z + 0.1 * p.x)), &|k| *k == Kind::Folded);
+    let text = check(&{
+        let mut b = valid.clone();
+        b.vertices[0].point.x += 1e-3;
+        b
+    });
+    let text = text.unwrap_err().to_string();
+    assert!(text.starts_with("the solid is not valid: z "), "{text}");
+}
+
+#[test]
+fn a_hollow_inside_the_body_is_a_void() {
+    let plane = |k: u32| {
+        let mut contours = vec![Contour::circle(Point2::origin(), 3.0, 128)];
+        if (2..=5).contains(&k) {
+            contours.push(Contour::circle(Point2::new(9.0, 0.0), 1.5, 128));
+        }
+        PlaneSections { z_mm: 2.0 * f64::from(k), contours }
+    };
+    let stump = solid((0..9).map(plane).collect(), Wanted::Wall { wall_mm: 1.0 });
+    let brep = Brep::of(&stump, SkinChoice::All);
+    assert_eq!((brep.bodies.len(), brep.bodies.iter().map(|b| b.voids.len()).sum::<usize>()), (2, 1));
+    assert_eq!(kinds(&brep), []);
+    let mut stray = brep;
+    let hollow = stray.bodies.iter_mut().find_map(|b| b.voids.pop()).unwrap();
+    let other = stray.bodies.iter().position(|b| !stray.holds(&b.outer, &hollow)).unwrap();
+    stray.bodies[other].voids.push(hollow);
+    assert_eq!(kinds(&stray), [Kind::StrayVoid]);
 }

@@ -7,7 +7,7 @@
 //!
 //! The outer skin of a wall goes through the same steps with sections of the parallel surface.
 //!
-//! What it does not do yet: a validity check of the surfaces themselves (the mesh is checked for closedness), domes at births and deaths (they get flat caps), and holes.
+//! What it does not do: test what it made (that is `brep::check`).
 
 mod assemble;
 mod bias;

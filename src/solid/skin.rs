@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 const SECTION_POINTS: [usize; 3] = [256, 512, 1024];
 /// How far a section may leave the closed spline through its contour, mm.
 const SECTION_TOLERANCE_MM: f64 = 3e-4;
+/// Most that points are closer in a notch than elsewhere.
+const MOST_DENSITY: f64 = 8.0;
 /// Samples along a lateral patch's row from which its bending is taken.
 const ARC_SAMPLES: usize = 64;
 /// Grid on which the saddle patch is cut by a plane.
@@ -67,6 +69,8 @@ pub struct Skin {
     pub slabs: Vec<Slab>,
     /// Where the corners of each event's patches lie on the ends of the tubes.
     pub welds: Vec<Weld>,
+    /// Farthest that a patch was moved to meet its neighbours exactly, mm.
+    pub moved_mm: f64,
 }
 
 /// The sections of a branch before it is skinned.
@@ -85,13 +89,13 @@ pub(super) fn skin(
     correspondence: Correspondence,
 ) -> Result<Skin, SplineError> {
     let tubes: Vec<Result<Tube, SplineError>> =
-        strands.into_par_iter().map(|strand| tube(strand, correspondence)).collect();
+        strands.into_par_iter().map(|strand| tube(strand, &slabs, correspondence)).collect();
     let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let (welds, _) = weld(&mut tubes, &mut slabs);
-    Ok(Skin { tubes, slabs, welds })
+    let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
+    Ok(Skin { tubes, slabs, welds, moved_mm })
 }
 
-fn tube(mut strand: Strand, correspondence: Correspondence) -> Result<Tube, SplineError> {
+fn tube(mut strand: Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
@@ -101,39 +105,126 @@ fn tube(mut strand: Strand, correspondence: Correspondence) -> Result<Tube, Spli
     if curves.len() != z.len() {
         return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
     }
-    let n_points = section_points(&curves);
-    let mut sections: Vec<Vec<Point2>> = Vec::with_capacity(curves.len());
-    for curve in &curves {
-        let start_mm = match sections.last() {
-            Some(previous) if correspondence == Correspondence::LeastTwist => {
-                least_twist_start(curve, previous)
-            }
-            _ => least_x_start(curve, n_points),
-        };
-        sections.push(curve.resampled(n_points, start_mm));
-    }
+    let starts_mm = starts_mm(&curves, correspondence);
+    let last = curves.len() - 1;
+    let notches: Vec<Notch> = [(strand.bottom, 0), (strand.top, last)]
+        .into_iter()
+        .flat_map(|(end, k)| notches(end, slabs, &curves[k], starts_mm[k]))
+        .collect();
+    let fractions = fractions_for(&curves, &starts_mm, &notches);
+    let sections: Vec<Vec<Point2>> =
+        curves.iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
     Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
 }
 
-/// How many points round the section all curves of a tube need.
-fn section_points(curves: &[ClosedCurve]) -> usize {
-    let leaves = |curve: &ClosedCurve, n: usize| {
-        let section = SectionCurve::through_points(&curve.resampled(n, 0.0));
-        let between = |i: usize| (i as f64 + 0.5) / n as f64;
-        (0..n).any(|i| {
-            let u = between(i);
-            (section.at(u) - curve.at_length(u * curve.length_mm())).norm() > SECTION_TOLERANCE_MM
-        })
-    };
+/// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all
+/// curves of a tube.
+fn fractions_for(curves: &[ClosedCurve], starts_mm: &[f64], notches: &[Notch]) -> Vec<f64> {
     let [few, more, most] = SECTION_POINTS;
-    let enough = |n: usize| !curves.iter().any(|curve| leaves(curve, n));
-    if enough(few) {
-        few
-    } else if enough(more) {
-        more
-    } else {
-        most
+    for n in [few, more] {
+        let fractions = fractions(notches, n);
+        if curves.iter().zip(starts_mm).all(|(curve, start_mm)| keeps_to(curve, *start_mm, &fractions)) {
+            return fractions;
+        }
     }
+    fractions(notches, most)
+}
+
+/// Whether the closed spline through points of a curve stays near to it between them.
+fn keeps_to(curve: &ClosedCurve, start_mm: f64, fractions: &[f64]) -> bool {
+    let (n, whole) = (fractions.len(), curve.length_mm());
+    let points = placed(curve, start_mm, fractions);
+    let section = SectionCurve::through_points(&points);
+    (0..n).all(|i| {
+        let next = fractions.get(i + 1).copied().unwrap_or(1.0 + fractions[0]);
+        let off = section.at((i as f64 + 0.5) / n as f64)
+            - curve.at_length(start_mm + 0.5 * (fractions[i] + next) * whole);
+        // Along the curve the parameter may run as it likes.
+        let along = (points[(i + 1) % n] - points[i]).try_normalize(1e-12).unwrap_or_default();
+        off.perp(&along).abs() <= SECTION_TOLERANCE_MM
+    })
+}
+
+fn placed(curve: &ClosedCurve, start_mm: f64, fractions: &[f64]) -> Vec<Point2> {
+    fractions.iter().map(|f| curve.at_length(start_mm + f * curve.length_mm())).collect()
+}
+
+/// Where each curve of a tube starts, by arc length.
+fn starts_mm(curves: &[ClosedCurve], correspondence: Correspondence) -> Vec<f64> {
+    let n_points = SECTION_POINTS[0];
+    let mut starts_mm: Vec<f64> = Vec::with_capacity(curves.len());
+    let mut previous: Vec<Point2> = Vec::new();
+    for curve in curves {
+        let start_mm = if previous.is_empty() || correspondence == Correspondence::Published {
+            least_x_start(curve, n_points)
+        } else {
+            least_twist_start(curve, &previous)
+        };
+        previous = curve.resampled(n_points, start_mm);
+        starts_mm.push(start_mm);
+    }
+    starts_mm
+}
+
+/// A place on the end of a tube where its contour bends sharply: a corner of the patches that meet it.
+#[derive(Debug, Clone, Copy)]
+struct Notch {
+    /// Fraction of the way round at which it lies.
+    at: f64,
+    /// How much denser than elsewhere points are set in it.
+    density: f64,
+    /// Half its width as a fraction of the way round.
+    width: f64,
+}
+
+/// The notches on the section at the end of a tube. Points as far apart as elsewhere would round them off.
+fn notches(end: End, slabs: &[Slab], curve: &ClosedCurve, start_mm: f64) -> Vec<Notch> {
+    let corners = match end {
+        End::Cap => Vec::new(),
+        End::Waist { slab } => slabs[slab].corners_at(0).to_vec(),
+        End::Daughter { slab, side } => vec![slabs[slab].corners_at(1)[side]],
+    };
+    let whole = curve.length_mm();
+    let spacing_mm = whole / SECTION_POINTS[0] as f64;
+    let notch = |corner: Point2| {
+        let n = 8 * SECTION_POINTS[0];
+        let at_mm = |i: usize| whole * i as f64 / n as f64;
+        let off = |i: &usize| (curve.at_length(at_mm(*i)) - corner).norm_squared();
+        let nearest_mm = at_mm((0..n).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0));
+        let h = 0.5 * spacing_mm;
+        let [before, here, after] = [-h, 0.0, h].map(|d| curve.at_length(nearest_mm + d).coords);
+        let curvature = ((before - here * 2.0 + after) / (h * h)).norm();
+        let density = (3.0 * spacing_mm * curvature).clamp(1.0, MOST_DENSITY);
+        let width = (3.5 / (curvature * whole).max(1e-9)).clamp(0.004, 0.03);
+        Notch { at: ((nearest_mm - start_mm) / whole).rem_euclid(1.0), density, width }
+    };
+    corners.into_iter().map(notch).collect()
+}
+
+/// Where the points of all sections of a tube are set, as fractions of the way round: evenly, but closer in the notches.
+fn fractions(notches: &[Notch], n_points: usize) -> Vec<f64> {
+    let passed = |s: f64| {
+        let one = |n: &Notch| {
+            // Its images in the turns before and after make the density periodic.
+            let turns = [-1.0, 0.0, 1.0].map(|k: f64| ((s - n.at - k) / n.width).atan());
+            (n.density - 1.0) * n.width * turns.iter().sum::<f64>()
+        };
+        s + notches.iter().map(one).sum::<f64>()
+    };
+    let (first, whole) = (passed(0.0), passed(1.0) - passed(0.0));
+    let place = |i: usize| {
+        let target = first + whole * i as f64 / n_points as f64;
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if passed(middle) < target { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    };
+    if notches.is_empty() {
+        return (0..n_points).map(|i| i as f64 / n_points as f64).collect();
+    }
+    (0..n_points).map(place).collect()
 }
 
 /// The published rule for the first section of a branch: start where x is least.
@@ -241,6 +332,12 @@ impl Slab {
             Crotch::Saddle(_) => v,
             Crotch::Crease => high - (high - low) * (1.0 - v) * (1.0 - v),
         }
+    }
+
+    /// The corners A, B on the waist (`end` 0) or P, Q on the daughters (1).
+    fn corners_at(&self, end: usize) -> [Point2; 2] {
+        let v = self.v_of(self.w_mm[end]);
+        self.laterals.each_ref().map(|l| l.at(0.0, v).xy())
     }
 
     /// The closed curves at height w inside the slab.

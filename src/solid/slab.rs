@@ -19,6 +19,10 @@ use serde::{Deserialize, Serialize};
 const ROWS: usize = 13;
 /// Intervals along u of a lateral patch.
 const ARC_INTERVALS: usize = 64;
+/// The share of a ring's length, to either side of its corners, in which it may bend sharply, and the pieces into
+/// which its edges are cut there.
+const NOTCH_SHARE: f64 = 0.03;
+const NOTCH_PIECES: usize = 6;
 
 /// What closes the gap between the two lateral patches of an event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +57,22 @@ struct Corners {
     q: Point2,
 }
 
+impl Corners {
+    /// Moves the corners: each with whether it lies on the waist.
+    fn map(self, move_to: impl Fn(Point2, bool) -> Point2) -> Self {
+        let Self { a, b, p, q } = self;
+        Self { a: move_to(a, true), b: move_to(b, true), p: move_to(p, false), q: move_to(q, false) }
+    }
+}
+
+/// A slab with the closed curves at its borders, set more closely beside the corners.
+#[derive(Debug)]
+pub(super) struct Bordered {
+    pub(super) slab: Slab,
+    pub(super) waist: Contour,
+    pub(super) legs: [Contour; 2],
+}
+
 /// Cosine-spaced numbers from 0 to 1.
 fn cosine_spaced(n: usize) -> Vec<f64> {
     let angle = |i: usize| std::f64::consts::PI * i as f64 / (n - 1) as f64;
@@ -65,12 +85,14 @@ pub(super) fn build_slab(
     source: &dyn EventSource,
     saddle: &Saddle,
     upward: bool,
-) -> Result<Slab, EventFault> {
+) -> Result<Bordered, EventFault> {
     let view = View { source, along: saddle.along, sign: if saddle.opens { 1.0 } else { -1.0 } };
     let w_mm = [saddle.w_waist, saddle.w_legs].map(|w| w * saddle.along);
     let fractions = cosine_spaced(ROWS);
     let heights: Vec<f64> = fractions.iter().map(|f| w_mm[0] + f * (w_mm[1] - w_mm[0])).collect();
-    let corners = corners(&saddle.waist, &saddle.legs, saddle.opens)?;
+    let refine =
+        |p: Point2, is_waist: bool| source.refine(p, if is_waist { saddle.w_waist } else { saddle.w_legs });
+    let corners = corners(&saddle.waist, &saddle.legs, saddle.opens)?.map(refine);
     let rows = heights.par_iter().enumerate().map(|(i, &w)| {
         let place = if i == 0 {
             Place::Waist
@@ -95,7 +117,27 @@ pub(super) fn build_slab(
     let seam = |k: usize| rows.iter().map(|r| r.seams[k]).collect();
     let seams = Seams { ap: seam(0), bp: seam(1), aq: seam(2), bq: seam(3) };
     let patch = view.saddle(&seams, &heights, &fractions, sign)?;
-    Ok(Slab { upward, w_mm, laterals, crotch: Crotch::Saddle(patch) })
+    let slab = Slab { upward, w_mm, laterals, crotch: Crotch::Saddle(patch) };
+    let waist = denser(&saddle.waist, [corners.a, corners.b], |p| refine(p, true));
+    let [first, second] = &saddle.legs;
+    let legs = [(first, corners.p), (second, corners.q)]
+        .map(|(contour, tip)| denser(contour, [tip; 2], |p| refine(p, false)));
+    Ok(Bordered { slab, waist, legs })
+}
+
+/// The contour with more vertices beside the corners, where it bends more sharply than its vertices are set.
+fn denser(contour: &Contour, corners: [Point2; 2], refine: impl Fn(Point2) -> Point2) -> Contour {
+    let reach_mm = NOTCH_SHARE * contour.perimeter_mm();
+    let mut points = Vec::with_capacity(2 * contour.len());
+    for (from, to) in contour.edges() {
+        points.push(from);
+        let middle = nalgebra::center(&from, &to);
+        if corners.iter().any(|c| (c - middle).norm() < reach_mm) {
+            let inner = (1..NOTCH_PIECES).map(|k| from + (to - from) * (k as f64 / NOTCH_PIECES as f64));
+            points.extend(inner.map(&refine));
+        }
+    }
+    Contour::new(points)
 }
 
 /// Which row of a slab.

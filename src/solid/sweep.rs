@@ -7,7 +7,7 @@
 
 use super::critical::{Critical, Kind, criticals};
 use super::event::{EventFault, EventSource, Slab};
-use super::slab::{build_slab, distance_from};
+use super::slab::{Bordered, build_slab, distance_from};
 use super::{bias, neck, tip};
 use crate::geom::{Contour, Point2, SegmentIndex};
 use rayon::prelude::*;
@@ -148,14 +148,18 @@ impl Sweep<'_> {
         let w_top = self.interval.w[1];
         let upper = tracks.assigned(self.interval.upper).ok_or_else(|| self.lost(w_top))?;
         self.add_beyond(&mut tracks, &upper);
-        let built: Vec<Result<Joint, EventFault>> = saddles
-            .into_par_iter()
-            .map(|(waist, legs, saddle)| {
-                let slab = build_slab(self.source, &saddle, self.interval.upward)?;
-                Ok(Joint { waist, legs, slab })
-            })
+        let built: Vec<Result<Bordered, EventFault>> = saddles
+            .par_iter()
+            .map(|(_, _, saddle)| build_slab(self.source, saddle, self.interval.upward))
             .collect();
-        let joints = built.into_iter().collect::<Result<_, _>>()?;
+        let mut joints = Vec::with_capacity(saddles.len());
+        for (built, (waist, legs, saddle)) in built.into_iter().zip(saddles) {
+            let Bordered { slab, waist: waist_curve, legs: [first, second] } = built?;
+            tracks.replace(waist, saddle.w_waist, waist_curve);
+            tracks.replace(legs[0], saddle.w_legs, first);
+            tracks.replace(legs[1], saddle.w_legs, second);
+            joints.push(Joint { waist, legs, slab });
+        }
         Ok(Swept { n_parts: tracks.n_parts, upper, joints, sections: tracks.sections })
     }
 
@@ -372,6 +376,14 @@ struct Tracks {
 }
 
 impl Tracks {
+    /// Puts a better contour in the place of a part's section at a height.
+    fn replace(&mut self, part: usize, w: f64, contour: Contour) {
+        let is_it = |s: &&mut (usize, f64, Contour)| s.0 == part && s.1.to_bits() == w.to_bits();
+        if let Some(section) = self.sections.iter_mut().find(is_it) {
+            section.2 = contour;
+        }
+    }
+
     fn from(contours: &[Contour], strict: bool) -> Self {
         let active =
             contours.iter().enumerate().map(|(part, c)| Active { part, contour: c.clone() }).collect();

@@ -2,7 +2,7 @@
 //!
 //! The end ring of a tube is a uniform periodic cubic; the rows of a lateral patch interpolate the same contour at other
 //! sites, so that both agree only as far as splines do. Here the corners A, B, P, Q are put on the rings, the rings' arcs
-//! between them are cut out exactly, the laterals are refined to the knots of both their arcs (both by [`Basis`]' exact
+//! between them are cut out exactly, the laterals' u is made to run as on the arcs, they are refined to the knots of both their arcs (both by [`Basis`]' exact
 //! refinement), and every control row is moved by the difference between arc and border, falling linearly to the
 //! opposite border. The saddle follows its seams by a Coons blend of their motion. Afterwards the patches' borders
 //! have the control points of the curves they share, to rounding.
@@ -13,7 +13,7 @@
 use super::event::{Crotch, Slab};
 use super::skin::{End, Tube};
 use crate::geom::{Point2, Point3, Vector3};
-use crate::spline::{Basis, Curve, PatchSurface, SectionCurve, Side};
+use crate::spline::{Basis, Curve, PatchRow, PatchSurface, SectionCurve, Side};
 use serde::{Deserialize, Serialize};
 
 /// A corner nearer than this to a knot of its ring, in knot spacings, is put onto it: shorter knot intervals say nothing.
@@ -34,12 +34,6 @@ pub struct Weld {
     pub daughter_u: [f64; 2],
 }
 
-/// How far patches were moved to meet their rings, mm.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Moved {
-    pub(super) most_mm: f64,
-}
-
 /// The ring of a slab on one of its tubes.
 fn ring(tubes: &[Tube], tube: usize, end: End) -> (SectionCurve, f64) {
     let [low, high] = tubes[tube].surface.z_range_mm();
@@ -52,7 +46,7 @@ fn ends_of(slab: usize) -> [End; 3] {
 }
 
 /// Welds all slabs to their tubes.
-pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, Moved) {
+pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, f64) {
     let mut welds: Vec<Weld> =
         slabs.iter().enumerate().map(|(i, slab)| corners(tubes, slab, ends_of(i))).collect();
     for (idx, tube) in tubes.iter_mut().enumerate() {
@@ -65,10 +59,10 @@ pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, Moved)
         }
         welds.iter_mut().for_each(|w| w.on_tube(idx).for_each(|u| *u = snapped(*u, n)));
     }
-    let mut moved = Moved::default();
+    let mut moved_mm: f64 = 0.0;
     for (i, (slab, weld)) in slabs.iter().zip(&welds).enumerate() {
         if matches!(slab.crotch, Crotch::Crease) {
-            join_at_apex(tubes, weld, ends_of(i), &mut moved);
+            join_at_apex(tubes, weld, ends_of(i), &mut moved_mm);
         }
     }
     for (i, (slab, weld)) in slabs.iter_mut().zip(&welds).enumerate() {
@@ -80,13 +74,13 @@ pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, Moved)
             let to = if to > from { to } else { to + 1.0 };
             [waist.0.arc([from, to], waist.1), daughters[side].0.arc([p, p + 1.0], daughters[side].1)]
         };
-        weld_slab(slab, [arcs(0), arcs(1)], &mut moved);
+        weld_slab(slab, [arcs(0), arcs(1)], &mut moved_mm);
     }
-    (welds, moved)
+    (welds, moved_mm)
 }
 
 /// Makes the rings of both daughters pass through one point, the apex of their crease.
-fn join_at_apex(tubes: &mut [Tube], weld: &Weld, ends: [End; 3], moved: &mut Moved) {
+fn join_at_apex(tubes: &mut [Tube], weld: &Weld, ends: [End; 3], moved_mm: &mut f64) {
     let places: Vec<Point2> = (0..2)
         .map(|side| ring(tubes, weld.tubes[side + 1], ends[side + 1]).0.at(weld.daughter_u[side]))
         .collect();
@@ -95,7 +89,7 @@ fn join_at_apex(tubes: &mut [Tube], weld: &Weld, ends: [End; 3], moved: &mut Mov
         let tube = &mut tubes[weld.tubes[side + 1]];
         let end = if tube.bottom == ends[side + 1] { Side::First } else { Side::Last };
         tube.surface.pull_end(end, weld.daughter_u[side], apex - place);
-        moved.most_mm = moved.most_mm.max((apex - place).norm());
+        *moved_mm = moved_mm.max((apex - place).norm());
     }
 }
 
@@ -160,7 +154,7 @@ fn merged(lists: &[Vec<f64>]) -> Vec<f64> {
     for &knot in lists.iter().flatten() {
         let i = all.partition_point(|k| *k < knot);
         let near = |k: Option<&f64>| k.is_some_and(|k| (k - knot).abs() < SAME_KNOT);
-        if !near(all.get(i)) && !(i > 0 && near(all.get(i - 1))) {
+        if !(near(all.get(i)) || i > 0 && near(all.get(i - 1))) {
             all.insert(i, knot);
         }
     }
@@ -186,13 +180,13 @@ fn onto(patch: &PatchSurface, target: [&[f64]; 2]) -> PatchSurface {
 }
 
 /// Welds the patches of one slab to the arcs `[side][waist or daughter]` of the rings.
-fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved: &mut Moved) {
+fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved_mm: &mut f64) {
     let along = seam_knots(slab);
     for (lateral, arcs) in slab.laterals.iter_mut().zip(&arcs) {
         let [u, _] = lateral.bases();
         let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
-        let refined = onto(lateral, [&knots, &along]);
-        *lateral = with_borders(&refined, arcs, moved);
+        let refined = onto(&in_step(lateral, arcs), [&knots, &along]);
+        *lateral = with_borders(&refined, arcs, moved_mm);
     }
     let [first, second] = &slab.laterals;
     let seams = [
@@ -203,11 +197,54 @@ fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved: &mut Moved) {
         Crotch::Saddle(saddle) => {
             let refined = onto(saddle, [&along, &along]);
             let [(ap, bp), (bq, aq)] = seams;
-            *saddle = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved);
+            *saddle = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved_mm);
         }
         // Both laterals have the crease; the first one's is taken.
         Crotch::Crease => slab.laterals[1] = with_columns(second, &seams[0].1, &seams[0].0),
     }
+}
+
+/// The lateral with u running as it does on the arcs of the rings, linearly changing between them: points of its borders
+/// are to move across the arcs and not along them, because what is along a border is across the rows farther in.
+fn in_step(lateral: &PatchSurface, arcs: &[Curve; 2]) -> PatchSurface {
+    let [u, v] = lateral.bases();
+    let (columns, rows) = (u.greville(), v.greville());
+    let [low, high] = v.range();
+    let strides = [0, 1].map(|k| {
+        let border = lateral.row([low, high][k]);
+        let arc = arcs[k].over(u.range());
+        let samples: Vec<(f64, Point3)> = columns.iter().map(|&t| (t, border.at(t))).collect();
+        columns.iter().map(|&t| foot(&samples, &border, t, arc.at(t)) - t).collect::<Vec<f64>>()
+    });
+    let points = rows.iter().flat_map(|&at| {
+        let (row, share) = (lateral.row(at), (at - low) / (high - low));
+        let strides = &strides;
+        let point =
+            move |(i, t): (usize, &f64)| row.at(t + strides[0][i] * (1.0 - share) + strides[1][i] * share);
+        columns.iter().enumerate().map(point).collect::<Vec<Point3>>()
+    });
+    PatchSurface::interpolating(u.clone(), v.clone(), &points.collect::<Vec<_>>())
+}
+
+/// The parameter at which a border is nearest to a point that lies about at t; the ends stay.
+fn foot(border: &[(f64, Point3)], row: &PatchRow<'_>, t: f64, point: Point3) -> f64 {
+    let [first, last] = [border[0].0, border[border.len() - 1].0];
+    if t <= first || t >= last {
+        return t;
+    }
+    // A border may be a whole loop: what is near in space only is not meant.
+    let about = border.iter().filter(|b| (b.0 - t).abs() < 0.25 * (last - first));
+    let start = about.min_by(|a, b| (a.1 - point).norm_squared().total_cmp(&(b.1 - point).norm_squared()));
+    let mut at = start.map_or(t, |b| b.0);
+    for _ in 0..12 {
+        let (off, along) = (point - row.at(at), row.derivative_at(at));
+        let by = off.dot(&along) / along.norm_squared().max(1e-300);
+        at = (at + by).clamp(first, last);
+        if by.abs() < 1e-14 {
+            break;
+        }
+    }
+    at
 }
 
 /// Inner knots along the seams, on the unit interval and the same in both directions.
@@ -223,7 +260,7 @@ fn seam_knots(slab: &Slab) -> Vec<f64> {
 
 /// The lateral with the arcs as its first and last row. Heights of all rows stay, to the last bit those of the rings at
 /// the ends.
-fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved: &mut Moved) -> PatchSurface {
+fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved_mm: &mut f64) -> PatchSurface {
     let [u, v] = lateral.bases();
     let unit = u.over([0.0, 1.0]);
     let borders = arcs.each_ref().map(|arc| arc.over([0.0, 1.0]).refined(unit.clone()));
@@ -233,8 +270,7 @@ fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved: &mut Moved) ->
         let border = &borders[usize::from(row > 0)];
         (0..n).map(|i| border.control()[i] - points[row * n + i]).collect()
     });
-    let most = shifts.iter().flatten().map(|s| s.norm()).fold(moved.most_mm, f64::max);
-    moved.most_mm = most;
+    *moved_mm = shifts.iter().flatten().map(|s| s.norm()).fold(*moved_mm, f64::max);
     let shares = v.over([0.0, 1.0]).greville();
     let mut out = Vec::with_capacity(points.len());
     for (row, share) in shares.iter().enumerate() {
@@ -268,7 +304,7 @@ fn with_columns(lateral: &PatchSurface, first: &Curve, last: &Curve) -> PatchSur
 fn with_seams(
     saddle: &PatchSurface,
     [bottom, top, left, right]: [Curve; 4],
-    moved: &mut Moved,
+    moved_mm: &mut f64,
 ) -> PatchSurface {
     let [u, v] = saddle.bases();
     let points: Vec<Point3> = saddle.control().collect();
@@ -284,7 +320,7 @@ fn with_seams(
             let bilinear = (corner(0, 0) * (1.0 - s[i]) + corner(n - 1, 0) * s[i]) * (1.0 - t[j])
                 + (corner(0, m - 1) * (1.0 - s[i]) + corner(n - 1, m - 1) * s[i]) * t[j];
             let by = along + across - bilinear;
-            moved.most_mm = moved.most_mm.max(by.norm());
+            *moved_mm = moved_mm.max(by.norm());
             out.push(match (i, j) {
                 (i, 0) => bottom.control()[i],
                 (i, j) if j + 1 == m => top.control()[i],

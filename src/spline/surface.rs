@@ -438,6 +438,23 @@ impl PatchSurface {
         Ok(Self { u: u_basis, v: v_basis, control })
     }
 
+    /// The patch that takes the given points, row by row, at the Greville abscissae of both bases.
+    ///
+    /// # Panics
+    /// Where the number of points does not fit the bases.
+    #[must_use]
+    pub fn interpolating(u: Basis, v: Basis, points: &[Point3]) -> Self {
+        assert_eq!(points.len(), u.len() * v.len(), "one point for each pair of functions");
+        let columns = u.greville();
+        let row = |row: &[Point3]| {
+            let values: Vec<f64> = row.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+            u.interpolate(&columns, &values, 3)
+        };
+        let rows: Vec<f64> = points.chunks_exact(u.len()).flat_map(row).collect();
+        let control = v.interpolate(&v.greville(), &rows, 3 * u.len());
+        Self { u, v, control }
+    }
+
     /// The patch with the given control points, row by row.
     ///
     /// # Panics
@@ -664,6 +681,14 @@ mod tests {
         for (u, v) in [(0.0, 0.0), (0.12, 3.2), (0.6, 6.0), (1.0, 7.5)] {
             assert!((patch.at(u, v) - finer.at(u, v)).norm() < 1e-13);
         }
+        let (columns, rows) = (u.greville(), v.greville());
+        let points: Vec<Point3> = rows
+            .iter()
+            .flat_map(|&v| columns.iter().map(move |&u| (u, v)))
+            .map(|(u, v)| patch.at(u, v))
+            .collect();
+        let again = PatchSurface::interpolating(u.clone(), v.clone(), &points);
+        assert!((again.at(0.37, 2.9) - patch.at(0.37, 2.9)).norm() < 1e-12);
         assert!((patch.border_column(Side::Last).at(2.2) - patch.at(1.0, 2.2)).norm() < 1e-13);
         assert!((patch.border_row(Side::First).at(0.4) - patch.at(0.4, 0.0)).norm() < 1e-13);
     }

@@ -8,7 +8,9 @@ use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
 use crate::app::{atomic, packed};
+use crate::brep::{self, Brep};
 use crate::ct::Warning;
+use crate::mesh::SkinChoice;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, Solid};
 use crate::topology::{Matching, drawing};
@@ -40,7 +42,7 @@ impl Session<'_> {
     /// Builds the solid from the contours.
     ///
     /// # Errors
-    /// [`Error`] where there are no contours, where they make no solid, or where the case cannot be written.
+    /// [`Error`] where there are no contours, where they make no solid or none that is valid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
         self.require(Stage::Segment)?;
         self.stage(Stage::Solid, Self::build_solid)?;
@@ -81,6 +83,7 @@ impl Session<'_> {
     fn build_solid(&mut self, task: &Task<'_>) -> Result<Made, Error> {
         let params = self.solid_params();
         let built = solid::build(self.sections()?, &params, task)?;
+        brep::check(&Brep::of(&built.solid, SkinChoice::All))?;
         let staging = self.case.staging()?;
         let document = DocumentRef { warnings: &built.warnings, solid: &built.solid };
         let bytes = packed::to_bytes(DOCUMENT, &document).expect("every list of a solid knows its length");

@@ -37,7 +37,7 @@ fn near_touching() -> SectionStack {
 }
 
 fn with_wall(stack: &SectionStack, wall_mm: f64) -> Solid {
-    build(stack, &Params { body: Body::Wall { wall_mm } }, &Task::quiet()).unwrap().solid
+    build(stack, &Params::new(Body::Wall { wall_mm }), &Task::quiet()).unwrap().solid
 }
 
 /// The lumen cut at close heights: distances in space without the feet that the outer skin was made with.
