@@ -138,24 +138,27 @@ fn planar(slice: &Slice<'_>, frame: Frame, step: f64) -> Vec<Planar> {
 /// Newton steps on the gradient from a point near a critical one, no farther than three search steps.
 fn settled(slice: &Slice<'_>, start: Point2, step: f64) -> Option<Planar> {
     let mut p = start;
+    let mut slope = slice(p).slope;
     for _ in 0..MOST_STEPS {
-        let slope = slice(p).slope;
         let bend = hessian(slice, p, 1e-3 * step);
         let mut by = bend.try_inverse()? * slope;
-        let length = by.norm();
-        if length > 0.5 * step {
-            by *= 0.5 * step / length;
-        }
-        p -= by;
+        by *= (0.5 * step / by.norm().max(1e-300)).min(1.0);
+        // Where the field is all but creased a whole step would jump to and fro across the crease.
+        let shorter = (0..8).map(|k| by * 0.5f64.powi(k)).find_map(|by| {
+            let there = slice(p - by).slope;
+            (there.norm() < slope.norm()).then_some((by, there))
+        });
+        let Some((by, there)) = shorter else { break };
+        (p, slope) = (p - by, there);
         if (p - start).norm() > 3.0 * step {
             return None;
         }
-        if length < 1e-7 * step {
+        if by.norm() < 1e-7 * step {
             break;
         }
     }
     let jet = slice(p);
-    // Where lobes begin to blend the second derivative jumps and the steps may end in a small cycle.
+    // Where lobes begin to blend the second derivative jumps, and the steps may end beside the point.
     if jet.slope.norm() > 1e-3 {
         return None;
     }

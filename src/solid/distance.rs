@@ -3,7 +3,8 @@
 //!
 //! On each of the (two to four) planes around the interval the signed distance to all its contours is sampled on a
 //! grid; between them it is interpolated in w by Lagrange's polynomial (G. T. Herman et al., "Shape-based
-//! interpolation", 1992; cubic where there are four planes). Sections of the planes are met exactly.
+//! interpolation", 1992; cubic where there are four planes). Creases of the distances are rounded, so that saddles there
+//! can be found; sections of the planes are met within a thousandth of the smallest radius.
 
 use super::event::{EventPlanes, EventSource, Frame, Plane};
 use super::grid::{Jet, SmoothGrid};
@@ -48,7 +49,8 @@ impl DistanceSource {
             .par_iter()
             .map(|plane| {
                 let index = index(plane)?;
-                let distance = SmoothGrid::sampled(bounds.grown(step), step, |p| index.signed_distance_mm(p));
+                let distance =
+                    SmoothGrid::smoothed(bounds.grown(step), step, |p| index.signed_distance_mm(p));
                 Some(Layer { w: plane.w, distance })
             })
             .collect::<Option<_>>()?;

@@ -14,7 +14,7 @@ use crate::spline::ClosedCurve;
 /// Sections that tell about the tip.
 const PLANES: usize = 4;
 /// How well radii follow the model, as a fraction of the radius; how fast a body's radius changes, mm per mm.
-const RADIUS_NOISE: f64 = 0.003;
+const RADIUS_NOISE: f64 = 0.002;
 const TAPER: f64 = 0.03;
 /// Length of a dome in radii that is expected, and the spread of its logarithm.
 const EXPECTED_LENGTH: f64 = 1.5;
@@ -208,7 +208,7 @@ mod tests {
             let (sections, next) = stump(tip, 3.6, 3.0);
             let dome = towards(&sections, next);
             let top = dome.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
-            assert!((top - tip).abs() < 0.25, "{tip}: {top}");
+            assert!((top - tip).abs() < 0.35, "{tip}: {top}");
             let last = dome.iter().map(|s| radius_mm(&s.1)).fold(f64::INFINITY, f64::min);
             assert!(last < 0.01 && last > 1e-5, "{last}");
         }

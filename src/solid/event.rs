@@ -30,7 +30,7 @@ impl EventPlanes {
     /// Mean radius of the daughters by area, on their nearest plane.
     pub(super) fn mean_radius_mm(&self) -> f64 {
         let contours = &self.daughters[0].contours;
-        let radius = |c: &Contour| (c.signed_area_mm2() / std::f64::consts::PI).sqrt();
+        let radius = |c: &Contour| (c.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
         contours.iter().map(radius).sum::<f64>() / contours.len() as f64
     }
 

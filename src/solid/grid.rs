@@ -29,6 +29,16 @@ pub(super) struct SmoothGrid {
 impl SmoothGrid {
     /// Samples `f` over the box, which is grown by what the border costs.
     pub(super) fn sampled(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64) -> Self {
+        let mut grid = Self::smoothed(bounds, step_mm, f);
+        let n = grid.n;
+        (0..n[1]).for_each(|j| filter(&mut grid.control, j * n[0], 1, n[0]));
+        (0..n[0]).for_each(|i| filter(&mut grid.control, i, n[0], n[1]));
+        grid
+    }
+
+    /// As [`SmoothGrid::sampled`], but creases of `f` are rounded over two steps instead of followed: elsewhere the
+    /// function is off by its Laplacian times a sixth of the squared step.
+    pub(super) fn smoothed(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64) -> Self {
         let margin = (BORDER + 1.0) * step_mm;
         let grown = bounds.grown(margin);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a size over a step")]
@@ -39,9 +49,7 @@ impl SmoothGrid {
             let (i, j) = (k % n[0], k / n[0]);
             origin + Vector2::new(i as f64, j as f64) * step_mm
         };
-        let mut control: Vec<f64> = (0..n[0] * n[1]).map(|k| f(node(k))).collect();
-        (0..n[1]).for_each(|j| filter(&mut control, j * n[0], 1, n[0]));
-        (0..n[0]).for_each(|i| filter(&mut control, i, n[0], n[1]));
+        let control = (0..n[0] * n[1]).map(|k| f(node(k))).collect();
         Self { origin, step_mm, n, control }
     }
 

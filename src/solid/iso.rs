@@ -9,7 +9,8 @@ use crate::geom::{Bounds2, Contour, Point2, Vector2};
 
 /// Halvings from the coarsest cells to the finest.
 const LEVELS: u32 = 4;
-/// The steepest that a field may rise, per mm: 1 for a distance, a little more where several are combined.
+/// The steepest that a field usually rises, per mm: 1 for a distance, a little more where several are combined. Where a
+/// contour turns out not to be closed it rises more steeply somewhere, and every cell is looked at.
 const STEEPEST: f64 = 1.5;
 /// A vertex nearer than this to the one before it, in steps, is left out.
 const LEAST_SPACING: f64 = 0.25;
@@ -19,6 +20,7 @@ struct Grid<'a> {
     field: &'a dyn Fn(Point2) -> Jet,
     origin: Point2,
     step_mm: f64,
+    steepest: f64,
     /// Nodes along x.
     n_x: usize,
     /// Values at the nodes, NaN where not yet asked for.
@@ -49,7 +51,7 @@ impl Grid<'_> {
             return;
         }
         let half = (1usize << level) / 2;
-        let reach = STEEPEST * half as f64 * self.step_mm * std::f64::consts::SQRT_2;
+        let reach = self.steepest * half as f64 * self.step_mm * std::f64::consts::SQRT_2;
         if self.value(i + half, j + half).abs() > reach {
             return;
         }
@@ -94,7 +96,8 @@ impl Grid<'_> {
         start + (self.point(k as f64, l as f64) - start) * t
     }
 
-    /// Follows the contour from an edge until it is back; `None` where it is not closed.
+    /// Follows the contour from an edge until it is back; `None` where it does not come back. Empty where it is too small
+    /// to be a contour.
     fn follow(&mut self, start: u32) -> Option<Contour> {
         let mut points: Vec<Point2> = Vec::new();
         let mut at = start;
@@ -111,13 +114,32 @@ impl Grid<'_> {
         while points.len() > 4 && (points[points.len() - 1] - points[0]).norm() <= least {
             points.pop();
         }
-        (at == start && points.len() >= 4).then(|| Contour::new(points))
+        if points.len() < 4 {
+            points.clear();
+        }
+        (at == start).then(|| Contour::new(points))
     }
 }
 
 /// All closed contours on which `field` vanishes, the negative side to the left: outer ones counter-clockwise, holes
 /// clockwise. The field must be positive on the border of `bounds`.
 pub(super) fn contours(field: &dyn Fn(Point2) -> Jet, bounds: Bounds2, step_mm: f64) -> Vec<Contour> {
+    let quick = searched(field, bounds, step_mm, STEEPEST);
+    let found = if quick.iter().all(Option::is_some) {
+        quick
+    } else {
+        searched(field, bounds, step_mm, f64::INFINITY)
+    };
+    found.into_iter().flatten().filter(|c| !c.is_empty()).collect()
+}
+
+/// The contours in the cells that a field of this steepness may vanish in; `None` for one that is not closed.
+fn searched(
+    field: &dyn Fn(Point2) -> Jet,
+    bounds: Bounds2,
+    step_mm: f64,
+    steepest: f64,
+) -> Vec<Option<Contour>> {
     let coarsest = 1usize << LEVELS;
     #[expect(
         clippy::cast_possible_truncation,
@@ -131,6 +153,7 @@ pub(super) fn contours(field: &dyn Fn(Point2) -> Jet, bounds: Bounds2, step_mm: 
         field,
         origin: bounds.min,
         step_mm,
+        steepest,
         n_x: n_x * coarsest + 1,
         values: vec![f64::NAN; n_nodes],
         next: vec![NONE; 2 * n_nodes],
@@ -142,7 +165,13 @@ pub(super) fn contours(field: &dyn Fn(Point2) -> Jet, bounds: Bounds2, step_mm: 
         }
     }
     let starts = std::mem::take(&mut grid.starts);
-    starts.into_iter().filter_map(|start| grid.follow(start)).collect()
+    let mut found = Vec::new();
+    for start in starts {
+        if grid.next[start as usize] != NONE {
+            found.push(grid.follow(start));
+        }
+    }
+    found
 }
 
 /// Newton steps from `p` onto the zero of the field, never farther than `most_mm` in all.

@@ -41,6 +41,14 @@ const BLENDING_GAP: f64 = 0.3;
 /// Blending radius that the prior expects, relative to the daughters' radius.
 const EXPECTED_BLEND: f64 = 0.3;
 
+/// How far the logarithm of the blending radius may lie below and above the expected one: a crotch sharper than a
+/// fiftieth of the radius is not resolved.
+const LEAST_LN_BLEND: f64 = 2.7;
+const MOST_LN_BLEND: f64 = 3.0;
+/// Blending radius over the daughters' gap: with two they would be joined in its middle.
+const MOST_BLEND: f64 = 1.9;
+/// An extrapolated shift may exceed that of the step before by this fraction of the radius.
+const MOST_ACCELERATION: f64 = 0.1;
 /// A lobe never becomes smaller than this fraction of its template.
 const LEAST_SCALE: f64 = 0.05;
 
@@ -170,7 +178,12 @@ impl LobeField {
             .iter()
             .map(|plane| (plane.w, placed(&lobes, plane)))
             .collect();
-        let mut fitter = Fitter { lobes: &lobes, radius, known };
+        let most_blend_mm = if blended || lobes.len() < 2 {
+            f64::INFINITY
+        } else {
+            MOST_BLEND * gap_mm(&planes.daughters[0])
+        };
+        let mut fitter = Fitter { lobes: &lobes, radius, most_blend_mm, known };
         let mut unknown: Vec<&Plane> = vec![&planes.parents[0]];
         if blended {
             unknown.insert(0, &planes.daughters[0]);
@@ -359,6 +372,8 @@ struct Fitter<'a> {
     lobes: &'a [Lobe],
     /// Mean radius of the daughters: the unit in which the priors are stated.
     radius: f64,
+    /// Blending radius beyond which daughters that are apart would be joined.
+    most_blend_mm: f64,
     /// Heights and parameters found so far.
     known: Vec<(f64, Vec<f64>)>,
 }
@@ -377,6 +392,14 @@ impl Fitter<'_> {
         let n = PARAMS * self.lobes.len();
         let mut sum: Vec<f64> =
             (0..n).map(|i| near.iter().zip(&weights).map(|(k, w)| w * k.1[i]).sum()).collect();
+        // Nor may a lobe overtake another because its motion bends.
+        if let [first, second, _] = near[..] {
+            let share = (w - first.0) / (first.0 - second.0);
+            for i in (0..n).filter(|i| i % PARAMS != 2) {
+                let most = ((first.1[i] - second.1[i]) * share).abs() + MOST_ACCELERATION * self.radius;
+                sum[i] = first.1[i] + (sum[i] - first.1[i]).clamp(-most, most);
+            }
+        }
         // A parabola may run off where planes are far apart; a lobe never shrinks to nothing or doubles in a step.
         sum.iter_mut().skip(2).step_by(PARAMS).for_each(|s| *s = s.clamp(0.4, 2.0));
         sum
@@ -398,7 +421,9 @@ impl Fitter<'_> {
         let expected: Vec<Vec<f64>> = planes.iter().map(|p| self.extrapolated(p.w)).collect();
         let points: Vec<Vec<Point2>> = planes.iter().map(|p| contour_points(p, FIT_POINTS)).collect();
         let expected_blend = (EXPECTED_BLEND * self.radius).ln();
-        let bounded = |ln_blend: f64| ln_blend.clamp(expected_blend - 5.0, expected_blend + 3.0).exp();
+        let most = (expected_blend + MOST_LN_BLEND).min(self.most_blend_mm.ln());
+        let least = (expected_blend - LEAST_LN_BLEND).min(most);
+        let bounded = |ln_blend: f64| ln_blend.clamp(least, most).exp();
         let mut start: Vec<f64> = expected.concat();
         start.push(expected_blend);
         let solution = least_squares(&start, |x, normal| {
