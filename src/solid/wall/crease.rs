@@ -175,7 +175,11 @@ impl CreaseBuilder<'_> {
             if !falls || !self.is_outside(&next) {
                 break;
             }
-            let tangent = next.tangent().try_normalize(1e-9)?;
+            // Both feet have run together: the last point was the end.
+            let Some(tangent) = next.tangent().try_normalize(1e-6) else {
+                fades = true;
+                break;
+            };
             direction = tangent * tangent.dot(&direction).signum();
             points.push(next);
             if next.turn() < FADED_TURN {

@@ -9,6 +9,8 @@ use crate::geom::{Point3, Vector3};
 
 /// Samples in a leaf.
 const LEAF: usize = 4;
+/// Steps from sample to sample towards a foot.
+const MOST_DESCENTS: usize = 8;
 /// Orderings smaller than this are not worth another thread.
 const PARALLEL_FROM: usize = 4096;
 /// Beyond the centre of curvature a paraboloid has no nearest point: the shrinking of tangential offsets is kept
@@ -193,9 +195,18 @@ impl Feet {
         if better.distance_mm < foot.distance_mm + 1e-3 { better } else { foot }
     }
 
-    /// The foot of a point on the part of the surface round `near`, whatever else is nearer.
+    /// The foot of a point on the part of the surface round `near`, whatever else is nearer: from sample to sample
+    /// downhill, because one paraboloid reaches no farther than its neighbours.
     pub(super) fn foot_beside(&self, p: Point3, near: Point3) -> Foot {
-        self.nearest(near).foot(p)
+        let mut foot = self.nearest(near).foot(p);
+        for _ in 0..MOST_DESCENTS {
+            let next = self.nearest(foot.at).foot(p);
+            if next.distance_mm > foot.distance_mm - 1e-9 {
+                break;
+            }
+            foot = next;
+        }
+        foot
     }
 }
 
