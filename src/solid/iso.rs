@@ -89,7 +89,7 @@ impl Grid<'_> {
     /// Where the field vanishes on an edge, by linear interpolation.
     fn crossing(&mut self, edge: usize) -> Point2 {
         let (i, j) = ((edge / 2) % self.n_x, (edge / 2) / self.n_x);
-        let (k, l) = if edge % 2 == 0 { (i + 1, j) } else { (i, j + 1) };
+        let (k, l) = if edge.is_multiple_of(2) { (i + 1, j) } else { (i, j + 1) };
         let (a, b) = (self.value(i, j), self.value(k, l));
         let t = (a / (a - b)).clamp(1e-6, 1.0 - 1e-6);
         let start = self.point(i as f64, j as f64);

@@ -1,7 +1,8 @@
 //! The boundary representation of the vessel and its exact sections.
 //!
 //! Contours of all planes become one or two closed skins of B-spline surfaces: a tube for every branch (C2, z is
-//! its parameter v), three patches in a thin slab at every split or merge, flat caps at the ends. The method is
+//! its parameter v), three patches in a thin slab at every split, merge or closing ring, flat caps at the stack's ends,
+//! domes where branches or holes begin and end inside it. The method is
 //! the published three-patch construction (lateral, lateral, saddle) on an implicit field that is fitted to the
 //! sections on both sides of the event, so that the crotch lies where they say.
 //!
