@@ -102,8 +102,9 @@ fn tube(mut strand: Strand, slabs: &[Slab], correspondence: Correspondence) -> R
     let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
     let curves: Vec<ClosedCurve> =
         strand.sections.iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
-    if curves.len() != z.len() {
-        return Err(SplineError::TooFew { found: curves.len(), needed: z.len() });
+    let needed = z.len().max(2);
+    if curves.len() < needed {
+        return Err(SplineError::TooFew { found: curves.len(), needed });
     }
     let starts_mm = starts_mm(&curves, correspondence);
     let last = curves.len() - 1;

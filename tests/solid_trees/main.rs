@@ -7,8 +7,9 @@
 mod field;
 
 use field::{Branch, Course, Hole, Tree};
+use lumenfab::brep::Brep;
 use lumenfab::geom::{Contour, Point2, RigidTransform, SegmentIndex, Vector2};
-use lumenfab::mesh::{SkinChoice, Tessellation, closedness, tessellate};
+use lumenfab::mesh::{SkinChoice, Tessellation, fit_for_files, tessellate};
 use lumenfab::progress::Task;
 use lumenfab::sections::{PlaneSections, SectionStack};
 use lumenfab::solid::{Body, Params, Sectioned, Solid, build};
@@ -146,10 +147,12 @@ fn check(case: &Case) -> Result<(), TestCaseError> {
         return Ok(());
     }
     let solid = built.map_err(|e| TestCaseError::fail(e.to_string()))?.solid;
+    lumenfab::brep::check(&Brep::of(&solid, SkinChoice::All))
+        .map_err(|e| TestCaseError::fail(e.to_string()))?;
     check_interpolation(&stack, &solid)?;
     let how = Tessellation::within(0.05, SkinChoice::All);
     let mesh = tessellate(&solid, &how, &Task::quiet()).map_err(|e| TestCaseError::fail(e.to_string()))?;
-    prop_assert!(closedness(&mesh).is_closed());
+    let mesh = fit_for_files(&mesh, &Task::quiet()).map_err(|e| TestCaseError::fail(e.to_string()))?;
     prop_assert!(mesh.volume_mm3() > 0.0);
     Ok(())
 }
@@ -167,7 +170,9 @@ fn survey() {
     let mut said: std::collections::BTreeMap<String, usize> = std::collections::BTreeMap::new();
     for i in 0..n_trees() {
         let case = case().new_tree(&mut runner).unwrap().current();
-        if let Err(error) = check(&case) {
+        let checked = std::panic::catch_unwind(|| check(&case))
+            .unwrap_or_else(|_| Err(TestCaseError::fail("panicked")));
+        if let Err(error) = checked {
             let courses: Vec<Course> = case.tree.branches.iter().map(|b| b.course).collect();
             println!("tree {i}: wall {} {courses:?} hole {}: {error}", case.wall, case.tree.hole.is_some());
             let text: String = error.to_string().chars().filter(|c| !c.is_ascii_digit()).collect();
