@@ -116,7 +116,8 @@ pub(super) fn sweep(source: &dyn EventSource, interval: &Interval<'_>) -> Result
             Err(error) => fault = error,
         }
     }
-    Err(fault)
+    // Where branches meet at an angle no smooth critical point lies between them: the neck is found by search.
+    Sweep { source, interval }.run(neck::criticals(source, interval)).map_err(|_no_neck| fault)
 }
 
 struct Sweep<'a> {
