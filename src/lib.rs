@@ -5,7 +5,7 @@
 //! ```text
 //!  DICOM ─ ct ─▶ Volume ─ segment ─▶ Mask ─ sections ─▶ SectionStack
 //!                                                          │ topology, spline
-//!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL, 3MF)
+//!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL, 3MF), brep (STEP)
 //!     ▲                                                                    │
 //!     └──────────── Volume, SectionStack, Solid, layers, job ──────────────┘
 //! ```
@@ -22,8 +22,8 @@
 //! | [`segment`] | a volume to the mask of its lumen |
 //! | [`sections`] | mask and grey values to closed sub-pixel contours per CT plane |
 //! | [`spline`] | knot vectors, B-spline curves and surfaces, interpolation |
-//! | [`topology`] | which contour continues which: tubes, splits, merges, caps |
-//! | [`solid`] | the boundary representation and its exact sections |
+//! | [`topology`] | which contour continues which: branches, splits, merges, births, deaths, holes |
+//! | [`solid`] | the surfaces of lumen and wall, and their exact sections |
 //! | [`mesh`] | tessellation, what is wrong with a mesh, STL and 3MF |
 //! | [`brep`] | vertices, edges, faces and shells of a solid; whether it is valid |
 //! | [`step`] | a boundary representation as a STEP file |
