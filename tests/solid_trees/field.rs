@@ -145,6 +145,7 @@ impl Tree {
     pub(crate) fn contours(&self, z: f64) -> Vec<Contour> {
         let reach = 7.0 * self.trunk_radius_mm + 4.0;
         let step = self.trunk_radius_mm / 14.0;
+        #[expect(clippy::cast_possible_truncation, reason = "some hundred steps")]
         let n = (2.0 * reach / step).ceil() as i32;
         let origin = self.axis(z) - Vector2::repeat(reach);
         let node = |i: i32, j: i32| origin + Vector2::new(f64::from(i), f64::from(j)) * step;
