@@ -431,7 +431,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         (vec!["slyce"], "unrecognized subcommand 'slyce'"),
         (
             vec!["export", "nowhere"],
-            "the following required arguments were not provided: <--stl <F>|--3mf <F>|--sweep <F.csv>>",
+            "the following required arguments were not provided: <--stl <F>|--3mf <F>|--step <F>|--sweep <F.csv>>",
         ),
     ] {
         let error = place.refused(2, &args);
