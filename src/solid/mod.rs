@@ -25,6 +25,7 @@ mod neck;
 mod skin;
 mod slab;
 mod sweep;
+mod tangent;
 mod tip;
 mod wall;
 mod weld;

@@ -106,6 +106,9 @@ fn tube(mut strand: Strand, slabs: &[Slab], correspondence: Correspondence) -> R
     if curves.len() < needed {
         return Err(SplineError::TooFew { found: curves.len(), needed });
     }
+    if curves.len() < 2 {
+        return Err(SplineError::TooFew { found: curves.len(), needed: 2 });
+    }
     let starts_mm = starts_mm(&curves, correspondence);
     let last = curves.len() - 1;
     let notches: Vec<Notch> = [(strand.bottom, 0), (strand.top, last)]

@@ -12,6 +12,7 @@
 
 use super::event::{Crotch, Slab};
 use super::skin::{End, Tube};
+use super::tangent::{Leaning, followed, leaned, normals_of};
 use crate::geom::{Point2, Point3, Vector3};
 use crate::spline::{Basis, Curve, PatchRow, PatchSurface, SectionCurve, Side};
 use serde::{Deserialize, Serialize};
@@ -36,9 +37,13 @@ pub struct Weld {
 
 /// The ring of a slab on one of its tubes.
 fn ring(tubes: &[Tube], tube: usize, end: End) -> (SectionCurve, f64) {
-    let [low, high] = tubes[tube].surface.z_range_mm();
-    let z = if tubes[tube].bottom == end { low } else { high };
+    let z = end_z_mm(&tubes[tube], end);
     (tubes[tube].surface.section(z), z)
+}
+
+fn end_z_mm(tube: &Tube, end: End) -> f64 {
+    let [low, high] = tube.surface.z_range_mm();
+    if tube.bottom == end { low } else { high }
 }
 
 fn ends_of(slab: usize) -> [End; 3] {
@@ -66,18 +71,30 @@ pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, f64) {
         }
     }
     for (i, (slab, weld)) in slabs.iter_mut().zip(&welds).enumerate() {
-        let rings: Vec<_> = ends_of(i).into_iter().zip(weld.tubes).map(|(e, t)| ring(tubes, t, e)).collect();
-        let [waist, daughters @ ..] = &rings[..] else { continue };
-        let arcs = |side: usize| {
+        let rings = [0, 1, 2].map(|k| {
+            let tube = &tubes[weld.tubes[k]];
+            let z_mm = end_z_mm(tube, ends_of(i)[k]);
+            Ring { z_mm, leaning: Leaning::of(&tube.surface, z_mm) }
+        });
+        let sides = [0, 1].map(|side| {
             let [from, to] = if side == 0 { weld.waist_u } else { [weld.waist_u[1], weld.waist_u[0]] };
             let p = weld.daughter_u[side];
             let to = if to > from { to } else { to + 1.0 };
-            [waist.0.arc([from, to], waist.1), daughters[side].0.arc([p, p + 1.0], daughters[side].1)]
-        };
-        weld_slab(slab, [arcs(0), arcs(1)], &mut moved_mm);
+            [(&rings[0], [from, to]), (&rings[1 + side], [p, p + 1.0])]
+        });
+        weld_slab(slab, sides, &mut moved_mm);
     }
     (welds, moved_mm)
 }
+
+/// The end of a tube.
+struct Ring {
+    z_mm: f64,
+    leaning: Leaning,
+}
+
+/// The part of a ring between two corners.
+type RingArc<'a> = (&'a Ring, [f64; 2]);
 
 /// Makes the rings of both daughters pass through one point, the apex of their crease.
 fn join_at_apex(tubes: &mut [Tube], weld: &Weld, ends: [End; 3], moved_mm: &mut f64) {
@@ -180,13 +197,18 @@ fn onto(patch: &PatchSurface, target: [&[f64]; 2]) -> PatchSurface {
 }
 
 /// Welds the patches of one slab to the arcs `[side][waist or daughter]` of the rings.
-fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved_mm: &mut f64) {
+fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) {
     let along = seam_knots(slab);
-    for (lateral, arcs) in slab.laterals.iter_mut().zip(&arcs) {
+    let is_smooth = matches!(slab.crotch, Crotch::Saddle(_));
+    for (lateral, side) in slab.laterals.iter_mut().zip(&sides) {
+        let arcs = side.map(|(ring, range)| ring.leaning.section.arc(range, ring.z_mm));
         let [u, _] = lateral.bases();
         let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
-        let refined = onto(&in_step(lateral, arcs), [&knots, &along]);
-        *lateral = with_borders(&refined, arcs, moved_mm);
+        let refined = onto(&in_step(lateral, &arcs), [&knots, &along]);
+        *lateral = with_borders(&refined, &arcs, moved_mm);
+        if is_smooth {
+            *lateral = leaned(lateral, side.map(|(ring, range)| (&ring.leaning, range)));
+        }
     }
     let [first, second] = &slab.laterals;
     let seams = [
@@ -197,7 +219,11 @@ fn weld_slab(slab: &mut Slab, arcs: [[Curve; 2]; 2], moved_mm: &mut f64) {
         Crotch::Saddle(saddle) => {
             let refined = onto(saddle, [&along, &along]);
             let [(ap, bp), (bq, aq)] = seams;
-            *saddle = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved_mm);
+            let closed = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved_mm);
+            // Seams A-P, Q-B, A-Q, P-B.
+            let (ap, qb) = (normals_of(first, false, false), normals_of(second, false, true));
+            let (aq, pb) = (normals_of(second, true, false), normals_of(first, true, true));
+            *saddle = followed(&closed, [&ap, &qb, &aq, &pb]);
         }
         // Both laterals have the crease; the first one's is taken.
         Crotch::Crease => slab.laterals[1] = with_columns(second, &seams[0].1, &seams[0].0),
