@@ -14,10 +14,12 @@
 mod crease;
 mod feet;
 mod lumen;
+mod neck;
 mod trace;
 mod union;
 
 use super::assemble::{Creased, Recipe, assemble};
+use super::distance::DistanceSource;
 use super::event::{EventPlanes, EventSource};
 use super::skin::Skin;
 use super::{Error, Place};
@@ -42,6 +44,8 @@ const TRIM_SLACK: f64 = 1e-3;
 /// Every how many columns the raw section is checked, and gives a point from which to follow the outline.
 const CHECK_STRIDE: usize = 2;
 const SEED_STRIDE: usize = 8;
+/// Outlines nearer to each other than this, in t, have no gap that a plane could tell.
+const LEAST_GAP: f64 = 0.02;
 /// Points of an outline that are enough to see how outlines overlap.
 const GRAPH_POINTS: usize = 64;
 
@@ -63,7 +67,7 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin
     };
     let planes: Vec<Result<PlaneSections, Cancelled>> = wall.heights().par_iter().map(plane).collect();
     let planes: Vec<PlaneSections> = planes.into_iter().collect::<Result<_, _>>()?;
-    let graph = outer_graph(planes).map_err(Error::OuterTopology)?;
+    let graph = outer_graph(decided(planes, wall_mm)).map_err(Error::OuterTopology)?;
     let skin = assemble(&graph, &wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
         Error::Event { place: Place::Planes { lower, upper }, fault } => {
@@ -74,6 +78,29 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin
     let about_wall =
         |w: &Warning| Warning { text: format!("outer skin of the wall: {}", w.text), code: w.code.clone() };
     Ok((skin, graph.warnings.iter().map(about_wall).collect()))
+}
+
+/// The planes without those on which outlines all but touch: whether they are one there, rounding decides, and a gap
+/// of that width says nothing. The first and the last plane stay.
+fn decided(planes: Vec<PlaneSections>, wall_mm: f64) -> Vec<PlaneSections> {
+    let last = planes.len().saturating_sub(1);
+    let touching: Vec<bool> = planes.par_iter().map(|p| touch(&p.contours, LEAST_GAP * wall_mm)).collect();
+    let keep = |k: usize| k == 0 || k == last || !touching[k];
+    planes.into_iter().enumerate().filter(|(k, _)| keep(*k)).map(|(_, p)| p).collect()
+}
+
+/// Whether two of the contours are nearer to each other than `gap_mm`, or cross.
+fn touch(contours: &[Contour], gap_mm: f64) -> bool {
+    let apart = |a: &Contour, b: &Contour| {
+        let (Some(a), Some(b)) = (a.bounds(), b.bounds()) else { return true };
+        (0..2).any(|k| a.min[k] > b.max[k] + gap_mm || b.min[k] > a.max[k] + gap_mm)
+    };
+    let meets = |a: &Contour, b: &Contour| {
+        let index = SegmentIndex::try_new(std::slice::from_ref(b));
+        index.is_some_and(|i| a.points.iter().step_by(2).any(|p| i.signed_distance_mm(*p) < gap_mm))
+    };
+    let pairs = contours.iter().enumerate().flat_map(|(i, a)| contours[i + 1..].iter().map(move |b| (a, b)));
+    pairs.into_iter().any(|(a, b)| !apart(a, b) && meets(a, b))
 }
 
 /// The graph of the outlines. What overlaps what is seen from few of their points; where those do not decide, from all.
@@ -234,10 +261,18 @@ impl EventSource for WallSource<'_> {
     }
 }
 
-impl Recipe for Wall<'_> {
-    fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+impl Wall<'_> {
+    fn exact<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
         let anchors = planes.daughters[0].contours.iter().map(Contour::centroid).collect();
         Some(Box::new(WallSource { wall: self, sign, anchors }))
+    }
+}
+
+impl Recipe for Wall<'_> {
+    /// The outlines interpolated: the exact distance has a ridge in the crotch, which no patch follows.
+    fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        let outlines = DistanceSource::through(planes);
+        outlines.map(|s| Box::new(s) as Box<dyn EventSource>).or_else(|| self.exact(planes, sign))
     }
 
     fn is_measured(&self) -> bool {
