@@ -14,7 +14,7 @@ use std::cell::Cell;
 /// Steps towards equal distances.
 const MOST_STEPS: usize = 8;
 /// How far to either side the neck is looked for, in radii.
-const REACH: f64 = 0.7;
+const REACH: f64 = 0.35;
 
 /// A point between two sheets.
 #[derive(Debug, Clone, Copy)]
@@ -63,15 +63,14 @@ fn equalised(crease: &CreaseBuilder<'_>, p: Point2, z: f64, from: &Neck) -> Neck
 fn at_level(crease: &CreaseBuilder<'_>, w: f64, from: &Neck, reach_mm: f64) -> Neck {
     let z = crease.sign * w;
     let left = Vector2::new(-from.across.y, from.across.x);
-    let last = Cell::new(equalised(crease, from.at.xy(), z, from));
-    let origin = last.get().at.xy();
+    let origin = equalised(crease, from.at.xy(), z, from);
+    let last = Cell::new(origin);
     let slope = |y: f64| {
-        let neck = equalised(crease, origin + left * y, z, &last.get());
-        last.set(neck);
-        neck.slope()
+        last.set(equalised(crease, origin.at.xy() + left * y, z, &origin));
+        last.get().slope()
     };
-    root(slope, -reach_mm, reach_mm);
-    last.get()
+    let y = root(slope, -reach_mm, reach_mm);
+    equalised(crease, origin.at.xy() + left * y, z, &origin)
 }
 
 /// The apex with both feet; `None` where the branches do not part between the planes.
@@ -109,7 +108,7 @@ pub(super) fn apex(
         last.set(neck);
         gap(&neck)
     };
-    root(value, below?, high);
-    let neck = last.get();
-    (gap(&neck).abs() < 1e-5 * wall_mm).then_some((neck.at, neck.feet))
+    let w = root(value, below?, high);
+    let neck = at_level(crease, w, &last.get(), reach_mm);
+    (gap(&neck).abs() < 1e-4 * wall_mm).then_some((neck.at, neck.feet))
 }
