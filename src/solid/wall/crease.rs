@@ -6,6 +6,7 @@
 //! arc round each branch from corner to corner: the two lateral patches of the slab, which meet in the crease.
 
 use super::feet::{Feet, Foot};
+use super::neck::{self, Neck};
 use super::trace::{Tracer, Vertex, at_height, contour};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2, Vector3};
 use crate::solid::assemble::{BuiltSlab, Creased};
@@ -16,15 +17,19 @@ use crate::spline::PatchSurface;
 const ARC_INTERVALS: usize = 96;
 /// Rows of the patches at least and at most.
 const LEAST_ROWS: usize = 12;
-const MOST_ROWS: usize = 64;
+const MOST_ROWS: usize = 96;
 /// Largest distance of rows in (mean radius of the branches).
 const ROW_STEP: f64 = 0.12;
 /// A corner that turns less has faded: sine. Rounded over the spacing h of a section's points it errs by h / 130.
 const FADED_TURN: f64 = 0.06;
 /// A corner must turn by more at the apex for the skin to be creased there, sine of half the turn.
 const LEAST_APEX_TURN: f64 = 0.15;
+/// How much nearer than t, in t, something else must be to a point of the crease to end it there.
+const TRIMMED: f64 = 8e-3;
 /// Points at which a crease is given up.
 const MOST_POINTS: usize = 4000;
+/// The least step along a crease in steps of an outline: where sheets are nearly parallel, its arch is narrow.
+const LEAST_STEP: f64 = 1e-3;
 /// A slab thinner than this share of the wall has no shape.
 const LEAST_HEIGHT: f64 = 0.02;
 /// Sections beside the slab, distances in radii.
@@ -66,7 +71,7 @@ pub(super) struct CreaseBuilder<'a> {
 }
 
 impl CreaseBuilder<'_> {
-    const fn feet(&self) -> &Feet {
+    pub(super) const fn feet(&self) -> &Feet {
         self.tracer.feet
     }
 
@@ -122,8 +127,23 @@ impl CreaseBuilder<'_> {
         let (p, q) = nearest_pair(first, second)?;
         let z = self.sign * plane.w;
         let feet = [p, q].map(|x| self.feet().foot(at_height(x, z)));
+        let middle = nalgebra::center(&p, &q);
+        let point = self.climbed(planes, at_height(middle, z), feet).or_else(|| {
+            let radius_mm = planes.mean_radius_mm();
+            let start = Neck { at: at_height(middle, z), feet, across: (q - p).try_normalize(1e-12)? };
+            neck::apex(self, planes, start, radius_mm).map(|(at, feet)| CreasePoint { at, feet })
+        })?;
+        let w = self.sign * point.at.z;
+        let lowest = planes.parents.last()?.w;
+        let between = w > lowest && w < planes.daughters.last()?.w;
+        let creased = (0.5 * point.turn()).sin() > LEAST_APEX_TURN;
+        (between && creased && self.is_outside(&point)).then_some(point)
+    }
+
+    /// The apex by following the crease uphill: quick, but blind where the sheets are nearly parallel.
+    fn climbed(&self, planes: &EventPlanes, start: Point3, feet: [Foot; 2]) -> Option<CreasePoint> {
         let reach = 0.5 * (planes.mean_radius_mm() + self.tracer.wall_mm);
-        let mut point = self.on_crease(at_height(nalgebra::center(&p, &q), z), feet)?;
+        let mut point = self.on_crease(start, feet)?;
         for _ in 0..30 {
             let along = point.tangent().try_normalize(1e-9)?;
             let rise = self.sign * along.z;
@@ -137,17 +157,13 @@ impl CreaseBuilder<'_> {
             let step = if bend < 0.0 { -rise / bend } else { rise.signum() * reach };
             point = self.on_crease(point.at + along * step.clamp(-0.5 * reach, 0.5 * reach), point.feet)?;
         }
-        let w = self.sign * point.at.z;
         let level = point.tangent().try_normalize(1e-9)?.z.abs() < 1e-3;
-        let lowest = planes.parents.last()?.w;
-        let between = w > lowest && w < planes.daughters.last()?.w;
-        let creased = (0.5 * point.turn()).sin() > LEAST_APEX_TURN;
-        (level && between && creased && self.is_outside(&point)).then_some(point)
+        (level && self.is_outside(&point)).then_some(point)
     }
 
     /// Whether nothing else is nearer than the two feet.
     fn is_outside(&self, point: &CreasePoint) -> bool {
-        self.feet().foot(point.at).distance_mm > self.tracer.wall_mm * (1.0 - 3e-3)
+        self.feet().foot(point.at).distance_mm > self.tracer.wall_mm * (1.0 - TRIMMED)
     }
 
     /// Follows the crease from the apex down.
@@ -165,7 +181,7 @@ impl CreaseBuilder<'_> {
             });
             let Some(next) = next else {
                 fades = last.turn() < 3.0 * FADED_TURN;
-                if fades || step < 0.02 * self.tracer.step_mm {
+                if fades || step < LEAST_STEP * self.tracer.step_mm {
                     break;
                 }
                 step *= 0.5;
@@ -182,6 +198,7 @@ impl CreaseBuilder<'_> {
             };
             direction = tangent * tangent.dot(&direction).signum();
             points.push(next);
+            step = (1.5 * step).min(0.5 * self.tracer.step_mm);
             if next.turn() < FADED_TURN {
                 fades = true;
                 break;

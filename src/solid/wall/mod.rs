@@ -14,11 +14,15 @@
 mod crease;
 mod feet;
 mod lumen;
+mod neck;
+mod sound;
 mod trace;
 mod union;
 
 use super::assemble::{Creased, Recipe, assemble};
+use super::distance::DistanceSource;
 use super::event::{EventPlanes, EventSource};
+use super::lobes::LobeSource;
 use super::skin::Skin;
 use super::{Error, Place};
 use crate::ct::Warning;
@@ -42,6 +46,10 @@ const TRIM_SLACK: f64 = 1e-3;
 /// Every how many columns the raw section is checked, and gives a point from which to follow the outline.
 const CHECK_STRIDE: usize = 2;
 const SEED_STRIDE: usize = 8;
+/// How often planes beside a fault are left out before it is accepted.
+const MOST_WIDENINGS: usize = 8;
+/// Outlines nearer to each other than this, in t, have no gap that a plane could tell.
+const LEAST_GAP: f64 = 0.02;
 /// Points of an outline that are enough to see how outlines overlap.
 const GRAPH_POINTS: usize = 64;
 
@@ -52,19 +60,45 @@ struct Wall<'a> {
     branches: Vec<Branch>,
     feet: Feet,
     step_mm: f64,
+    /// Heights at which a skin with creases was unsound: there are none there.
+    barred: Vec<f64>,
 }
 
 /// Builds the outer skin around a lumen.
 pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
-    let Some(wall) = Wall::around(lumen, wall_mm, task)? else { return Ok((Skin::default(), Vec::new())) };
+    let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else {
+        return Ok((Skin::default(), Vec::new()));
+    };
     let plane = |&z_mm: &f64| {
         task.check()?;
         Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
     };
     let planes: Vec<Result<PlaneSections, Cancelled>> = wall.heights().par_iter().map(plane).collect();
     let planes: Vec<PlaneSections> = planes.into_iter().collect::<Result<_, _>>()?;
-    let graph = outer_graph(planes).map_err(Error::OuterTopology)?;
-    let skin = assemble(&graph, &wall, task).map_err(|error| match error {
+    let mut planes = decided(planes, wall_mm);
+    // Where the sections do not make a sound skin, they are looked at from farther apart.
+    for _ in 0..MOST_WIDENINGS {
+        let faults = match lofted(&wall, &planes, task) {
+            Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
+            Ok((skin, warnings)) => {
+                let faults = sound::faults(&skin, wall_mm);
+                if faults.is_empty() {
+                    return Ok((skin, warnings));
+                }
+                wall.barred.extend(&faults);
+                faults
+            }
+            other => return other,
+        };
+        planes = widened(planes, &faults);
+    }
+    lofted(&wall, &planes, task)
+}
+
+/// The skin through the planes.
+fn lofted(wall: &Wall<'_>, planes: &[PlaneSections], task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
+    let graph = outer_graph(planes.to_vec()).map_err(Error::OuterTopology)?;
+    let skin = assemble(&graph, wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
         Error::Event { place: Place::Planes { lower, upper }, fault } => {
             Error::Outer { z_mm: [graph.z_mm[lower], graph.z_mm[upper]], fault }
@@ -74,6 +108,45 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin
     let about_wall =
         |w: &Warning| Warning { text: format!("outer skin of the wall: {}", w.text), code: w.code.clone() };
     Ok((skin, graph.warnings.iter().map(about_wall).collect()))
+}
+
+/// The planes without those on either side of each fault; the first and the last stay.
+fn widened(planes: Vec<PlaneSections>, faults: &[f64]) -> Vec<PlaneSections> {
+    let last = planes.len() - 1;
+    let mut keep = vec![true; planes.len()];
+    for z in faults {
+        let above = planes.partition_point(|p| p.z_mm < z - 1e-9);
+        let exact = planes.get(above).is_some_and(|p| p.z_mm < z + 1e-9);
+        for k in [if exact { above } else { above.saturating_sub(1) }, above] {
+            if k > 0 && k < last {
+                keep[k] = false;
+            }
+        }
+    }
+    planes.into_iter().zip(keep).filter_map(|(p, keep)| keep.then_some(p)).collect()
+}
+
+/// The planes without those on which outlines all but touch: whether they are one there, rounding decides, and a gap
+/// of that width says nothing. The first and the last plane stay.
+fn decided(planes: Vec<PlaneSections>, wall_mm: f64) -> Vec<PlaneSections> {
+    let last = planes.len().saturating_sub(1);
+    let touching: Vec<bool> = planes.par_iter().map(|p| touch(&p.contours, LEAST_GAP * wall_mm)).collect();
+    let keep = |k: usize| k == 0 || k == last || !touching[k];
+    planes.into_iter().enumerate().filter(|(k, _)| keep(*k)).map(|(_, p)| p).collect()
+}
+
+/// Whether two of the contours are nearer to each other than `gap_mm`, or cross.
+fn touch(contours: &[Contour], gap_mm: f64) -> bool {
+    let apart = |a: &Contour, b: &Contour| {
+        let (Some(a), Some(b)) = (a.bounds(), b.bounds()) else { return true };
+        (0..2).any(|k| a.min[k] > b.max[k] + gap_mm || b.min[k] > a.max[k] + gap_mm)
+    };
+    let meets = |a: &Contour, b: &Contour| {
+        let index = SegmentIndex::try_new(std::slice::from_ref(b));
+        index.is_some_and(|i| a.points.iter().step_by(2).any(|p| i.signed_distance_mm(*p) < gap_mm))
+    };
+    let pairs = contours.iter().enumerate().flat_map(|(i, a)| contours[i + 1..].iter().map(move |b| (a, b)));
+    pairs.into_iter().any(|(a, b)| !apart(a, b) && meets(a, b))
 }
 
 /// The graph of the outlines. What overlaps what is seen from few of their points; where those do not decide, from all.
@@ -106,7 +179,7 @@ impl<'a> Wall<'a> {
         let (branches, samples) = lumen::sampled(lumen, wall_mm, task)?;
         let radius = branches.iter().map(|b| b.radius_mm).fold(f64::INFINITY, f64::min);
         let step_mm = TRACE_STEP * (radius + wall_mm);
-        let whole = |feet| Self { lumen, wall_mm, branches, feet, step_mm };
+        let whole = |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new() };
         Ok(Feet::try_new(samples).map(whole))
     }
 
@@ -234,10 +307,32 @@ impl EventSource for WallSource<'_> {
     }
 }
 
-impl Recipe for Wall<'_> {
-    fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+fn distances<'a>(planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
+    DistanceSource::through(planes).map(|s| Box::new(s) as Box<dyn EventSource>)
+}
+
+fn lobes<'a>(planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
+    LobeSource::fit(planes).map(|s| Box::new(s) as Box<dyn EventSource>)
+}
+
+impl Wall<'_> {
+    fn exact<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
         let anchors = planes.daughters[0].contours.iter().map(Contour::centroid).collect();
         Some(Box::new(WallSource { wall: self, sign, anchors }))
+    }
+}
+
+impl Recipe for Wall<'_> {
+    /// The outlines interpolated: the exact distance has a ridge in the crotch, which no patch follows.
+    fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        let several = planes.daughters[0].contours.len() > 2;
+        let outlines = if several { lobes(planes) } else { distances(planes) };
+        outlines.or_else(|| self.exact(planes, sign))
+    }
+
+    fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
+        let several = planes.daughters[0].contours.len() > 2;
+        if several { distances(planes) } else { lobes(planes) }
     }
 
     fn is_measured(&self) -> bool {
@@ -246,7 +341,10 @@ impl Recipe for Wall<'_> {
 
     fn crease(&self, planes: &EventPlanes, upward: bool, floor: f64) -> Option<Creased> {
         let sign = if upward { 1.0 } else { -1.0 };
-        crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)
+        let creased = crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)?;
+        let [low, high] = creased.slab.slab.w_mm;
+        let beside = |z: &f64| (low - 2.0 * self.wall_mm..high + self.wall_mm).contains(&(sign * z));
+        (!self.barred.iter().any(|z| beside(z))).then_some(creased)
     }
 }
 
