@@ -6,8 +6,13 @@
 //! the same steps as the lumen's: graph, branches, patches at the events. Where two branches part, the parallel
 //! surface has a crease: two patches that meet in it as an explicit edge ([`crease`]).
 //!
-//! Limits: where more than two creases meet at one height, or one reaches into the next event, the rest is rounded
-//! over the spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
+//! Where no crease can be followed (three branches that part within about t of each other) the outlines around the
+//! event are interpolated instead, as the lumen's are; planes beside it are left out until the skin is sound
+//! ([`sound`]).
+//!
+//! Limits: what is interpolated is no true parallel surface: up to half of t too thick in the pocket between three
+//! branches, and somewhat too thin beside it. Where a crease ends before it fades, the rest of it is rounded over the
+//! spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
 //! horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
 //! sections ([`union`]), which is also what is left when a curve cannot be followed.
 
@@ -325,14 +330,12 @@ impl Wall<'_> {
 impl Recipe for Wall<'_> {
     /// The outlines interpolated: the exact distance has a ridge in the crotch, which no patch follows.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
-        let several = planes.daughters[0].contours.len() > 2;
-        let outlines = if several { lobes(planes) } else { distances(planes) };
-        outlines.or_else(|| self.exact(planes, sign))
+        distances(planes).or_else(|| self.exact(planes, sign))
     }
 
     fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
-        let several = planes.daughters[0].contours.len() > 2;
-        if several { distances(planes) } else { lobes(planes) }
+        // Two branches are found from farther apart; three at one height need a field that tells them apart.
+        if planes.daughters[0].contours.len() > 2 { lobes(planes) } else { None }
     }
 
     fn is_measured(&self) -> bool {
@@ -344,7 +347,7 @@ impl Recipe for Wall<'_> {
         let creased = crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)?;
         let [low, high] = creased.slab.slab.w_mm;
         let beside = |z: &f64| (low - 2.0 * self.wall_mm..high + self.wall_mm).contains(&(sign * z));
-        (!self.barred.iter().any(|z| beside(z))).then_some(creased)
+        (!self.barred.iter().any(beside)).then_some(creased)
     }
 }
 

@@ -161,3 +161,20 @@ fn what_the_union_makes_agrees_with_what_is_followed() {
         assert!(farthest < 0.02, "z {z}: {farthest}");
     }
 }
+
+fn is_valid(solid: &Solid) -> bool {
+    crate::brep::check(&crate::brep::Brep::of(solid, crate::mesh::SkinChoice::All)).is_ok()
+}
+
+#[test]
+fn the_wall_round_a_trifurcation_is_a_valid_solid() {
+    assert!(is_valid(&with_wall(&phantom(Kind::Trifurcation), 1.0)));
+}
+
+#[test]
+fn a_wall_thicker_than_the_vessel_is_as_thick_as_asked() {
+    let solid = with_wall(&phantom(Kind::Carotid), 4.0);
+    assert!(is_valid(&solid));
+    let [least, most] = thickness(&solid, 4.0, [58.0, 74.0]);
+    assert!(least > 3.92 && most < 4.08, "{least} .. {most}");
+}
