@@ -1,6 +1,6 @@
 //! The boundary representation of a body: vertices, edges, coedges, loops, faces, shells.
 //!
-//! [`Brep::of`] turns the skins of a [`Solid`] into faces on B-spline surfaces and planes. Every edge has one curve in
+//! [`Brep::of`] turns the skins of a [`Solid`](crate::solid::Solid) into faces on B-spline surfaces and planes. Every edge has one curve in
 //! space, an exact B-spline, and each use of it (a coedge) a straight trace in the parameters of its face; the two
 //! surfaces beside it have that curve exactly, because the solid's patches are welded to its tubes. A tube is one face
 //! that is closed in u, with a seam edge used twice; flat ends are planes with one loop or several.

@@ -1,6 +1,6 @@
 //! Where a triangle mesh meets itself.
 //!
-//! Pairs of triangles whose boxes meet ([`super::bvh`]) are tested by signs of determinants alone, after Guigue and
+//! Pairs of triangles whose boxes meet (a tree of boxes) are tested by signs of determinants alone, after Guigue and
 //! Devillers (*Fast and Robust Triangle-Triangle Overlap Test Using Orientation Predicates*, 2003). The signs are exact
 //! (Shewchuk, *Adaptive Precision Floating-Point Arithmetic*, 1997), so that no tolerance decides what is a crossing:
 //!

@@ -1,7 +1,7 @@
 //! A mesh to a shaded picture (PNG) from given directions, side by side at one scale, upright along the stack's normal.
 //!
 //! Parallel projection, so that a length can be read off with the scale bar. A software rasteriser with a depth buffer
-//! ([`raster`]) finds what every pixel sees; [`shade`] lights it: a key light from the upper left of whoever looks, a weak one
+//! (`raster`) finds what every pixel sees; `shade` lights it: a key light from the upper left of whoever looks, a weak one
 //! from the right, light from everywhere less what near surfaces keep away, darker edges. Each pixel is the mean of
 //! four. The letters at the edges of a tile name the patient's sides (A, P, L, R, S, I).
 //!
