@@ -67,6 +67,8 @@ struct Wall<'a> {
     step_mm: f64,
     /// Heights at which a skin with creases was unsound: there are none there.
     barred: Vec<f64>,
+    /// Whether all creases are rounded.
+    is_rounded: bool,
 }
 
 /// Builds the outer skin around a lumen.
@@ -92,6 +94,11 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<(Skin
                 }
                 wall.barred.extend(&faults);
                 faults
+            }
+            // Creases that leave a branch between them no section are too close together: none is built then.
+            Err(Error::Spline(_)) if !wall.is_rounded => {
+                wall.is_rounded = true;
+                Vec::new()
             }
             other => return other,
         };
@@ -184,7 +191,8 @@ impl<'a> Wall<'a> {
         let (branches, samples) = lumen::sampled(lumen, wall_mm, task)?;
         let radius = branches.iter().map(|b| b.radius_mm).fold(f64::INFINITY, f64::min);
         let step_mm = TRACE_STEP * (radius + wall_mm);
-        let whole = |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new() };
+        let whole =
+            |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), is_rounded: false };
         Ok(Feet::try_new(samples).map(whole))
     }
 
@@ -343,6 +351,9 @@ impl Recipe for Wall<'_> {
     }
 
     fn crease(&self, planes: &EventPlanes, upward: bool, floor: f64) -> Option<Creased> {
+        if self.is_rounded {
+            return None;
+        }
         let sign = if upward { 1.0 } else { -1.0 };
         let creased = crease::CreaseBuilder { tracer: self.tracer(), sign }.build(planes, floor)?;
         let [low, high] = creased.slab.slab.w_mm;
