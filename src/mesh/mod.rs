@@ -19,6 +19,7 @@ mod lattice;
 mod measure;
 mod remesh;
 mod ribbon;
+mod rows;
 mod slab;
 pub mod stl;
 pub mod sweep;

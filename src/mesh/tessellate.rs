@@ -5,7 +5,7 @@ use super::chart::{Allowed, Chart};
 use super::face::{Corner, Face};
 use super::slab::{Patch, SlabEdges, mesh_patch, surface};
 use super::tube::{MeshedTube, mesh_tube};
-use super::{Closedness, Error, TriMesh, closedness};
+use super::{Closedness, Error, TriMesh, closedness, fit_for_files, rows};
 use crate::geom::{Contour, Point2};
 use crate::progress::Task;
 use crate::solid::{End, Skin, Slab, Solid};
@@ -62,12 +62,28 @@ impl Tessellation {
     }
 }
 
-/// Meshes a solid.
+/// Meshes a solid. Where the adaptive mesher finds no closed mesh that keeps the deflection and meets itself nowhere, the
+/// solid is meshed row by row at half the deflection: closed, but with chords within the deflection only.
 ///
 /// # Errors
-/// A deflection out of range, an interruption; a deflection that cannot be kept, or a mesh that is not closed (which
-/// are faults of the solid's surfaces, not of the request).
+/// A deflection out of range, an interruption; a mesh that is not closed (a fault of the solid's surfaces, not of the
+/// request).
 pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+    let fine = adaptive(solid, how, task);
+    let sound = match &fine {
+        Ok(mesh) => fit_for_files(mesh, task).map(|_| ()),
+        Err(error) => Err(error.clone()),
+    };
+    match (sound, how.deflection) {
+        (
+            Err(Error::NotKept { .. } | Error::Open(_) | Error::SelfIntersecting { .. }),
+            Deflection::Absolute { mm },
+        ) => rows::tessellate(solid, how.skin, 0.5 * mm, task),
+        _ => fine,
+    }
+}
+
+fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
     match how.deflection {
         Deflection::Absolute { mm } if !DEFLECTION_MM.contains(&mm) => return Err(Error::Deflection(mm)),
         Deflection::Relative { fraction } if !FRACTION.contains(&fraction) => {
