@@ -186,9 +186,9 @@ fn n_trees() -> u32 {
     std::env::var("LUMENFAB_TREES").ok().and_then(|n| n.parse().ok()).unwrap_or(40)
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 27 of the sample of 40 do at the time of writing. What is
-/// refused has slabs of events that lie close together, or meshes that meet themselves beside them.
-const LEAST_VALID_PERCENT: usize = 65;
+/// How many of a hundred trees must become valid solids. The aim is 99; 34 of the sample of 40 do. What is
+/// refused has saddle patches that fold where events lie close together.
+const LEAST_VALID_PERCENT: usize = 80;
 
 #[test]
 fn trees_become_valid_solids_or_are_refused_by_name() {
