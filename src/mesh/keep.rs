@@ -18,17 +18,21 @@ const FEW_PIECES: f64 = 8.0;
 const ESTIMATE_SHARE: f64 = 0.97;
 const SAMPLE_SHARE: f64 = 0.985;
 /// Passes after which triangles are only halved at their longest edges, which ends on every surface.
-const FLIPPING_PASSES: usize = 6;
+const FLIPPING_PASSES: usize = 24;
 /// Edges shorter than this share of a triangle's longest are not split.
 const LONG: f64 = 0.6;
 /// A triangle whose edges are shorter than this share of the deflection keeps it.
 const SMALL: f64 = 0.5;
+/// Splitting ends where a face gets more than this many times its first triangles and some more: its surface folds.
+const MOST_GROWTH: usize = 16;
+const SPARE_TRIANGLES: usize = 100_000;
 /// Passes over the triangles that changed; each halves the edges that are too far off.
 const MOST_PASSES: usize = 60;
 
 /// Splits triangles until every one keeps the deflection; `false` where it could not be reached.
 pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> Result<bool, Cancelled> {
     face.take_changed();
+    let n_most = MOST_GROWTH * face.triangles.len() + SPARE_TRIANGLES;
     let mut open: Vec<u32> = (0..).take(face.triangles.len()).collect();
     for pass in 0..MOST_PASSES {
         task.check()?;
@@ -46,6 +50,9 @@ pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> R
         if faults.is_empty() {
             face.may_flip = true;
             return Ok(true);
+        }
+        if face.triangles.len() > n_most {
+            return Ok(false);
         }
         let mut touched = vec![false; face.triangles.len()];
         let mut all_changed = Vec::new();

@@ -191,8 +191,12 @@ impl Job<'_> {
         let allowed = of_tube(&tube.surface, deflection);
         let shared = |end: End| match end {
             End::Cap => None,
-            End::Waist { slab } => Some(self.edges[slab].waist_ring()),
-            End::Daughter { slab, side } => Some(self.edges[slab].daughter_ring(side)),
+            End::Waist { slab } => {
+                Some(self.edges[slab].waist_ring(&self.skin.slabs[slab], &self.skin.welds[slab]))
+            }
+            End::Daughter { slab, side } => {
+                Some(self.edges[slab].daughter_ring(&self.skin.slabs[slab], &self.skin.welds[slab], side))
+            }
         };
         let chart = Chart::Tube(tube.surface.net());
         let Chart::Tube(net) = &chart else { return Err(Error::TooLarge) };
