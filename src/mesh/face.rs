@@ -281,6 +281,14 @@ impl<'a> Face<'a> {
         ring
     }
 
+    /// The triangles that share a corner with t, t among them, ascending.
+    pub(super) fn around(&self, t: u32) -> Vec<u32> {
+        let mut around: Vec<u32> = self.triangles[t as usize].iter().flat_map(|&v| self.star(v)).collect();
+        around.sort_unstable();
+        around.dedup();
+        around
+    }
+
     /// Triangles at v, in turn.
     pub(super) fn star(&self, v: u32) -> Vec<u32> {
         let start = self.incident[v as usize];
