@@ -6,6 +6,9 @@ use crate::spline::{PatchSurface, TubeNet};
 /// Pieces along a patch that may bend on their own: more come from the knots of the rings it is welded to.
 const MOST_PIECES: usize = 64;
 
+/// Pieces along a patch by which its extent is measured.
+const LENGTH_SAMPLES: u32 = 12;
+
 /// A surface and its parameters.
 #[derive(Debug)]
 pub(super) enum Chart<'a> {
@@ -47,6 +50,25 @@ impl Chart<'_> {
             }
             Self::Flat { .. } => 0.0,
         }
+    }
+
+    /// Mean lengths of a unit of either parameter, mm, where the surface is a patch.
+    pub(super) fn unit_lengths(&self) -> Option<[f64; 2]> {
+        let Self::Patch(patch) = self else { return None };
+        let ([u0, u1], [v0, v1]) = (patch.u_range(), patch.v_range());
+        let at = |i: u32, j: u32| {
+            let share = |k: u32| f64::from(k) / f64::from(LENGTH_SAMPLES);
+            patch.at(u0 + (u1 - u0) * share(i), v0 + (v1 - v0) * share(j))
+        };
+        let mut length = [0.0; 2];
+        for i in 0..LENGTH_SAMPLES {
+            for j in 0..LENGTH_SAMPLES {
+                length[0] += (at(i + 1, j) - at(i, j)).norm();
+                length[1] += (at(i, j + 1) - at(i, j)).norm();
+            }
+        }
+        let lines = f64::from(LENGTH_SAMPLES);
+        Some([length[0] / (lines * (u1 - u0)), length[1] / (lines * (v1 - v0))])
     }
 
     /// Derivatives along both parameters by difference quotients inside the ranges.

@@ -6,6 +6,7 @@
 
 use super::chart::Chart;
 use crate::geom::{Point2, Point3, Vector3};
+use robust::Coord;
 
 /// No triangle on the other side.
 const BORDER: u32 = u32::MAX;
@@ -14,7 +15,7 @@ const BORDER: u32 = u32::MAX;
 const FLIP_BELOW: f64 = -1e-6;
 
 /// Least area of a triangle in the parameters over the product of its extents there.
-const UPRIGHT: f64 = 0.02;
+const UPRIGHT: f64 = 1e-3;
 
 /// A vertex of a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +45,8 @@ pub(super) struct Face<'a> {
     changed: Vec<u32>,
     /// Whether edges may be flipped.
     pub(super) may_flip: bool,
+    /// Lengths of a unit of either parameter: where given, triangles are judged in the plane of the parameters.
+    pub(super) plane: Option<[f64; 2]>,
 }
 
 const fn next(i: usize) -> usize {
@@ -78,6 +81,7 @@ impl<'a> Face<'a> {
             is_border,
             changed: Vec::new(),
             may_flip: true,
+            plane: None,
         }
     }
 
@@ -194,29 +198,74 @@ impl<'a> Face<'a> {
     /// opposite to the edge sum up to more than 180 degrees: the Delaunay criterion on the triangles in space).
     fn flip_if_better(&mut self, t: u32, i: usize) -> bool {
         let Some((o, j, [a, b, c, d])) = self.pair(t, i) else { return false };
+        if let Some(scale) = self.plane {
+            if !self.is_better_in_plane([a, b, c, d], scale) {
+                return false;
+            }
+            self.turn([t, o], [i, j], [a, b, c, d]);
+            return true;
+        }
         let [pa, pb, pc, pd] = [a, b, c, d].map(|v| self.corners[v as usize].point);
-        if cotangent(pa, pb, pc) + cotangent(pd, pc, pb) >= FLIP_BELOW {
+        let poles = [a, b, c, d].iter().filter(|&&v| self.corners[v as usize].is_pole).count();
+        let old = [(pb - pa).cross(&(pc - pa)), (pc - pd).cross(&(pb - pd))];
+        let new = [(pb - pa).cross(&(pd - pa)), (pd - pa).cross(&(pc - pa))];
+        let is_delaunay = || cotangent(pa, pb, pc) + cotangent(pd, pc, pb) >= FLIP_BELOW;
+        let is_flat = old[0].dot(&old[1]) > 0.0;
+        if is_flat && is_delaunay() {
             return false;
         }
-        let poles = [a, b, c, d].iter().filter(|&&v| self.corners[v as usize].is_pole).count();
-        if a == d
-            || !self.is_upright([a, b, d])
-            || !self.is_upright([a, d, c])
-            || poles > 0 && self.corners[b as usize].is_pole | self.corners[c as usize].is_pole
+        if a == d || poles > 0 && self.corners[b as usize].is_pole | self.corners[c as usize].is_pole {
+            return false;
+        }
+        let both = old[0] + old[1];
+        if (!is_flat || new.iter().any(|n| n.dot(&both) <= 0.0))
+            && !self.is_unfolding([a, b, c, d], old, new, &is_delaunay)
         {
             return false;
         }
-        let old = (pb - pa).cross(&(pc - pa)) + (pc - pd).cross(&(pb - pd));
-        let (first, second) = ((pb - pa).cross(&(pd - pa)), (pd - pa).cross(&(pc - pa)));
-        if first.dot(&old) <= 0.0 || second.dot(&old) <= 0.0 || self.ring(a).contains(&d) {
+        if !self.is_upright([a, b, d]) || !self.is_upright([a, d, c]) || self.ring(a).contains(&d) {
             return false;
         }
+        self.turn([t, o], [i, j], [a, b, c, d]);
+        true
+    }
+
+    /// Replaces the edge b-c between two triangles by the edge a-d; i and j are the places of a and d.
+    fn turn(&mut self, [t, o]: [u32; 2], [i, j]: [usize; 2], [a, b, c, d]: [u32; 4]) {
         let (nt, no) = (self.neighbours[t as usize], self.neighbours[o as usize]);
         self.set(t, [a, b, d], [no[next(j)], o, nt[previous(i)]]);
         self.set(o, [a, d, c], [no[previous(j)], nt[next(i)], t]);
         self.relink(no[next(j)], o, t);
         self.relink(nt[next(i)], t, o);
-        true
+    }
+
+    /// Whether two triangles, a-b-c and d-c-b, of which one is turned over against the surface, or two triangles that
+    /// bend sharply, had better be a-b-d and a-d-c.
+    fn is_unfolding(
+        &self,
+        vertices: [u32; 4],
+        old: [Vector3; 2],
+        new: [Vector3; 2],
+        is_delaunay: &dyn Fn() -> bool,
+    ) -> bool {
+        let [_, b, c, _] = vertices;
+        let [_, from, to] = self.unrolled([vertices[0], b, c]);
+        let [du, dv] = self.chart.tangents(nalgebra::center(&from, &to));
+        let normal = du.cross(&dv);
+        let least = |two: [Vector3; 2]| {
+            two.iter().map(|n| n.dot(&normal) / n.norm().max(f64::MIN_POSITIVE)).fold(f64::INFINITY, f64::min)
+        };
+        let (before, after) = (least(old), least(new));
+        if before > 0.0 { after > 0.0 && !is_delaunay() } else { after > before + 0.01 * normal.norm() }
+    }
+
+    /// Whether the edge b-c of a face with a border all round is not Delaunay in its parameters.
+    fn is_better_in_plane(&self, vertices: [u32; 4], [u, v]: [f64; 2]) -> bool {
+        let [a, b, c, d] =
+            vertices.map(|w| self.corners[w as usize].param).map(|p| Coord { x: p.x * u, y: p.y * v });
+        robust::orient2d(a, b, d) > 0.0
+            && robust::orient2d(a, d, c) > 0.0
+            && robust::incircle(a, b, c, d) > 0.0
     }
 
     /// Vertices joined to v by an edge.
@@ -230,6 +279,14 @@ impl<'a> Face<'a> {
             }
         }
         ring
+    }
+
+    /// The triangles that share a corner with t, t among them, ascending.
+    pub(super) fn around(&self, t: u32) -> Vec<u32> {
+        let mut around: Vec<u32> = self.triangles[t as usize].iter().flat_map(|&v| self.star(v)).collect();
+        around.sort_unstable();
+        around.dedup();
+        around
     }
 
     /// Triangles at v, in turn.
@@ -257,7 +314,7 @@ impl<'a> Face<'a> {
     pub(super) fn flip_all(&mut self, from: impl IntoIterator<Item = u32>) {
         let mut stack: Vec<u32> = from.into_iter().collect();
         // Each flip makes angles better; the bound holds where triangles far from flat would go in circles.
-        let mut left = if self.may_flip { 20 * self.triangles.len() + 100 } else { 0 };
+        let mut left = if self.may_flip { 20 * stack.len() + 100 } else { 0 };
         while let Some(t) = stack.pop() {
             for i in 0..3 {
                 let other = self.across(t, i);

@@ -5,7 +5,7 @@
 //! in barycentric coordinates, with a, b, c the distances in the middles of the edges, so that its largest value
 //! inside is known in closed form ([`peak`]). What the centre shows beyond that is added. Where this is not clearly
 //! enough, or a triangle spans many pieces of its spline, its points are sampled closely and measured to the
-//! triangle and its three neighbours.
+//! triangle and those around it.
 
 use super::chart::Allowed;
 use super::face::Face;
@@ -14,21 +14,31 @@ use crate::progress::{Cancelled, Task};
 
 /// Pieces of a spline that a triangle may span and still be judged by four points.
 const FEW_PIECES: f64 = 8.0;
+/// Pieces that have no more than one bend, and the share of the deflection that the estimate may use up where there are
+/// more.
+const ONE_BEND: f64 = 6.5;
+const BENDS_SHARE: f64 = 0.85;
+/// Samples along a triangle's side where other triangles lie nearer to some of them.
+const MANY: u32 = 12;
 /// Shares of the allowed deflection that estimate and samples may use up: between samples it may be a little more.
 const ESTIMATE_SHARE: f64 = 0.97;
 const SAMPLE_SHARE: f64 = 0.985;
 /// Passes after which triangles are only halved at their longest edges, which ends on every surface.
-const FLIPPING_PASSES: usize = 6;
+const FLIPPING_PASSES: usize = 24;
 /// Edges shorter than this share of a triangle's longest are not split.
 const LONG: f64 = 0.6;
 /// A triangle whose edges are shorter than this share of the deflection keeps it.
 const SMALL: f64 = 0.5;
+/// Splitting ends where a face gets more than this many times its first triangles and some more: its surface folds.
+const MOST_GROWTH: usize = 16;
+const SPARE_TRIANGLES: usize = 100_000;
 /// Passes over the triangles that changed; each halves the edges that are too far off.
 const MOST_PASSES: usize = 60;
 
 /// Splits triangles until every one keeps the deflection; `false` where it could not be reached.
 pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> Result<bool, Cancelled> {
     face.take_changed();
+    let n_most = MOST_GROWTH * face.triangles.len() + SPARE_TRIANGLES;
     let mut open: Vec<u32> = (0..).take(face.triangles.len()).collect();
     for pass in 0..MOST_PASSES {
         task.check()?;
@@ -46,6 +56,9 @@ pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> R
         if faults.is_empty() {
             face.may_flip = true;
             return Ok(true);
+        }
+        if face.triangles.len() > n_most {
+            return Ok(false);
         }
         let mut touched = vec![false; face.triangles.len()];
         let mut all_changed = Vec::new();
@@ -87,13 +100,6 @@ fn fault(face: &Face<'_>, t: u32, allowed: &Allowed) -> Option<Option<usize>> {
         return None;
     }
     let chart = face.chart;
-    // Where the border's vertices lie on the neighbour's surface and the two surfaces do not quite meet, what is
-    // between them is no fault of the triangles.
-    let gap = |i: usize| match face.corners[face.triangles[t as usize][i] as usize] {
-        c if c.shared.is_some() && !c.is_pole => (c.point - chart.at(c.param)).norm(),
-        _ => 0.0,
-    };
-    let allowed_mm = allowed_mm + 1.5 * (0..3).map(gap).fold(0.0, f64::max);
     let off = Plane::through(places);
     let mut heights = [0.0; 3];
     let mut outside = 0.0f64;
@@ -107,11 +113,12 @@ fn fault(face: &Face<'_>, t: u32, allowed: &Allowed) -> Option<Option<usize>> {
     let beyond = (off.height(centre) - 4.0 / 9.0 * heights.iter().sum::<f64>()).abs();
     let estimate = peak(heights) + 1.5 * beyond;
     let n_pieces = (0..3).map(|i| chart.n_pieces(params[(i + 1) % 3] - params[i])).fold(0.0, f64::max);
-    if estimate <= ESTIMATE_SHARE * allowed_mm && outside <= 0.25 * allowed_mm && n_pieces <= FEW_PIECES {
+    let share = if n_pieces <= ONE_BEND { ESTIMATE_SHARE } else { BENDS_SHARE };
+    if estimate <= share * allowed_mm && outside <= 0.25 * allowed_mm && n_pieces <= FEW_PIECES {
         return None;
     }
     let n = if n_pieces <= FEW_PIECES { 6 } else { 12 };
-    if sampled_mm(face, t, n, SAMPLE_SHARE * allowed_mm) <= SAMPLE_SHARE * allowed_mm {
+    if is_near(face, t, n, SAMPLE_SHARE * allowed_mm) {
         return None;
     }
     // The edge that is farthest off, among those that are not short already; at the border there may be none.
@@ -122,33 +129,29 @@ fn fault(face: &Face<'_>, t: u32, allowed: &Allowed) -> Option<Option<usize>> {
     Some(divisible.max_by(|&i, &j| heights[i].abs().total_cmp(&heights[j].abs())))
 }
 
-/// Farthest that sampled points of the surface over a triangle lie from it and its neighbours, mm; sampling ends once
-/// it is beyond `limit_mm`.
-fn sampled_mm(face: &Face<'_>, t: u32, n: u32, limit_mm: f64) -> f64 {
+/// Whether sampled points of the surface over a triangle lie within the limit of it or of the triangles around it.
+fn is_near(face: &Face<'_>, t: u32, n: u32, limit_mm: f64) -> bool {
     let places = face.places(t);
+    // Where the parameters run unevenly the surface over a triangle lies beside it, over others.
+    let around = std::cell::OnceCell::new();
+    let others = || -> Vec<[Point3; 3]> { face.around(t).into_iter().map(|o| face.places(o)).collect() };
+    let is_off = |p: Point3| {
+        to_triangle_mm(p, places) > limit_mm
+            && around.get_or_init(others).iter().all(|o| to_triangle_mm(p, *o) > limit_mm)
+    };
+    // Beside it, the distance changes fast from sample to sample.
+    !samples(face, t, n).any(is_off) && (around.get().is_none() || !samples(face, t, n.max(MANY)).any(is_off))
+}
+
+/// Points of the surface over a triangle.
+fn samples<'f>(face: &'f Face<'_>, t: u32, n: u32) -> impl Iterator<Item = Point3> + 'f {
     let params = face.params(t);
-    let neighbours: Vec<[Point3; 3]> =
-        (0..3).filter_map(|i| face.across(t, i)).map(|o| face.places(o)).collect();
-    let mut worst = 0.0f64;
-    for i in 0..=n {
-        for j in 0..=n - i {
-            let (s, r) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
-            let at: Point2 = params[0] + (params[1] - params[0]) * s + (params[2] - params[0]) * r;
-            let p = face.chart.at(at);
-            let mut distance = to_triangle_mm(p, places);
-            for o in &neighbours {
-                if distance <= limit_mm {
-                    break;
-                }
-                distance = distance.min(to_triangle_mm(p, *o));
-            }
-            worst = worst.max(distance);
-            if worst > limit_mm {
-                return worst;
-            }
-        }
-    }
-    worst
+    let place = move |i: u32, j: u32| {
+        let (s, r) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+        let at: Point2 = params[0] + (params[1] - params[0]) * s + (params[2] - params[0]) * r;
+        face.chart.at(at)
+    };
+    (0..=n).flat_map(move |i| (0..=n - i).map(move |j| place(i, j)))
 }
 
 /// The plane of a triangle.

@@ -11,6 +11,9 @@ use crate::progress::{Cancelled, Task};
 const SPLIT_ABOVE: f64 = 1.4;
 /// How fast the size grows with the distance from the border.
 const GROWTH: f64 = 0.35;
+/// While edges are longer than this many sizes, a triangle may hide a bend of the surface: its shape is judged in the
+/// parameters.
+const UNBENT: f64 = 4.0;
 /// Rounds of splitting; each halves the longest edges.
 const MOST_ROUNDS: usize = 12;
 /// Sine of the smallest angle below which the vertices of a triangle are moved (42 degrees).
@@ -43,6 +46,7 @@ impl Size {
 
 /// Fills a face that has only border vertices with triangles of the given size.
 pub(super) fn fill(face: &mut Face<'_>, size: &Size, task: &Task<'_>) -> Result<(), Cancelled> {
+    face.plane = face.chart.unit_lengths();
     face.flip_everywhere();
     for _ in 0..MOST_ROUNDS {
         task.check()?;
@@ -62,6 +66,8 @@ pub(super) fn fill(face: &mut Face<'_>, size: &Size, task: &Task<'_>) -> Result<
         if long.is_empty() {
             break;
         }
+        let longest = long.iter().map(|l| l.0).fold(0.0, f64::max);
+        face.plane = face.plane.filter(|_| longest > UNBENT);
         long.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut touched = vec![false; face.triangles.len()];
         for (_, t, i) in long {
@@ -73,8 +79,12 @@ pub(super) fn fill(face: &mut Face<'_>, size: &Size, task: &Task<'_>) -> Result<
             touched.resize(face.triangles.len(), false);
             face.take_changed().iter().for_each(|&c| touched[c as usize] = true);
         }
-        smooth(face, 2);
+        if face.plane.is_none() {
+            smooth(face, 2);
+        }
     }
+    face.plane = None;
+    face.flip_everywhere();
     smooth(face, 4);
     Ok(())
 }

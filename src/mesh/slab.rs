@@ -5,10 +5,11 @@ use super::curve::{Chords, spaced};
 use super::face::{Corner, Face};
 use super::keep::keep;
 use super::remesh::{self, Size};
+use super::tube::{RingVertex, SharedRing};
 use super::{Error, TriMesh};
 use crate::geom::{Point2, Point3};
 use crate::progress::Task;
-use crate::solid::{Crotch, Slab};
+use crate::solid::{Crotch, Slab, Weld};
 use crate::spline::PatchSurface;
 
 /// Edges along a seam are not longer than this many of the rings' edges.
@@ -85,19 +86,35 @@ impl SlabEdges {
         Ok(edges)
     }
 
-    /// The waist as a closed ring.
-    pub(super) fn waist_ring(&self) -> Vec<(u32, Point3)> {
-        self.waist.iter().flat_map(|row| open(row)).collect()
+    /// The waist as a closed ring, by the parameter of its tube.
+    pub(super) fn waist_ring(&self, slab: &Slab, weld: &Weld) -> SharedRing {
+        let [a, b] = weld.waist_u;
+        let ends = [[a, b], [b, a]];
+        (0..2)
+            .flat_map(|side| on_tube(&self.waist[side], slab.laterals[side].u_range(), ends[side]))
+            .collect()
     }
 
-    /// A daughter's end as a closed ring.
-    pub(super) fn daughter_ring(&self, side: usize) -> Vec<(u32, Point3)> {
-        open(&self.daughters[side]).collect()
+    /// A daughter's end as a closed ring, by the parameter of its tube.
+    pub(super) fn daughter_ring(&self, slab: &Slab, weld: &Weld, side: usize) -> SharedRing {
+        let p = weld.daughter_u[side];
+        on_tube(&self.daughters[side], slab.laterals[side].u_range(), [p, p]).collect()
     }
 }
 
-fn open(row: &[OnEdge]) -> impl Iterator<Item = (u32, Point3)> + '_ {
-    row[..row.len() - 1].iter().map(|e| (e.vertex, e.point))
+/// The vertices of a row without the last one: welded to its tube, a row is the arc from one parameter on to another.
+fn on_tube(
+    row: &[OnEdge],
+    [u0, u1]: [f64; 2],
+    [from, to]: [f64; 2],
+) -> impl Iterator<Item = RingVertex> + '_ {
+    let length = if to > from { to - from } else { to - from + 1.0 };
+    let place = move |e: &OnEdge| RingVertex {
+        u: (from + (e.t - u0) / (u1 - u0) * length).rem_euclid(1.0),
+        vertex: e.vertex,
+        point: e.point,
+    };
+    row[..row.len() - 1].iter().map(place)
 }
 
 /// Numbers for the points of an edge; its ends may have theirs already.

@@ -5,7 +5,7 @@ use super::chart::{Allowed, Chart};
 use super::face::{Corner, Face};
 use super::slab::{Patch, SlabEdges, mesh_patch, surface};
 use super::tube::{MeshedTube, mesh_tube};
-use super::{Closedness, Error, TriMesh, closedness, fit_for_files, rows};
+use super::{Error, TriMesh, fit_for_files, rows};
 use crate::geom::{Contour, Point2};
 use crate::progress::Task;
 use crate::solid::{End, Skin, Slab, Solid};
@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 const DEFLECTION_MM: std::ops::RangeInclusive<f64> = 0.0005..=5.0;
 /// Relative deflections that are accepted.
 const FRACTION: std::ops::RangeInclusive<f64> = 1e-4..=0.5;
+
+/// Shares of the deflection for which a sound mesh is tried.
+const ATTEMPTS: [f64; 4] = [1.0, 0.8, 0.65, 0.5];
 
 /// Which skins are meshed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +48,16 @@ pub enum Deflection {
     },
 }
 
+impl Deflection {
+    /// A share of the deflection.
+    const fn times(self, share: f64) -> Self {
+        match self {
+            Self::Absolute { mm } => Self::Absolute { mm: share * mm },
+            Self::Relative { fraction } => Self::Relative { fraction: share * fraction },
+        }
+    }
+}
+
 /// How to mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tessellation {
@@ -62,28 +75,13 @@ impl Tessellation {
     }
 }
 
-/// Meshes a solid. Where the adaptive mesher finds no closed mesh that keeps the deflection and meets itself nowhere, the
-/// solid is meshed row by row at half the deflection: closed, but with chords within the deflection only.
+/// Meshes a solid. Where the mesh is not closed, meets itself or cannot keep the deflection, which depends on where vertices
+/// happen to lie, it is made again for somewhat smaller deflections. Where none of them is sound either (a surface that
+/// folds), the solid is meshed row by row at half the deflection: closed, but with chords within the deflection only.
 ///
 /// # Errors
-/// A deflection out of range, an interruption; a mesh that is not closed (a fault of the solid's surfaces, not of the
-/// request).
+/// A deflection out of range, an interruption; a relative deflection for which no mesh is sound.
 pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
-    let fine = adaptive(solid, how, task);
-    let sound = match &fine {
-        Ok(mesh) => fit_for_files(mesh, task).map(|_| ()),
-        Err(error) => Err(error.clone()),
-    };
-    match (sound, how.deflection) {
-        (
-            Err(Error::NotKept { .. } | Error::Open(_) | Error::SelfIntersecting { .. }),
-            Deflection::Absolute { mm },
-        ) => rows::tessellate(solid, how.skin, 0.5 * mm, task),
-        _ => fine,
-    }
-}
-
-fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
     match how.deflection {
         Deflection::Absolute { mm } if !DEFLECTION_MM.contains(&mm) => return Err(Error::Deflection(mm)),
         Deflection::Relative { fraction } if !FRACTION.contains(&fraction) => {
@@ -91,6 +89,27 @@ fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMes
         }
         _ => {}
     }
+    let mut found = Err(Error::TooLarge);
+    for share in ATTEMPTS {
+        found = sound(solid, &Tessellation { deflection: how.deflection.times(share), ..*how }, task);
+        if !matches!(found, Err(Error::NotKept { .. } | Error::Open(_) | Error::SelfIntersecting { .. })) {
+            return found;
+        }
+    }
+    match how.deflection {
+        Deflection::Absolute { mm } => rows::tessellate(solid, how.skin, 0.5 * mm, task),
+        Deflection::Relative { .. } => found,
+    }
+}
+
+/// A mesh that is fit for files.
+fn sound(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+    let mesh = adaptive(solid, how, task)?;
+    fit_for_files(&mesh, task)?;
+    Ok(mesh)
+}
+
+fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
     let mut skins = vec![(&solid.lumen, false)];
     if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward.
@@ -142,9 +161,7 @@ fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMes
     for cap in caps {
         append(&mut mesh, cap?)?;
     }
-    // As a file will hold it: triangles that vanish there would leave edges with too many neighbours.
-    let found: Closedness = closedness(&mesh.in_single_precision());
-    if found.is_closed() { Ok(mesh) } else { Err(Error::Open(found)) }
+    Ok(mesh)
 }
 
 /// Adds a face; returns the numbers of its corners.
@@ -191,8 +208,12 @@ impl Job<'_> {
         let allowed = of_tube(&tube.surface, deflection);
         let shared = |end: End| match end {
             End::Cap => None,
-            End::Waist { slab } => Some(self.edges[slab].waist_ring()),
-            End::Daughter { slab, side } => Some(self.edges[slab].daughter_ring(side)),
+            End::Waist { slab } => {
+                Some(self.edges[slab].waist_ring(&self.skin.slabs[slab], &self.skin.welds[slab]))
+            }
+            End::Daughter { slab, side } => {
+                Some(self.edges[slab].daughter_ring(&self.skin.slabs[slab], &self.skin.welds[slab], side))
+            }
         };
         let chart = Chart::Tube(tube.surface.net());
         let Chart::Tube(net) = &chart else { return Err(Error::TooLarge) };

@@ -189,3 +189,64 @@ fn meshing_stops_when_asked() {
     let stopped = tessellate(&cylinder(Body::Cast), &fine(SkinChoice::All, 0.01), &task);
     assert_eq!(stopped, Err(Error::Cancelled(Cancelled)));
 }
+
+/// Farthest that the surfaces lie from the triangles, and the triangles' middles from a much finer mesh, mm.
+fn both_ways(solid: &Solid, skin: SkinChoice, deflection_mm: f64) -> [f64; 2] {
+    let mesh = tessellate(solid, &fine(skin, deflection_mm), &Task::quiet()).unwrap();
+    let there = measure(solid, skin, &mesh, deflection_mm, &Task::quiet()).unwrap().largest_deviation_mm;
+    let finer = tessellate(solid, &fine(skin, deflection_mm / 8.0), &Task::quiet()).unwrap();
+    let bvh = bvh::Bvh::of(&finer);
+    let off = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.vertices[v as usize].coords);
+        let middle = ((a + b + c) / 3.0).into();
+        bvh.nearest(&finer, middle, f64::INFINITY).map_or(f64::INFINITY, |n| n.distance_mm)
+    };
+    [there, mesh.triangles.iter().map(off).fold(0.0, f64::max)]
+}
+
+#[test]
+fn the_deflection_is_kept_both_ways_on_tubes_patches_domes_and_creases() {
+    let solids = [
+        phantom(Kind::Carotid, Body::Wall { wall_mm: 1.0 }),
+        phantom(Kind::Merge, Body::Cast),
+        trunk_and_stump(9.0, Body::Wall { wall_mm: 1.0 }),
+        trunk_and_stump(5.6, Body::Wall { wall_mm: 1.0 }),
+    ];
+    for (k, solid) in solids.iter().enumerate() {
+        for deflection_mm in [0.1, 0.03] {
+            let [there, back] = both_ways(solid, SkinChoice::All, deflection_mm);
+            assert!(there <= deflection_mm, "solid {k}, {deflection_mm}: {there}");
+            // The finer mesh is off itself by an eighth.
+            assert!(back <= 1.125 * deflection_mm, "solid {k}, {deflection_mm}: {back}");
+        }
+    }
+}
+
+#[test]
+fn triangles_are_few_and_their_angles_good() {
+    let solid = phantom(Kind::Carotid, Body::Cast);
+    let mesh = tessellate(&solid, &fine(SkinChoice::All, 0.01), &Task::quiet()).unwrap();
+    let found = measure(&solid, SkinChoice::All, &mesh, 0.01, &Task::quiet()).unwrap();
+    assert!(found.min_angle_p5_deg > 33.0 && found.n_triangles < 40_000, "{found}");
+}
+
+#[test]
+fn a_relative_deflection_follows_the_size() {
+    let solid = phantom(Kind::Carotid, Body::Cast);
+    let relative = |fraction: f64| {
+        let how = Tessellation { skin: SkinChoice::All, deflection: Deflection::Relative { fraction } };
+        tessellate(&solid, &how, &Task::quiet())
+    };
+    assert!(relative(0.03).unwrap().triangles.len() < relative(0.003).unwrap().triangles.len());
+    assert!(matches!(relative(0.0), Err(Error::Fraction(_))));
+}
+
+#[test]
+fn the_mesh_is_the_same_on_any_number_of_threads() {
+    let solid = phantom(Kind::Carotid, Body::Wall { wall_mm: 1.0 });
+    let on = |n: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+        pool.install(|| tessellate(&solid, &fine(SkinChoice::All, 0.02), &Task::quiet()).unwrap())
+    };
+    assert!(on(1) == on(2));
+}

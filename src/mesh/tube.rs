@@ -8,15 +8,25 @@ use super::keep::keep;
 use super::lattice::{Profile, Row};
 use super::remesh;
 use super::ribbon::{Station, between_rings};
-use crate::geom::{Contour, Point2, Point3, SegmentIndex};
+use crate::geom::{Point2, Point3};
 use crate::progress::Task;
 use crate::spline::TubeNet;
 
 /// Most vertices of a cap's rim.
 const MOST_RIM: usize = 50_000;
 
-/// A ring that is shared with a slab: numbers and places of its vertices.
-pub(super) type SharedRing = Vec<(u32, Point3)>;
+/// A vertex of a ring that is shared with a slab.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RingVertex {
+    /// Parameter round the tube, in [0, 1).
+    pub(super) u: f64,
+    /// Number in the whole mesh.
+    pub(super) vertex: u32,
+    pub(super) point: Point3,
+}
+
+/// A ring that is shared with a slab, in the direction of the tube's parameter.
+pub(super) type SharedRing = Vec<RingVertex>;
 
 /// A tube's triangles and the rings at its ends as indices of its corners; a ring of one is the tip of a dome.
 #[derive(Debug)]
@@ -80,7 +90,7 @@ impl Layout<'_> {
         let vertex = u32::try_from(self.corners.len()).or(Err(Error::TooLarge))?;
         self.corners.push(corner);
         self.places.push(corner.point);
-        Ok(Station { u: corner.param.x, vertex })
+        Ok(Station { u: corner.param.x, v: corner.param.y, vertex })
     }
 
     fn at(&mut self, u: f64, z: f64) -> Result<Station, Error> {
@@ -89,33 +99,15 @@ impl Layout<'_> {
         self.add(Corner { param, point, is_pole: false, shared: None })
     }
 
-    /// A slab's ring, in the direction of the tube's parameter.
+    /// A slab's ring.
     fn shared_ring(&mut self, ring: &SharedRing, z: f64) -> Result<Vec<Station>, Error> {
-        let n = self.net.n_u();
-        let section = Contour::new((0..n).map(|i| self.net.at(i as f64 / n as f64, z).xy()).collect());
-        let index = SegmentIndex::try_new(std::slice::from_ref(&section)).ok_or(Error::Cap { z_mm: z })?;
-        let place = |&(_, p): &(u32, Point3)| {
-            let foot = index.nearest(p.xy());
-            let from = section.points[foot.edge_idx];
-            let to = section.points[(foot.edge_idx + 1) % n];
-            let share = (foot.point - from).norm() / (to - from).norm().max(1e-12);
-            (foot.edge_idx as f64 + share) / n as f64
+        let corner = |v: &RingVertex| Corner {
+            param: Point2::new(v.u, z),
+            point: v.point,
+            is_pole: false,
+            shared: Some(v.vertex),
         };
-        let mut found: Vec<(f64, (u32, Point3))> = ring.iter().map(|v| (place(v), *v)).collect();
-        let step = |a: f64, b: f64| (b - a + 0.5).rem_euclid(1.0) - 0.5;
-        let turns: f64 = (0..found.len()).map(|k| step(found[k].0, found[(k + 1) % found.len()].0)).sum();
-        if turns < 0.0 {
-            found.reverse();
-        }
-        // Feet of neighbours may fall together; the ring's own order holds.
-        let mut u = found[0].0;
-        let mut stations = Vec::with_capacity(found.len());
-        for (at, (vertex, point)) in found {
-            u += step(u, at).max(if stations.is_empty() { 0.0 } else { 1e-9 });
-            let param = Point2::new(u.rem_euclid(1.0), z);
-            stations.push(self.add(Corner { param, point, is_pole: false, shared: Some(vertex) })?);
-        }
-        Ok(stations)
+        ring.iter().map(|v| self.add(corner(v))).collect()
     }
 
     /// The tip of a dome: the middle of its tiny section.
@@ -149,12 +141,15 @@ impl Layout<'_> {
         };
         let turn = if row.is_turned { 0.5 } else { 0.0 };
         let heights = [lift(0), lift(1)].map(|s| self.profile.z_mm(s));
-        (0..row.n)
-            .map(|k| {
-                let u = self.profile.u(lift(k), (k as f64 + turn) / row.n as f64);
-                self.at(u, heights[k % 2])
-            })
-            .collect()
+        let columns = |steps: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            (0..row.n).map(|k| self.profile.u(steps(k), (k as f64 + turn) / row.n as f64)).collect()
+        };
+        let mut u = columns(&lift);
+        // Where columns run together within a row's height, those at its middle are in order.
+        if u.windows(2).any(|pair| pair[1] <= pair[0]) || u[row.n - 1] >= 1.0 + u[0] {
+            u = columns(&|_| row.step);
+        }
+        u.into_iter().enumerate().map(|(k, u)| self.at(u, heights[k % 2])).collect()
     }
 
     fn join(&mut self, lower: &[Station], upper: &[Station]) {

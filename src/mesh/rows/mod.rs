@@ -2,14 +2,15 @@
 //! sound mesh.
 
 mod cap;
+mod ribbon;
 
-use super::ribbon::{Station, between_rings, between_rows};
 use super::tessellate::SkinChoice;
 use super::{Error, TriMesh};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex};
 use crate::progress::Task;
 use crate::solid::{Crotch, End, Skin, Slab, Solid, Tube};
 use crate::spline::{PatchSurface, SectionCurve};
+use ribbon::{Station, between_rings, between_rows};
 
 /// Share of the deflection that a chord along a row may take; the rest is for the rows' own distance.
 const ROW_SHARE: f64 = 0.6;
