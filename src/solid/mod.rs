@@ -12,6 +12,7 @@
 
 mod assemble;
 mod bias;
+mod corners;
 mod critical;
 mod distance;
 mod dome;

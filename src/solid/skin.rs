@@ -8,10 +8,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Points round a tube's section. 128 at the waist cost a factor of four in accuracy; contours with sharper bends than
-/// these points can follow get twice as many, and twice that.
-const SECTION_POINTS: [usize; 3] = [256, 512, 1024];
-/// How far a section may leave the closed spline through its contour, mm.
+/// these points can follow get twice as many, and twice that; more still where the looser tolerance asks for it.
+const SECTION_POINTS: [usize; 5] = [256, 512, 1024, 2048, 4096];
+/// How far a section may leave the closed spline through its contour, mm; and before the most points are spent.
 const SECTION_TOLERANCE_MM: f64 = 3e-4;
+const LOOSE_TOLERANCE_MM: f64 = 8e-4;
+/// Number of points beyond which the looser tolerance decides.
+const AMPLE_POINTS: usize = 1024;
 /// Most that points are closer in a notch than elsewhere.
 const MOST_DENSITY: f64 = 8.0;
 /// Samples along a lateral patch's row from which its bending is taken.
@@ -124,10 +127,13 @@ fn tube(mut strand: Strand, slabs: &[Slab], correspondence: Correspondence) -> R
 /// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all
 /// curves of a tube.
 fn fractions_for(curves: &[ClosedCurve], starts_mm: &[f64], notches: &[Notch]) -> Vec<f64> {
-    let [few, more, most] = SECTION_POINTS;
-    for n in [few, more] {
+    let most = SECTION_POINTS[SECTION_POINTS.len() - 1];
+    for n in SECTION_POINTS.into_iter().filter(|n| *n < most) {
+        let tolerance_mm = if n < AMPLE_POINTS { SECTION_TOLERANCE_MM } else { LOOSE_TOLERANCE_MM };
         let fractions = fractions(notches, n);
-        if curves.iter().zip(starts_mm).all(|(curve, start_mm)| keeps_to(curve, *start_mm, &fractions)) {
+        let keeps =
+            |(curve, start_mm): (&ClosedCurve, &f64)| keeps_to(curve, *start_mm, &fractions, tolerance_mm);
+        if curves.iter().zip(starts_mm).all(keeps) {
             return fractions;
         }
     }
@@ -135,7 +141,7 @@ fn fractions_for(curves: &[ClosedCurve], starts_mm: &[f64], notches: &[Notch]) -
 }
 
 /// Whether the closed spline through points of a curve stays near to it between them.
-fn keeps_to(curve: &ClosedCurve, start_mm: f64, fractions: &[f64]) -> bool {
+fn keeps_to(curve: &ClosedCurve, start_mm: f64, fractions: &[f64], tolerance_mm: f64) -> bool {
     let (n, whole) = (fractions.len(), curve.length_mm());
     let points = placed(curve, start_mm, fractions);
     let section = SectionCurve::through_points(&points);
@@ -145,7 +151,7 @@ fn keeps_to(curve: &ClosedCurve, start_mm: f64, fractions: &[f64]) -> bool {
             - curve.at_length(start_mm + 0.5 * (fractions[i] + next) * whole);
         // Along the curve the parameter may run as it likes.
         let along = (points[(i + 1) % n] - points[i]).try_normalize(1e-12).unwrap_or_default();
-        off.perp(&along).abs() <= SECTION_TOLERANCE_MM
+        off.perp(&along).abs() <= tolerance_mm
     })
 }
 

@@ -8,9 +8,10 @@
 //! outline closes round a hole, the waist is the C-shaped outline and the legs are the outline and the hole. In both
 //! cases the curves run with the inside to their left, and every patch follows from that.
 
+use super::corners::Corners;
 use super::event::{EventFault, EventSource};
 use super::sweep::Saddle;
-use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
+use crate::geom::{Contour, Point2, Point3, SegmentIndex};
 use crate::spline::PatchSurface;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -19,10 +20,22 @@ use serde::{Deserialize, Serialize};
 const ROWS: usize = 13;
 /// Intervals along u of a lateral patch.
 const ARC_INTERVALS: usize = 64;
-/// The share of a ring's length, to either side of its corners, in which it may bend sharply, and the pieces into
-/// which its edges are cut there.
-const NOTCH_SHARE: f64 = 0.03;
-const NOTCH_PIECES: usize = 6;
+/// Spacing of a ring's vertices beside its corners over the distance from them, that at the corner over the size of the
+/// saddle, and how often an edge is halved at most.
+const NOTCH_GROWTH: f64 = 0.12;
+const NOTCH_SPACING: f64 = 0.02;
+const NOTCH_HALVINGS: usize = 8;
+
+/// Slabs are tried at these shares of the thickness asked for, until a saddle has no cell smaller than
+/// [`LEAST_AREA`] of the mean one, seen along z.
+const THINNESS: [f64; 6] = [1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
+const LEAST_AREA: f64 = 0.1;
+/// Intervals, each way, at which that is measured.
+const AREA_SAMPLES: usize = 16;
+/// Of a thinner slab neither side is thicker than this many times the other one.
+const MOST_ASYMMETRY: f64 = 2.0;
+/// Sections beside a thinner slab follow each other at distances from the apex that grow by this factor.
+const GROWTH: f64 = 1.7;
 
 /// What closes the gap between the two lateral patches of an event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,29 +61,23 @@ pub struct Slab {
     pub crotch: Crotch,
 }
 
-/// The corners of the saddle in the plane.
-#[derive(Debug, Clone, Copy)]
-struct Corners {
-    a: Point2,
-    b: Point2,
-    p: Point2,
-    q: Point2,
-}
-
-impl Corners {
-    /// Moves the corners: each with whether it lies on the waist.
-    fn map(self, move_to: impl Fn(Point2, bool) -> Point2) -> Self {
-        let Self { a, b, p, q } = self;
-        Self { a: move_to(a, true), b: move_to(b, true), p: move_to(p, false), q: move_to(q, false) }
-    }
-}
-
 /// A slab with the closed curves at its borders, set more closely beside the corners.
 #[derive(Debug)]
 pub(super) struct Bordered {
     pub(super) slab: Slab,
+    /// Heights of the waist and of the legs along the source's w.
+    pub(super) w: [f64; 2],
     pub(super) waist: Contour,
     pub(super) legs: [Contour; 2],
+    /// Where the slab is thinner than asked for: sections of the waist's and of the legs' branches beside it.
+    pub(super) beside: Beside,
+}
+
+/// Sections beside a slab that was made thinner, heights along the source's w.
+#[derive(Debug, Default)]
+pub(super) struct Beside {
+    pub(super) waist: Vec<(f64, Contour)>,
+    pub(super) legs: [Vec<(f64, Contour)>; 2],
 }
 
 /// Cosine-spaced numbers from 0 to 1.
@@ -81,63 +88,96 @@ fn cosine_spaced(n: usize) -> Vec<f64> {
 
 /// Builds the three patches between the waist's height and the legs', both seen along the source's w; `upward` says
 /// whether the source's w is z.
+///
+/// Where the published corners make a saddle that all but folds (the surface is steep there, and a chord from the waist
+/// to a leg first leads down), corners are looked for from which all chords rise, and the slab is made thinner: the
+/// nearer to the apex, the more symmetric is the surface.
 pub(super) fn build_slab(
     source: &dyn EventSource,
     saddle: &Saddle,
     upward: bool,
 ) -> Result<Bordered, EventFault> {
     let view = View { source, along: saddle.along, sign: if saddle.opens { 1.0 } else { -1.0 } };
-    let w_mm = [saddle.w_waist, saddle.w_legs].map(|w| w * saddle.along);
-    let fractions = cosine_spaced(ROWS);
-    let heights: Vec<f64> = fractions.iter().map(|f| w_mm[0] + f * (w_mm[1] - w_mm[0])).collect();
-    let refine =
-        |p: Point2, is_waist: bool| source.refine(p, if is_waist { saddle.w_waist } else { saddle.w_legs });
-    let corners = corners(&saddle.waist, &saddle.legs, saddle.opens)?.map(refine);
-    let rows = heights.par_iter().enumerate().map(|(i, &w)| {
-        let place = if i == 0 {
-            Place::Waist
-        } else if i + 1 == ROWS {
-            Place::Legs
-        } else {
-            Place::Between
-        };
-        view.row(saddle, &corners, w, place)
-    });
-    let rows: Vec<Row> = rows.collect::<Result<_, _>>()?;
-    let u = cosine_spaced(ARC_INTERVALS + 1);
-    let upward = upward == (saddle.along > 0.0);
-    let sign = if upward { 1.0 } else { -1.0 };
-    let lateral = |side: usize| {
-        let at = |(row, &w): (&Row, &f64)| -> Vec<Point3> {
-            row.laterals[side].iter().map(|p| Point3::new(p.x, p.y, sign * w)).collect()
-        };
-        PatchSurface::through(&u, &heights, &rows.iter().zip(&heights).map(at).collect::<Vec<_>>())
+    let mut best: Option<(Saddle, Trial)> = None;
+    for thinness in THINNESS {
+        let thinner = if thinness == 1.0 { Some(saddle.clone()) } else { saddle.thinner(source, thinness) };
+        let Some(thinner) = thinner else { continue };
+        let Ok(published) = Corners::published(source, &thinner) else { continue };
+        let turned = || published.turned(source, &thinner);
+        for corners in std::iter::once(published).chain(std::iter::once_with(turned)) {
+            let trial = view.trial(&thinner, corners, upward)?;
+            if best.as_ref().is_none_or(|(_, b)| trial.least_area > b.least_area) {
+                best = Some((thinner.clone(), trial));
+            }
+            if best.as_ref().is_some_and(|(_, b)| b.least_area > LEAST_AREA) {
+                break;
+            }
+        }
+        if best.as_ref().is_some_and(|(_, b)| b.least_area > LEAST_AREA) {
+            break;
+        }
+    }
+    let (thinner, trial) = best.ok_or(EventFault::NoWaist)?;
+    let beside = if thinner.w_waist == saddle.w_waist {
+        Beside::default()
+    } else {
+        saddle.sections_towards(source, &thinner)
     };
-    let laterals = [lateral(0)?, lateral(1)?];
-    let seam = |k: usize| rows.iter().map(|r| r.seams[k]).collect();
-    let seams = Seams { ap: seam(0), bp: seam(1), aq: seam(2), bq: seam(3) };
-    let patch = view.saddle(&seams, &heights, &fractions, sign)?;
-    let slab = Slab { upward, w_mm, laterals, crotch: Crotch::Saddle(patch) };
-    let waist = denser(&saddle.waist, [corners.a, corners.b], |p| refine(p, true));
-    let [first, second] = &saddle.legs;
-    let legs = [(first, corners.p), (second, corners.q)]
-        .map(|(contour, tip)| denser(contour, [tip; 2], |p| refine(p, false)));
-    Ok(Bordered { slab, waist, legs })
+    view.bordered(&thinner, trial, upward, beside)
 }
 
-/// The contour with more vertices beside the corners, where it bends more sharply than its vertices are set.
-fn denser(contour: &Contour, corners: [Point2; 2], refine: impl Fn(Point2) -> Point2) -> Contour {
-    let reach_mm = NOTCH_SHARE * contour.perimeter_mm();
+/// The contour with the corners among its vertices, and with more vertices beside them, where it bends more sharply than
+/// its vertices are set: their spacing grows with the distance from the nearest corner, from `least_mm` on.
+fn denser(
+    contour: &Contour,
+    corners: &[Point2],
+    least_mm: f64,
+    refine: impl Fn(Point2) -> Point2,
+) -> Contour {
+    let Some(index) = SegmentIndex::try_new(std::slice::from_ref(contour)) else { return contour.clone() };
+    let feet: Vec<usize> = corners.iter().map(|c| index.nearest(*c).edge_idx).collect();
+    let spacing_mm = |p: Point2| {
+        let d = corners.iter().map(|c| (c - p).norm()).fold(f64::INFINITY, f64::min);
+        (NOTCH_GROWTH * d).max(least_mm)
+    };
     let mut points = Vec::with_capacity(2 * contour.len());
-    for (from, to) in contour.edges() {
-        points.push(from);
-        let middle = nalgebra::center(&from, &to);
-        if corners.iter().any(|c| (c - middle).norm() < reach_mm) {
-            let inner = (1..NOTCH_PIECES).map(|k| from + (to - from) * (k as f64 / NOTCH_PIECES as f64));
-            points.extend(inner.map(&refine));
+    for (k, (from, to)) in contour.edges().enumerate() {
+        let mut stops = vec![from];
+        let mut inner: Vec<Point2> =
+            corners.iter().zip(&feet).filter(|(_, foot)| **foot == k).map(|(c, _)| *c).collect();
+        inner.sort_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()));
+        let apart = |p: &Point2| (p - from).norm() > 0.3 * least_mm && (p - to).norm() > 0.3 * least_mm;
+        stops.extend(inner.into_iter().filter(apart));
+        stops.push(to);
+        for pair in stops.windows(2) {
+            points.push(pair[0]);
+            halved([pair[0], pair[1]], NOTCH_HALVINGS, &spacing_mm, &refine, &mut points);
         }
     }
     Contour::new(points)
+}
+
+/// Points between two of a curve, as far apart as asked for.
+fn halved(
+    [from, to]: [Point2; 2],
+    most: usize,
+    spacing_mm: &impl Fn(Point2) -> f64,
+    refine: &impl Fn(Point2) -> Point2,
+    points: &mut Vec<Point2>,
+) {
+    let middle = nalgebra::center(&from, &to);
+    let length = (to - from).norm();
+    if most == 0 || length <= spacing_mm(middle) {
+        return;
+    }
+    let on_curve = refine(middle);
+    // What is not between the two is on another piece of the curve.
+    if (on_curve - middle).norm() > length {
+        return;
+    }
+    halved([from, on_curve], most - 1, spacing_mm, refine, points);
+    points.push(on_curve);
+    halved([on_curve, to], most - 1, spacing_mm, refine, points);
 }
 
 /// Which row of a slab.
@@ -148,10 +188,25 @@ enum Place {
     Legs,
 }
 
-/// One height of a slab: the seams' points A-P, B-P, A-Q, B-Q and the laterals' points.
-struct Row {
-    seams: [Point2; 4],
-    laterals: [Vec<Point2>; 2],
+impl Place {
+    fn of_rows() -> [Self; ROWS] {
+        let mut places = [Self::Between; ROWS];
+        (places[0], places[ROWS - 1]) = (Self::Waist, Self::Legs);
+        places
+    }
+}
+
+/// The smallest area of a patch's grid cells, seen along z, by the mean one; negative where it folds.
+pub(super) fn least_area(patch: &PatchSurface) -> f64 {
+    let n = AREA_SAMPLES;
+    let at = |k: usize| k as f64 / n as f64;
+    let area = |i: usize, j: usize| {
+        let jet = patch.jet(at(i), at(j));
+        jet.by_u.xy().perp(&jet.by_v.xy())
+    };
+    let areas: Vec<f64> = (0..=n).flat_map(|j| (0..=n).map(move |i| area(i, j))).collect();
+    let mean = areas.iter().sum::<f64>() / areas.len() as f64;
+    areas.iter().map(|a| a / mean).fold(f64::INFINITY, f64::min)
 }
 
 /// A source seen from the waist towards the legs, so that its field rises at the saddle.
@@ -161,14 +216,76 @@ struct View<'a> {
     sign: f64,
 }
 
+/// Corners with the saddle patch between them.
+struct Trial {
+    corners: Corners,
+    seams: Seams,
+    patch: PatchSurface,
+    /// The smallest area of the saddle's grid cells, seen along z, by the mean one; negative where it folds.
+    least_area: f64,
+}
+
 impl View<'_> {
-    fn row(&self, saddle: &Saddle, corners: &Corners, w: f64, place: Place) -> Result<Row, EventFault> {
-        let field = self.source.slice(self.along * w);
-        let loops = match place {
-            Place::Waist => [saddle.waist.clone(), saddle.waist.clone()],
-            Place::Legs => saddle.legs.clone(),
-            Place::Between => self.loops(saddle, w)?,
+    /// Heights of the rows.
+    fn heights(saddle: &Saddle) -> Vec<f64> {
+        let w_mm = saddle.w_mm();
+        cosine_spaced(ROWS).iter().map(|f| w_mm[0] + f * (w_mm[1] - w_mm[0])).collect()
+    }
+
+    /// The saddle patch between given corners.
+    fn trial(&self, saddle: &Saddle, corners: Corners, upward: bool) -> Result<Trial, EventFault> {
+        let heights = Self::heights(saddle);
+        let seams: Vec<[Point2; 4]> = heights
+            .par_iter()
+            .zip(Place::of_rows())
+            .map(|(&w, place)| self.seams(&corners, w, place))
+            .collect();
+        let seam = |k: usize| seams.iter().map(|r| r[k]).collect();
+        let seams = Seams { ap: seam(0), bp: seam(1), aq: seam(2), bq: seam(3) };
+        let sign = saddle.sign(upward);
+        let patch = self.saddle(&seams, &heights, &cosine_spaced(ROWS), sign)?;
+        let least_area = least_area(&patch);
+        Ok(Trial { corners, seams, patch, least_area })
+    }
+
+    /// The slab round a saddle patch.
+    fn bordered(
+        &self,
+        saddle: &Saddle,
+        trial: Trial,
+        upward: bool,
+        beside: Beside,
+    ) -> Result<Bordered, EventFault> {
+        let Trial { corners, seams, patch, .. } = trial;
+        let heights = Self::heights(saddle);
+        let rows = heights.par_iter().enumerate().zip(Place::of_rows()).map(|((i, &w), place)| {
+            let ends = [&seams.ap, &seams.bp, &seams.aq, &seams.bq].map(|s| s[i]);
+            self.laterals(saddle, ends, w, place)
+        });
+        let rows: Vec<[Vec<Point2>; 2]> = rows.collect::<Result<_, _>>()?;
+        let u = cosine_spaced(ARC_INTERVALS + 1);
+        let sign = saddle.sign(upward);
+        let lateral = |side: usize| {
+            let at = |(row, &w): (&[Vec<Point2>; 2], &f64)| -> Vec<Point3> {
+                row[side].iter().map(|p| Point3::new(p.x, p.y, sign * w)).collect()
+            };
+            PatchSurface::through(&u, &heights, &rows.iter().zip(&heights).map(at).collect::<Vec<_>>())
         };
+        let laterals = [lateral(0)?, lateral(1)?];
+        let slab = Slab { upward: sign > 0.0, w_mm: saddle.w_mm(), laterals, crotch: Crotch::Saddle(patch) };
+        let Saddle { w_waist, w_legs, .. } = *saddle;
+        let refined = |w: f64| move |p: Point2| self.source.refine(p, w);
+        let least_mm = NOTCH_SPACING * corners.size_mm();
+        let waist = denser(&saddle.waist, &[corners.a, corners.b], least_mm, refined(w_waist));
+        let [first, second] = &saddle.legs;
+        let legs = [(first, corners.p), (second, corners.q)]
+            .map(|(contour, tip)| denser(contour, &[tip], least_mm, refined(w_legs)));
+        Ok(Bordered { slab, w: [w_waist, w_legs], waist, legs, beside })
+    }
+
+    /// The seams' points A-P, B-P, A-Q, B-Q at a height.
+    fn seams(&self, corners: &Corners, w: f64, place: Place) -> [Point2; 4] {
+        let field = self.source.slice(self.along * w);
         let Corners { a, b, p, q } = *corners;
         let seam = |from: Point2, to: Point2| match place {
             Place::Waist => from,
@@ -178,14 +295,28 @@ impl View<'_> {
                 at(root(|t| -self.sign * field(at(t)).value, 0.0, 1.0))
             }
         };
-        let seams = [seam(a, p), seam(b, p), seam(a, q), seam(b, q)];
+        [seam(a, p), seam(b, p), seam(a, q), seam(b, q)]
+    }
+
+    /// The laterals' points at a height between the seams.
+    fn laterals(
+        &self,
+        saddle: &Saddle,
+        [ap, bp, aq, bq]: [Point2; 4],
+        w: f64,
+        place: Place,
+    ) -> Result<[Vec<Point2>; 2], EventFault> {
+        let loops = match place {
+            Place::Waist => [saddle.waist.clone(), saddle.waist.clone()],
+            Place::Legs => saddle.legs.clone(),
+            Place::Between => self.loops(saddle, w)?,
+        };
         let u = cosine_spaced(ARC_INTERVALS + 1);
         let lateral = |side: usize, start: Point2, end: Point2| {
             let arc = Arc { start, end, whole: place == Place::Legs };
             arc.sampled(&loops[side], &u, |p| self.source.refine(p, self.along * w))
         };
-        let laterals = [lateral(0, seams[0], seams[1]), lateral(1, seams[3], seams[2])];
-        Ok(Row { seams, laterals })
+        Ok([lateral(0, ap, bp), lateral(1, bq, aq)])
     }
 
     /// The curves that pass each leg: one and the same on the waist's side of the saddle.
@@ -238,47 +369,78 @@ impl View<'_> {
     }
 }
 
-/// P, Q: the nearest points of the legs; A, B: where the perpendicular through the middle of PQ cuts the waist, A on
-/// the side from which the waist runs round the first leg: left of P -> Q where the field opens, else right.
-fn corners(waist: &Contour, legs: &[Contour; 2], opens: bool) -> Result<Corners, EventFault> {
-    let [first, second] = legs;
-    let index = SegmentIndex::try_new(std::slice::from_ref(second)).ok_or(EventFault::NoWaist)?;
-    let other = SegmentIndex::try_new(std::slice::from_ref(first)).ok_or(EventFault::NoWaist)?;
-    let gap = |p: &Point2| index.nearest(*p).distance_mm;
-    let rough = first.points.iter().min_by(|a, b| gap(a).total_cmp(&gap(b))).ok_or(EventFault::NoWaist)?;
-    // Alternating projections settle between the vertices.
-    let (mut p, mut q) = (*rough, index.nearest(*rough).point);
-    for _ in 0..20 {
-        p = other.nearest(q).point;
-        q = index.nearest(p).point;
-    }
-    let middle = nalgebra::center(&p, &q);
-    let along = (q - p).try_normalize(1e-12).ok_or(EventFault::NoWaist)?;
-    let left = Vector2::new(-along.y, along.x);
-    let crossings: Vec<f64> =
-        waist.edges().filter_map(|(s, e)| crossing(middle, along, left, s, e)).collect();
-    let nearest = |positive: bool| {
-        let side = crossings.iter().copied().filter(|t| (*t > 0.0) == positive);
-        side.min_by(|a, b| a.abs().total_cmp(&b.abs())).ok_or(EventFault::NoWaist)
-    };
-    Ok(Corners { a: middle + left * nearest(opens)?, b: middle + left * nearest(!opens)?, p, q })
-}
-
-/// Where the line `middle + t left` crosses the edge; `along` is normal to the line.
-fn crossing(middle: Point2, along: Vector2, left: Vector2, start: Point2, end: Point2) -> Option<f64> {
-    let (ds, de) = ((start - middle).dot(&along), (end - middle).dot(&along));
-    ((ds < 0.0) != (de < 0.0)).then(|| {
-        let at = start + (end - start) * (ds / (ds - de));
-        (at - middle).dot(&left)
-    })
-}
-
 /// Seam points at every height, from the waist's corner to the daughter's.
 struct Seams {
     ap: Vec<Point2>,
     bp: Vec<Point2>,
     aq: Vec<Point2>,
     bq: Vec<Point2>,
+}
+
+impl Saddle {
+    /// Heights of the waist and the legs, rising from the one to the other.
+    fn w_mm(&self) -> [f64; 2] {
+        [self.w_waist, self.w_legs].map(|w| w * self.along)
+    }
+
+    /// By what heights w are multiplied to give z, when `upward` says whether the source's w is z.
+    fn sign(&self, upward: bool) -> f64 {
+        if upward == (self.along > 0.0) { 1.0 } else { -1.0 }
+    }
+
+    /// Distances of the waist and of the legs from the apex.
+    fn reaches(&self) -> [f64; 2] {
+        [self.w_waist, self.w_legs].map(|w| (w - self.apex.w).abs())
+    }
+
+    /// The same saddle with less height; `None` where its curves are not found.
+    fn thinner(&self, source: &dyn EventSource, share: f64) -> Option<Self> {
+        let [waist, legs] = self.reaches();
+        let reach = [waist.min(MOST_ASYMMETRY * legs), legs.min(MOST_ASYMMETRY * waist)].map(|r| r * share);
+        self.at_reach(source, reach)
+    }
+
+    fn at_reach(&self, source: &dyn EventSource, [waist, legs]: [f64; 2]) -> Option<Self> {
+        let (w_waist, w_legs) = (self.apex.w - self.along * waist, self.apex.w + self.along * legs);
+        let waist = following(&source.contours(w_waist), &self.waist)?;
+        let there = source.contours(w_legs);
+        let [first, second] = self.legs.each_ref().map(|leg| following(&there, leg));
+        let legs = [first?, second?];
+        (legs[0] != legs[1]).then(|| Self { w_waist, w_legs, waist, legs, ..self.clone() })
+    }
+
+    /// Sections between the borders of this slab, which stay sections, and those of a thinner one.
+    fn sections_towards(&self, source: &dyn EventSource, thinner: &Self) -> Beside {
+        let [from, to] = [thinner.reaches(), self.reaches()];
+        let reaches = |side: usize| {
+            let grown = std::iter::successors(Some(from[side] * GROWTH), |r| Some(r * GROWTH));
+            grown.take_while(|r| *r < to[side] / GROWTH.sqrt()).collect::<Vec<f64>>()
+        };
+        let mut beside = Beside::default();
+        for reach in reaches(0) {
+            let w = self.apex.w - self.along * reach;
+            beside.waist.extend(following(&source.contours(w), &self.waist).map(|c| (w, c)));
+        }
+        for reach in reaches(1) {
+            let w = self.apex.w + self.along * reach;
+            let there = source.contours(w);
+            for (sections, leg) in beside.legs.iter_mut().zip(&self.legs) {
+                sections.extend(following(&there, leg).map(|c| (w, c)));
+            }
+        }
+        beside.waist.push((self.w_waist, self.waist.clone()));
+        for (sections, leg) in beside.legs.iter_mut().zip(&self.legs) {
+            sections.push((self.w_legs, leg.clone()));
+        }
+        beside
+    }
+}
+
+/// The one of the contours that continues another one.
+fn following(contours: &[Contour], other: &Contour) -> Option<Contour> {
+    let cost = |c: &&Contour| distance_from(other, c) + distance_from(c, other);
+    let alike = contours.iter().filter(|c| c.is_ccw() == other.is_ccw());
+    alike.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned()
 }
 
 /// A zero of a function that rises from `low` to `high`, by the Illinois variant of the regula falsi (an end that

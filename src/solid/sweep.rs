@@ -24,6 +24,10 @@ const LEAST_SLAB_MM: f64 = 1e-3;
 const LEG_OFFSETS_MM: [f64; 6] = [0.15, 0.25, 0.45, 0.8, 1.3, 2.0];
 /// Virtual sections on the way to a waist, as fractions of it.
 const WAIST_FRACTIONS: [f64; 5] = [0.2, 0.4, 0.6, 0.75, 0.88];
+/// Where a slab is thin, further sections beside it, at distances from the apex that grow by this factor, as far as this
+/// share of the way to the next one.
+const GRADING: f64 = 2.0;
+const GRADED_SHARE: f64 = 0.7;
 /// Heights at which critical points are looked for; the second number where the first search missed some.
 const SEARCH_HEIGHTS: [usize; 2] = [13, 49];
 
@@ -44,6 +48,8 @@ pub(super) struct Interval<'a> {
 /// A saddle point with the contours beside it.
 #[derive(Debug, Clone)]
 pub(super) struct Saddle {
+    /// The critical point.
+    pub(super) apex: Critical,
     /// 1 where the legs lie above the waist along w, else -1.
     pub(super) along: f64,
     /// Whether the field rises from the waist to the legs: a branch parts. Else an outline closes round a hole.
@@ -77,10 +83,12 @@ pub(super) struct Joint {
 #[derive(Debug, Clone, Copy)]
 enum Border {
     Plane,
-    /// A slab's border towards the apex at this height.
-    Waist,
+    /// A slab's border this far from its apex.
+    Waist {
+        reach: f64,
+    },
     Legs {
-        apex: f64,
+        reach: f64,
     },
     Tip,
 }
@@ -155,10 +163,14 @@ impl Sweep<'_> {
             .collect();
         let mut joints = Vec::with_capacity(saddles.len());
         for (built, (waist, legs, saddle)) in built.into_iter().zip(saddles) {
-            let Bordered { slab, waist: waist_curve, legs: [first, second] } = built?;
-            tracks.replace(waist, saddle.w_waist, waist_curve);
-            tracks.replace(legs[0], saddle.w_legs, first);
-            tracks.replace(legs[1], saddle.w_legs, second);
+            let Bordered { slab, w: [w_waist, w_legs], waist: waist_curve, legs: leg_curves, beside } =
+                built?;
+            tracks.replace(waist, saddle.w_waist, (w_waist, waist_curve));
+            tracks.add(waist, beside.waist);
+            for ((leg, curve), further) in legs.into_iter().zip(leg_curves).zip(beside.legs) {
+                tracks.replace(leg, saddle.w_legs, (w_legs, curve));
+                tracks.add(leg, further);
+            }
             joints.push(Joint { waist, legs, slab });
         }
         Ok(Swept { n_parts: tracks.n_parts, upper, joints, sections: tracks.sections })
@@ -229,9 +241,9 @@ impl Sweep<'_> {
             let (below, above) = if !step.dome.is_empty() {
                 (Border::Tip, Border::Tip)
             } else if splits {
-                (Border::Waist, Border::Legs { apex })
+                (Border::Waist { reach: apex - step.w[0] }, Border::Legs { reach: step.w[1] - apex })
             } else {
-                (Border::Legs { apex }, Border::Waist)
+                (Border::Legs { reach: apex - step.w[0] }, Border::Waist { reach: step.w[1] - apex })
             };
             zones.push(self.heights(from, (step.w[0], below)));
             from = (step.w[1], above);
@@ -243,23 +255,33 @@ impl Sweep<'_> {
     fn heights(&self, (a, below): (f64, Border), (b, above): (f64, Border)) -> Vec<f64> {
         let unit = self.interval.unit;
         let length = b - a;
-        let mut heights = Vec::new();
-        match below {
-            Border::Legs { apex } => heights.extend(LEG_OFFSETS_MM.map(|o| apex + o * unit)),
-            Border::Waist => heights.extend(WAIST_FRACTIONS.map(|f| b - f * length)),
-            Border::Plane | Border::Tip => {}
-        }
-        match above {
-            Border::Legs { apex } => heights.extend(LEG_OFFSETS_MM.map(|o| apex - o * unit)),
-            Border::Waist if matches!(below, Border::Legs { .. }) => {}
-            Border::Waist => heights.extend(WAIST_FRACTIONS.map(|f| a + f * length)),
-            Border::Plane | Border::Tip => {}
-        }
-        let margin = (0.05 * unit).min(0.1 * length);
-        let room = |border: Border| if matches!(border, Border::Legs { .. }) { 1.0 } else { 2.0 };
-        heights.retain(|&w| w > a + room(below) * margin && w < b - room(above) * margin);
+        // Distances from each border into the zone.
+        let into = |border: Border, is_enough: bool| -> Vec<f64> {
+            let mut offsets: Vec<f64> = match border {
+                Border::Legs { reach } => LEG_OFFSETS_MM.map(|o| o * unit - reach).to_vec(),
+                Border::Waist { .. } if is_enough => Vec::new(),
+                Border::Waist { .. } => WAIST_FRACTIONS.map(|f| length - f * length).to_vec(),
+                Border::Plane | Border::Tip => Vec::new(),
+            };
+            if let Border::Waist { reach } | Border::Legs { reach } = border {
+                let next = offsets.iter().copied().filter(|o| *o > 0.0).fold(length, f64::min);
+                let graded = std::iter::successors(Some(reach), |o| Some(GRADING * (o + reach) - reach));
+                offsets.extend(graded.take_while(|o| *o < GRADED_SHARE * next));
+            }
+            offsets
+        };
+        let mut heights: Vec<f64> = into(below, false).into_iter().map(|o| a + o).collect();
+        heights.extend(into(above, matches!(below, Border::Legs { .. })).into_iter().map(|o| b - o));
+        let margin = |border: Border| match border {
+            Border::Waist { reach } => (2.0 * 0.05 * unit).min(0.2 * length).min(0.5 * reach),
+            Border::Legs { reach } => (0.05 * unit).min(0.1 * length).min(0.5 * reach),
+            Border::Plane | Border::Tip => (2.0 * 0.05 * unit).min(0.2 * length),
+        };
+        heights.retain(|&w| w > a + margin(below) && w < b - margin(above));
         heights.sort_by(f64::total_cmp);
-        heights.dedup_by(|b, a| *b - *a < margin);
+        let least = (0.05 * unit).min(0.1 * length);
+        let near = |w: f64| (w - a).min(b - w);
+        heights.dedup_by(|b, a| *b - *a < least.min(0.5 * near(*a)));
         heights
     }
 
@@ -318,7 +340,7 @@ impl Sweep<'_> {
         let along = if splits { 1.0 } else { -1.0 };
         let opens = step.critical.rises == splits;
         let [waist, _] = waist;
-        Ok((ids.0, ids.1, Saddle { along, opens, w_waist, w_legs, waist, legs }))
+        Ok((ids.0, ids.1, Saddle { apex: step.critical, along, opens, w_waist, w_legs, waist, legs }))
     }
 
     /// Adds sections at the heights beyond the interval where the contours can be followed there.
@@ -377,12 +399,16 @@ struct Tracks {
 }
 
 impl Tracks {
-    /// Puts a better contour in the place of a part's section at a height.
-    fn replace(&mut self, part: usize, w: f64, contour: Contour) {
+    /// Puts a better contour, which may be at another height, in the place of a part's section at a height.
+    fn replace(&mut self, part: usize, w: f64, better: (f64, Contour)) {
         let is_it = |s: &&mut (usize, f64, Contour)| s.0 == part && s.1.to_bits() == w.to_bits();
         if let Some(section) = self.sections.iter_mut().find(is_it) {
-            section.2 = contour;
+            (section.1, section.2) = better;
         }
+    }
+
+    fn add(&mut self, part: usize, sections: Vec<(f64, Contour)>) {
+        self.sections.extend(sections.into_iter().map(|(w, c)| (part, w, c)));
     }
 
     fn from(contours: &[Contour], strict: bool) -> Self {

@@ -17,7 +17,7 @@ use crate::spline::{Basis, PatchSurface, SectionCurve, TubeSurface};
 /// Passes over the pairs of opposite seams of a saddle.
 const PASSES: usize = 2;
 /// Most slope that is added to a patch: more is a fault of the patch, and would fold it.
-const MOST_SLOPE: f64 = 1.0;
+pub(super) const MOST_SLOPE: f64 = 1.0;
 
 /// The end of a tube: its section and how that leans.
 #[derive(Debug, Clone)]
@@ -42,7 +42,12 @@ fn beside(basis: &Basis, at_last: bool) -> (usize, f64) {
 }
 
 /// The lateral with the slopes of the tubes at its first and last row, which run over the given ranges of their rings.
-pub(super) fn leaned(lateral: &PatchSurface, ends: [(&Leaning, [f64; 2]); 2]) -> PatchSurface {
+/// At most `most_slope` is added.
+pub(super) fn leaned(
+    lateral: &PatchSurface,
+    ends: [(&Leaning, [f64; 2]); 2],
+    most_slope: f64,
+) -> PatchSurface {
     let [u, v] = lateral.bases();
     let sites = u.over([0.0, 1.0]).greville();
     let added = [0, 1].map(|k| {
@@ -54,7 +59,7 @@ pub(super) fn leaned(lateral: &PatchSurface, ends: [(&Leaning, [f64; 2]); 2]) ->
             let normal = Vector2::new(along.y, -along.x);
             let own = slope.at(at).coords;
             let lacks = (ring.slope.at(place).coords * own.z - own.xy()).dot(&normal);
-            let by = normal * lacks.clamp(-MOST_SLOPE, MOST_SLOPE);
+            let by = normal * lacks.clamp(-most_slope, most_slope);
             [by.x, by.y]
         });
         u.interpolate(&u.greville(), &lacking.collect::<Vec<_>>(), 2)

@@ -12,7 +12,8 @@
 
 use super::event::{Crotch, Slab};
 use super::skin::{End, Tube};
-use super::tangent::{Leaning, followed, leaned, normals_of};
+use super::slab::least_area;
+use super::tangent::{Leaning, MOST_SLOPE, followed, leaned, normals_of};
 use crate::geom::{Point2, Point3, Vector3};
 use crate::spline::{Basis, Curve, PatchRow, PatchSurface, SectionCurve, Side};
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,8 @@ use serde::{Deserialize, Serialize};
 const SNAP_SPACINGS: f64 = 1e-4;
 /// Knots of unit intervals that are one but for rounding.
 const SAME_KNOT: f64 = 1e-9;
+/// A welded saddle has no cell smaller than this share of the mean one, seen along z.
+const LEAST_AREA: f64 = 0.03;
 /// The seam of a tube stays where it is if no corner is nearer than this share of the way round.
 const SEAM_CLEARANCE: f64 = 1.0 / 16.0;
 
@@ -196,38 +199,75 @@ fn onto(patch: &PatchSurface, target: [&[f64]; 2]) -> PatchSurface {
     PatchSurface::with_control(own_u, own_v, &points).refined(&finer_u, &finer_v)
 }
 
-/// Welds the patches of one slab to the arcs `[side][waist or daughter]` of the rings.
+/// Welds the patches of one slab to the arcs `[side][waist or daughter]` of the rings. The patches lean as the tubes do
+/// as far as the saddle between them can follow: where a tube and the patch that it meets disagree by more than the
+/// saddle has room for, they keep some of their own slope, or all of it.
 fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) {
     let along = seam_knots(slab);
-    let is_smooth = matches!(slab.crotch, Crotch::Saddle(_));
-    for (lateral, side) in slab.laterals.iter_mut().zip(&sides) {
+    let welded = [0, 1].map(|k| {
+        let (lateral, side) = (&slab.laterals[k], &sides[k]);
         let arcs = side.map(|(ring, range)| ring.leaning.section.arc(range, ring.z_mm));
         let [u, _] = lateral.bases();
         let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
         let refined = onto(&in_step(lateral, &arcs), [&knots, &along]);
-        *lateral = with_borders(&refined, &arcs, moved_mm);
-        if is_smooth {
-            *lateral = leaned(lateral, side.map(|(ring, range)| (&ring.leaning, range)));
-        }
-    }
-    let [first, second] = &slab.laterals;
-    let seams = [
-        (first.border_column(Side::First), first.border_column(Side::Last)),
-        (second.border_column(Side::First), second.border_column(Side::Last)),
-    ];
+        with_borders(&refined, &arcs, moved_mm)
+    });
     match &mut slab.crotch {
         Crotch::Saddle(saddle) => {
             let refined = onto(saddle, [&along, &along]);
-            let [(ap, bp), (bq, aq)] = seams;
-            let closed = with_seams(&refined, [ap, bq.reversed(), aq, bp.reversed()], moved_mm);
-            // Seams A-P, Q-B, A-Q, P-B.
-            let (ap, qb) = (normals_of(first, false, false), normals_of(second, false, true));
-            let (aq, pb) = (normals_of(second, true, false), normals_of(first, true, true));
-            *saddle = followed(&closed, [&ap, &qb, &aq, &pb]);
+            let mut best: Option<(f64, Joined)> = None;
+            for (most_slope, follows) in [(MOST_SLOPE, true), (0.2, true), (0.0, true), (0.0, false)] {
+                let joined = joined(&refined, &welded, &sides, most_slope, follows);
+                let area = least_area(&joined.saddle);
+                if best.as_ref().is_none_or(|(least, _)| area > *least) {
+                    best = Some((area, joined));
+                }
+                if area > LEAST_AREA {
+                    break;
+                }
+            }
+            if let Some((_, joined)) = best {
+                *moved_mm = moved_mm.max(joined.moved_mm);
+                (slab.laterals, *saddle) = (joined.laterals, joined.saddle);
+            }
         }
         // Both laterals have the crease; the first one's is taken.
-        Crotch::Crease => slab.laterals[1] = with_columns(second, &seams[0].1, &seams[0].0),
+        Crotch::Crease => {
+            let [first, second] = welded;
+            let (left, right) = (first.border_column(Side::First), first.border_column(Side::Last));
+            slab.laterals = [first, with_columns(&second, &right, &left)];
+        }
     }
+}
+
+/// The laterals and the saddle with common seams.
+struct Joined {
+    laterals: [PatchSurface; 2],
+    saddle: PatchSurface,
+    moved_mm: f64,
+}
+
+/// Gives the welded laterals up to `most_slope` of the slope of their tubes, the saddle their seams, and, if it `follows`,
+/// their normals.
+fn joined(
+    saddle: &PatchSurface,
+    welded: &[PatchSurface; 2],
+    sides: &[[RingArc<'_>; 2]; 2],
+    most_slope: f64,
+    follows: bool,
+) -> Joined {
+    let laterals =
+        [0, 1].map(|k| leaned(&welded[k], sides[k].map(|(ring, range)| (&ring.leaning, range)), most_slope));
+    let [first, second] = laterals;
+    let [ap, bp] = [first.border_column(Side::First), first.border_column(Side::Last)];
+    let [bq, aq] = [second.border_column(Side::First), second.border_column(Side::Last)];
+    let mut moved_mm = 0.0;
+    let closed = with_seams(saddle, [ap, bq.reversed(), aq, bp.reversed()], &mut moved_mm);
+    // Seams A-P, Q-B, A-Q, P-B.
+    let (ap, qb) = (normals_of(&first, false, false), normals_of(&second, false, true));
+    let (aq, pb) = (normals_of(&second, true, false), normals_of(&first, true, true));
+    let saddle = if follows { followed(&closed, [&ap, &qb, &aq, &pb]) } else { closed.clone() };
+    Joined { laterals: [first.clone(), second.clone()], saddle, moved_mm }
 }
 
 /// The lateral with u running as it does on the arcs of the rings, linearly changing between them: points of its borders

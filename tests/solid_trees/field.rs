@@ -141,10 +141,25 @@ impl Tree {
         Vector2::new(along(Vector2::new(h, 0.0)), along(Vector2::new(0.0, h)))
     }
 
-    /// The exact contours at a height, material to the left.
+    /// The exact contours at a height, material to the left: from a finer grid and with more points where branches are
+    /// so close together that the polygons would cross.
     pub(crate) fn contours(&self, z: f64) -> Vec<Contour> {
+        let finer =
+            [(14.0, 128), (42.0, 256), (84.0, 512)].map(|(steps, n)| move || self.traced(z, steps, n));
+        let mut found = Vec::new();
+        for traced in finer {
+            found = traced();
+            if !cross(&found) {
+                break;
+            }
+        }
+        found
+    }
+
+    /// Contours of `n_points` each, from a grid of so many steps to the trunk's radius.
+    fn traced(&self, z: f64, steps: f64, n_points: usize) -> Vec<Contour> {
         let reach = 7.0 * self.trunk_radius_mm + 4.0;
-        let step = self.trunk_radius_mm / 14.0;
+        let step = self.trunk_radius_mm / steps;
         #[expect(clippy::cast_possible_truncation, reason = "some hundred steps")]
         let n = (2.0 * reach / step).ceil() as i32;
         let origin = self.axis(z) - Vector2::repeat(reach);
@@ -187,7 +202,7 @@ impl Tree {
                 edge = following;
             }
             // Even points: neighbours of a triangulated grid may all but coincide.
-            let even = Contour::new(points).resampled(128);
+            let even = Contour::new(points).resampled(n_points);
             found.push(Contour::new(even.points.into_iter().map(|p| self.snap(p, z)).collect()));
         }
         // Less than a segmentation would keep.
@@ -204,6 +219,19 @@ impl Tree {
         }
         p
     }
+}
+
+/// Whether any two edges of the contours cross, neighbours left out.
+fn cross(contours: &[Contour]) -> bool {
+    let edges: Vec<(Point2, Point2)> = contours.iter().flat_map(Contour::edges).collect();
+    let side = |(a, b): (Point2, Point2), p: Point2| (b - a).perp(&(p - a)) > 0.0;
+    let meets = |e: (Point2, Point2), f: (Point2, Point2)| {
+        side(e, f.0) != side(e, f.1) && side(f, e.0) != side(f, e.1)
+    };
+    let joins = |e: (Point2, Point2), f: (Point2, Point2)| e.0 == f.1 || e.1 == f.0;
+    let crosses =
+        |(k, e): (usize, &(Point2, Point2))| edges[k + 1..].iter().any(|f| !joins(*e, *f) && meets(*e, *f));
+    edges.iter().enumerate().any(crosses)
 }
 
 fn smooth_min(a: f64, b: f64, k: f64) -> f64 {

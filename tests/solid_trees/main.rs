@@ -186,9 +186,9 @@ fn n_trees() -> u32 {
     std::env::var("LUMENFAB_TREES").ok().and_then(|n| n.parse().ok()).unwrap_or(40)
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 34 of the sample of 40 do. What is
-/// refused has saddle patches that fold where events lie close together.
-const LEAST_VALID_PERCENT: usize = 80;
+/// How many of a hundred trees must become valid solids. The aim is 99; 37 of the sample of 40 do. What is
+/// refused has tubes or patches that cross where an apex lies close to a plane or to another event.
+const LEAST_VALID_PERCENT: usize = 90;
 
 #[test]
 fn trees_become_valid_solids_or_are_refused_by_name() {
