@@ -181,7 +181,8 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
             }
         }
     }
-    skin(strands.joined(&slabs), slabs, recipe.correspondence()).map_err(Error::Spline)
+    let strands = strands.joined(&slabs);
+    skin(strands, slabs, recipe.correspondence(), recipe.is_measured()).map_err(Error::Spline)
 }
 
 fn is_event(star: &Star) -> bool {

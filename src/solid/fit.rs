@@ -30,14 +30,25 @@ impl Normal {
         }
     }
 
-    /// As [`Normal::add`], with one more derivative by the parameter `last`.
-    pub(super) fn add_with(&mut self, residual: f64, first: usize, slopes: &[f64], last: usize, slope: f64) {
+    /// As [`Normal::add`], with derivatives by further parameters from `then` on, behind the others.
+    pub(super) fn add_with(
+        &mut self,
+        residual: f64,
+        first: usize,
+        slopes: &[f64],
+        then: usize,
+        more: &[f64],
+    ) {
         self.add(residual, first, slopes);
-        self.gradient[last] += slope * residual;
-        for (b, &other) in slopes.iter().enumerate() {
-            self.matrix[(last, first + b)] += slope * other;
+        for (a, &slope) in more.iter().enumerate() {
+            self.gradient[then + a] += slope * residual;
+            for (b, &other) in slopes.iter().enumerate() {
+                self.matrix[(then + a, first + b)] += slope * other;
+            }
+            for (b, &other) in more[..=a].iter().enumerate() {
+                self.matrix[(then + a, then + b)] += slope * other;
+            }
         }
-        self.matrix[(last, last)] += slope * slope;
     }
 
     fn symmetric(mut self) -> Self {
@@ -97,7 +108,7 @@ mod tests {
                 let t = f64::from(i);
                 let fading = (-x[1] * t).exp();
                 let residual = x[0] * fading - 3.0 * (-0.4 * t).exp();
-                normal.add_with(residual, 0, &[fading], 1, -t * x[0] * fading);
+                normal.add_with(residual, 0, &[fading], 1, &[-t * x[0] * fading]);
             }
         });
         assert!((found[0] - 3.0).abs() < 1e-6 && (found[1] - 0.4).abs() < 1e-6);

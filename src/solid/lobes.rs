@@ -3,9 +3,9 @@
 //!
 //! Lobe i is the signed distance G_i of daughter i at its first plane, moved and scaled:
 //! f_i(x, w) = s G_i((x - C_i - d) / s + C_i) with d, s smooth in w (the height, rising towards the daughters).
-//! Lobes are joined by smin(a, b) = min(a, b) - max(k - |a - b|, 0)² / (4 k). On daughter planes d and s come
-//! from centroid and area; on the parent's planes, and k, from a least-squares fit to the parent's contour with a
-//! weak prior on the extrapolated motion. What the fit leaves is added back by inverse-distance weights on the
+//! Lobes are joined by a smooth minimum of radius k and roundness c (see [`Blend`]). On daughter planes d and s come
+//! from centroid and area; on the parent's planes, and k and c, from a least-squares fit to the parent's contour with
+//! a weak prior on the extrapolated motion. What the fit leaves is added back by inverse-distance weights on the
 //! contours of the planes beside the event and interpolated in w, so that the given sections are reproduced.
 //!
 //! Templates and corrections are sampled once on grids ([`SmoothGrid`]), so that the field with its gradient costs
@@ -37,16 +37,24 @@ const CONTOUR_STEPS: f64 = 18.0;
 /// Times that a correction is itself corrected by what it leaves at the contour's points.
 const CORRECTION_ROUNDS: usize = 2;
 /// Gap between daughters, relative to their radius, below which their first plane already shows the blend.
-const BLENDING_GAP: f64 = 0.3;
+const BLENDING_GAP: f64 = 0.45;
 /// Blending radius that the prior expects, relative to the daughters' radius.
 const EXPECTED_BLEND: f64 = 0.3;
+/// Roundness that the prior expects, its weight per mm of a third of the radius, and how far it may be from there:
+/// at 0 the blend is a cubic, at 1/2 it would be flat in its middle.
+const EXPECTED_ROUNDNESS: f64 = 0.25;
+const ROUNDNESS_PRIOR: f64 = 0.3;
+const MOST_ROUNDNESS: f64 = 0.4;
 
 /// How far the logarithm of the blending radius may lie below and above the expected one: a crotch sharper than a
 /// fiftieth of the radius is not resolved.
 const LEAST_LN_BLEND: f64 = 2.7;
 const MOST_LN_BLEND: f64 = 3.0;
-/// Blending radius over the daughters' gap: with two they would be joined in its middle.
-const MOST_BLEND: f64 = 1.9;
+/// How far the blend may lower the field in the middle between the daughters, as a fraction of half their gap: with
+/// all of it they would be joined there.
+const MOST_BLEND: f64 = 0.95;
+/// Drop over the blending radius from which on a flatter blend may reach no farther: it would reach a third daughter.
+const MOST_REACH: f64 = 0.25;
 /// An extrapolated shift may exceed that of the step before by this fraction of the radius.
 const MOST_ACCELERATION: f64 = 0.1;
 /// A lobe never becomes smaller than this fraction of its template.
@@ -163,7 +171,7 @@ pub(super) struct LobeField {
     lobes: Vec<Lobe>,
     basis: Basis,
     control: Vec<f64>,
-    blend_mm: f64,
+    blend: Blend,
     corrections: Vec<Correction>,
 }
 
@@ -178,19 +186,19 @@ impl LobeField {
             .iter()
             .map(|plane| (plane.w, placed(&lobes, plane)))
             .collect();
-        let most_blend_mm = if blended || lobes.len() < 2 {
+        let most_drop_mm = if blended || lobes.len() < 2 {
             f64::INFINITY
         } else {
-            MOST_BLEND * gap_mm(&planes.daughters[0])
+            MOST_BLEND * 0.5 * gap_mm(&planes.daughters[0])
         };
-        let mut fitter = Fitter { lobes: &lobes, radius, most_blend_mm, known };
+        let mut fitter = Fitter { lobes: &lobes, radius, most_drop_mm, known };
         let mut unknown: Vec<&Plane> = vec![&planes.parents[0]];
         if blended {
             unknown.insert(0, &planes.daughters[0]);
         }
-        let blend_mm = fitter.fit_with_blend(&unknown);
+        let blend = fitter.fit_with_blend(&unknown);
         for parent in &planes.parents[1..] {
-            fitter.fit_plane(parent, blend_mm);
+            fitter.fit_plane(parent, blend);
         }
         let mut known = fitter.known;
         known.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -198,7 +206,7 @@ impl LobeField {
         let rows: Vec<f64> = known.iter().flat_map(|k| k.1.iter().copied()).collect();
         let basis = Basis::not_a_knot(&sites).ok()?;
         let control = basis.interpolate(&sites, &rows, PARAMS * lobes.len());
-        let mut field = Self { lobes, basis, control, blend_mm, corrections: Vec::new() };
+        let mut field = Self { lobes, basis, control, blend, corrections: Vec::new() };
         field.corrections = field.residual_corrections(planes, radius)?;
         Some(field)
     }
@@ -229,7 +237,7 @@ impl LobeField {
     /// The smooth minimum of the lobes.
     fn joined(&self, p: Point2, params: &[f64]) -> f64 {
         let values = self.lobes.iter().zip(params.chunks_exact(PARAMS)).map(|(l, c)| l.jet(p, c));
-        values.reduce(|a, b| smin(a, b, self.blend_mm)).map_or(f64::INFINITY, |j| j.value)
+        values.reduce(|a, b| self.blend.smin(a, b)).map_or(f64::INFINITY, |j| j.value)
     }
 
     /// The field at one height, with what depends on the height alone computed once.
@@ -277,8 +285,9 @@ impl FieldAt<'_> {
         {
             *jet = lobe.jet(p, params);
         }
-        let k = self.field.blend_mm;
-        let joined = jets.iter().copied().reduce(|a, b| smin(a, b, k)).unwrap_or(jets[0]);
+        let blend = self.field.blend;
+        let k = blend.radius_mm;
+        let joined = jets.iter().copied().reduce(|a, b| blend.smin(a, b)).unwrap_or(jets[0]);
         let nearest = jets.iter().map(|j| j.value).fold(f64::INFINITY, f64::min);
         // The corrections of the lobes, weighted by exp(-f / k): sums of the weights and of what they weigh.
         let (mut whole, mut whole_slope) = (0.0, Vector2::zeros());
@@ -318,14 +327,42 @@ impl FieldAt<'_> {
     }
 }
 
-/// smin(a, b) = min(a, b) - max(k - |a - b|, 0)² / (4 k).
-fn smin(a: Jet, b: Jet, k: f64) -> Jet {
-    let (low, high) = if a.value <= b.value { (a, b) } else { (b, a) };
-    let overlap = (k - (high.value - low.value)).max(0.0);
-    let share = overlap / (2.0 * k);
-    Jet {
-        value: low.value - overlap * overlap / (4.0 * k),
-        slope: low.slope * (1.0 - share) + high.slope * share,
+/// How two lobes are joined: smin(a, b) = min(a, b) - k phi(h), h = max(1 - |a - b| / k, 0),
+/// phi(h) = c h² + (1/2 - 2 c) h³ / 3. The slope of phi at 1 is 1/2, so that smin is C1 where a = b. The roundness c
+/// is 1/4 for the usual quadratic blend, 0 for the cubic one; a circular fillet is met to a hundredth by 0.38.
+#[derive(Debug, Clone, Copy)]
+struct Blend {
+    radius_mm: f64,
+    roundness: f64,
+}
+
+/// How far a smooth minimum lies below the smaller value, and the derivatives.
+struct Drop {
+    mm: f64,
+    /// Weight of the larger value's gradient.
+    share: f64,
+    by_radius: f64,
+    by_roundness: f64,
+}
+
+impl Blend {
+    fn drop(self, apart: f64) -> Drop {
+        let h = (1.0 - apart / self.radius_mm).max(0.0);
+        let cubic = (0.5 - 2.0 * self.roundness) / 3.0;
+        let (value, share) =
+            (h * h * (self.roundness + cubic * h), h * (2.0 * self.roundness + 3.0 * cubic * h));
+        Drop {
+            mm: self.radius_mm * value,
+            share,
+            by_radius: value + share * (1.0 - h),
+            by_roundness: self.radius_mm * h * h * (1.0 - 2.0 / 3.0 * h),
+        }
+    }
+
+    fn smin(self, a: Jet, b: Jet) -> Jet {
+        let (low, high) = if a.value <= b.value { (a, b) } else { (b, a) };
+        let Drop { mm, share, .. } = self.drop(high.value - low.value);
+        Jet { value: low.value - mm, slope: low.slope * (1.0 - share) + high.slope * share }
     }
 }
 
@@ -372,8 +409,8 @@ struct Fitter<'a> {
     lobes: &'a [Lobe],
     /// Mean radius of the daughters: the unit in which the priors are stated.
     radius: f64,
-    /// Blending radius beyond which daughters that are apart would be joined.
-    most_blend_mm: f64,
+    /// Drop in the middle between the daughters beyond which they would be joined although they are apart.
+    most_drop_mm: f64,
     /// Heights and parameters found so far.
     known: Vec<(f64, Vec<f64>)>,
 }
@@ -414,38 +451,46 @@ impl Fitter<'_> {
         }
     }
 
-    /// Fits the unknown planes together with the blending radius, which is returned.
-    fn fit_with_blend(&mut self, planes: &[&Plane]) -> f64 {
+    /// Fits the unknown planes together with the blend, which is returned.
+    fn fit_with_blend(&mut self, planes: &[&Plane]) -> Blend {
         let n = PARAMS * self.lobes.len();
         let last = n * planes.len();
         let expected: Vec<Vec<f64>> = planes.iter().map(|p| self.extrapolated(p.w)).collect();
         let points: Vec<Vec<Point2>> = planes.iter().map(|p| contour_points(p, FIT_POINTS)).collect();
         let expected_blend = (EXPECTED_BLEND * self.radius).ln();
-        let most = (expected_blend + MOST_LN_BLEND).min(self.most_blend_mm.ln());
-        let least = (expected_blend - LEAST_LN_BLEND).min(most);
-        let bounded = |ln_blend: f64| ln_blend.clamp(least, most).exp();
+        let blend_of = |x: &[f64]| {
+            let off = (x[last] - expected_blend).clamp(-LEAST_LN_BLEND, MOST_LN_BLEND);
+            // Three lobes joined one after the other do not tell the law of two.
+            let free = if self.lobes.len() == 2 { x[last + 1] } else { EXPECTED_ROUNDNESS };
+            let roundness = free.clamp(0.0, MOST_ROUNDNESS);
+            let unit = Blend { radius_mm: 1.0, roundness }.drop(0.0).mm.max(MOST_REACH);
+            Blend { radius_mm: (expected_blend + off).exp().min(self.most_drop_mm / unit), roundness }
+        };
         let mut start: Vec<f64> = expected.concat();
-        start.push(expected_blend);
+        start.extend([expected_blend, EXPECTED_ROUNDNESS]);
         let solution = least_squares(&start, |x, normal| {
-            let blend = bounded(x[last]);
+            let blend = blend_of(x);
             for (k, at) in points.iter().enumerate() {
                 let params = &x[n * k..n * (k + 1)];
                 self.residuals(at, params, blend, |value, slopes, by_blend| {
-                    normal.add_with(value, n * k, slopes, last, by_blend * blend);
+                    let more = [by_blend[0] * blend.radius_mm, by_blend[1]];
+                    normal.add_with(value, n * k, slopes, last, &more);
                 });
                 self.prior(params, &expected[k], n * k, normal);
             }
             let weight = 0.1 * self.radius / 3.0;
             normal.add(weight * (x[last] - expected_blend), last, &[weight]);
+            let weight = ROUNDNESS_PRIOR * self.radius / 3.0;
+            normal.add(weight * (x[last + 1] - EXPECTED_ROUNDNESS), last + 1, &[weight]);
         });
         for (k, plane) in planes.iter().enumerate() {
             self.known.push((plane.w, solution[n * k..n * (k + 1)].to_vec()));
         }
-        bounded(solution[last])
+        blend_of(&solution)
     }
 
-    /// Fits one further plane with the blending radius given.
-    fn fit_plane(&mut self, plane: &Plane, blend: f64) {
+    /// Fits one further plane with the blend given.
+    fn fit_plane(&mut self, plane: &Plane, blend: Blend) {
         let expected = self.extrapolated(plane.w);
         let points = contour_points(plane, FIT_POINTS);
         let solution = least_squares(&expected, |x, normal| {
@@ -455,26 +500,28 @@ impl Fitter<'_> {
         self.known.push((plane.w, solution));
     }
 
-    /// The joined field at each point, its derivatives by the parameters and by the blending radius.
+    /// The joined field at each point, its derivatives by the parameters and by the blend's radius and roundness.
     fn residuals(
         &self,
         points: &[Point2],
         params: &[f64],
-        blend: f64,
-        mut add: impl FnMut(f64, &[f64], f64),
+        blend: Blend,
+        mut add: impl FnMut(f64, &[f64], [f64; 2]),
     ) {
         let mut safe = params.to_vec();
         safe.iter_mut().skip(2).step_by(PARAMS).for_each(|s| *s = s.max(LEAST_SCALE));
         let mut slopes = vec![0.0; params.len()];
         for &p in points {
-            let (mut joined, mut by_blend) = (f64::INFINITY, 0.0);
+            let (mut joined, mut by_blend) = (f64::INFINITY, [0.0; 2]);
             for (i, (lobe, params)) in self.lobes.iter().zip(safe.chunks_exact(PARAMS)).enumerate() {
                 let (value, own) = lobe.derivatives(p, params);
-                let overlap = (blend - (joined - value).abs()).max(0.0);
-                let minor = overlap / (2.0 * blend);
-                let share = if value <= joined { 1.0 - minor } else { minor };
-                joined = joined.min(value) - overlap * overlap / (4.0 * blend);
-                by_blend = by_blend * (1.0 - share) - minor + minor * minor;
+                let drop = blend.drop((joined - value).abs());
+                let share = if value <= joined { 1.0 - drop.share } else { drop.share };
+                joined = joined.min(value) - drop.mm;
+                by_blend = [
+                    by_blend[0] * (1.0 - share) - drop.by_radius,
+                    by_blend[1] * (1.0 - share) - drop.by_roundness,
+                ];
                 slopes[..PARAMS * i].iter_mut().for_each(|s| *s *= 1.0 - share);
                 (0..PARAMS).for_each(|k| slopes[PARAMS * i + k] = share * own[k]);
             }
@@ -529,5 +576,83 @@ impl EventSource for LobeSource {
 
     fn anchor(&self, i: usize, w: f64) -> Point2 {
         self.field.anchor(i, w)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn disk(p: Point2, x: f64, radius: f64) -> Jet {
+        let to = p - Point2::new(x, 0.1 * x);
+        Jet { value: to.norm() - radius, slope: to / to.norm().max(1e-12) }
+    }
+
+    /// Two disks that move apart with the height, joined by the law given.
+    fn parting(law: impl Fn(Jet, Jet) -> Jet + Copy, w: f64) -> impl Fn(Point2) -> Jet {
+        let x = 1.6 + 0.22 * (w + 6.0);
+        move |p| law(disk(p, -x, 2.3), disk(p, x, 2.0))
+    }
+
+    fn circular(a: Jet, b: Jet) -> Jet {
+        let k = 1.0 / (1.0 - 0.5f64.sqrt());
+        let (low, high) = if a.value <= b.value { (a, b) } else { (b, a) };
+        let h = (1.0 - (high.value - low.value) / k).max(0.0);
+        let root = (1.0 - h * (h - 2.0)).sqrt();
+        let share = 0.5 * (1.0 - (1.0 - h) / root);
+        Jet {
+            value: low.value - 0.5 * k * (1.0 + h - root),
+            slope: low.slope * (1.0 - share) + high.slope * share,
+        }
+    }
+
+    #[test]
+    fn the_derivatives_of_a_blend_are_those_of_its_value() {
+        const H: f64 = 1e-6;
+        for roundness in [0.0, 0.25, 0.4] {
+            for apart in [0.0, 0.3, 0.9, 1.3] {
+                let at =
+                    |radius_mm: f64, roundness: f64, apart: f64| Blend { radius_mm, roundness }.drop(apart);
+                let drop = at(1.2, roundness, apart);
+                let slope = |a: Drop, b: Drop| (a.mm - b.mm) / (2.0 * H);
+                let by_radius = slope(at(1.2 + H, roundness, apart), at(1.2 - H, roundness, apart));
+                let by_roundness = slope(at(1.2, roundness + H, apart), at(1.2, roundness - H, apart));
+                let by_apart = slope(at(1.2, roundness, apart + 2.0 * H), at(1.2, roundness, apart)) * 1.0;
+                assert!((drop.by_radius - by_radius).abs() < 1e-6);
+                assert!((drop.by_roundness - by_roundness).abs() < 1e-6);
+                assert!((drop.share + by_apart).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn crotches_of_any_blend_are_placed_by_the_sections_on_both_sides() {
+        let sharp = |a: Jet, b: Jet| Blend { radius_mm: 0.3, roundness: 0.25 }.smin(a, b);
+        let cubic = |a: Jet, b: Jet| Blend { radius_mm: 1.0, roundness: 0.0 }.smin(a, b);
+        assert!(worst_between_planes(sharp) < 0.02);
+        assert!(worst_between_planes(cubic) < 0.02);
+        assert!(worst_between_planes(circular) < 0.04);
+    }
+
+    /// Farthest that the field fitted to planes 3 mm apart has its contours from the true ones between them.
+    fn worst_between_planes(law: impl Fn(Jet, Jet) -> Jet + Copy) -> f64 {
+        let bounds = Bounds2::of([Point2::new(-12.0, -6.0), Point2::new(12.0, 6.0)]).expect("two points");
+        let plane = |w: f64| Plane { w, contours: iso::contours(&parting(law, w), bounds, 0.1) };
+        let mut planes: Vec<Plane> = (-3..=6).map(|k| plane(3.0 * f64::from(k))).collect();
+        planes.iter_mut().for_each(|p| p.contours.sort_by(|a, b| a.centroid().x.total_cmp(&b.centroid().x)));
+        let first = planes.iter().position(|p| p.contours.len() == 2).expect("the disks part");
+        let daughters = planes.split_off(first);
+        planes.reverse();
+        let event = [daughters[0].w - 3.0, daughters[0].w];
+        let field = LobeField::fit(&EventPlanes { parents: planes, daughters }).expect("sound planes");
+        let mut worst = 0.0f64;
+        for share in [0.2, 0.4, 0.6, 0.8] {
+            let w = event[0] + share * (event[1] - event[0]);
+            let truth = parting(law, w);
+            for contour in iso::contours(&|p| field.at(w).jet(p), bounds, 0.1) {
+                worst = contour.points.iter().map(|&p| truth(p).value.abs()).fold(worst, f64::max);
+            }
+        }
+        worst
     }
 }

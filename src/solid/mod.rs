@@ -11,6 +11,7 @@
 //! What it does not do: test what it made (that is `brep::check`).
 
 mod assemble;
+mod between;
 mod bias;
 mod corners;
 mod critical;

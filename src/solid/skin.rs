@@ -1,5 +1,6 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
+use super::between::between;
 use super::event::{Crotch, Slab};
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2, Point3};
@@ -76,32 +77,57 @@ pub struct Skin {
     pub moved_mm: f64,
 }
 
+/// A height and the contour there.
+pub(super) type GivenSection = (f64, Contour);
+
 /// The sections of a branch before it is skinned.
 #[derive(Debug, Clone)]
 pub(super) struct Strand {
     /// Heights and contours, in any order.
-    pub(super) sections: Vec<(f64, Contour)>,
+    pub(super) sections: Vec<GivenSection>,
     pub(super) bottom: End,
     pub(super) top: End,
 }
 
-/// Skins every strand and joins the tubes to the slabs.
+/// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
+/// ask for them.
 pub(super) fn skin(
     strands: Vec<Strand>,
     mut slabs: Vec<Slab>,
     correspondence: Correspondence,
+    is_measured: bool,
 ) -> Result<Skin, SplineError> {
     let tubes: Vec<Result<Tube, SplineError>> =
-        strands.into_par_iter().map(|strand| tube(strand, &slabs, correspondence)).collect();
+        strands.into_par_iter().map(|s| completed(s, &slabs, correspondence, is_measured)).collect();
     let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
     let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
     Ok(Skin { tubes, slabs, welds, moved_mm })
 }
 
-fn tube(mut strand: Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
+/// The tube through a strand's sections and, where they are measured, through those that they ask for in between.
+fn completed(
+    mut strand: Strand,
+    slabs: &[Slab],
+    correspondence: Correspondence,
+    is_measured: bool,
+) -> Result<Tube, SplineError> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
+    let through_given = tube(&strand, slabs, correspondence)?;
+    if !is_measured || correspondence == Correspondence::Published {
+        return Ok(through_given);
+    }
+    let further = between(&through_given.surface, &strand.sections);
+    if further.is_empty() {
+        return Ok(through_given);
+    }
+    strand.sections.extend(further);
+    strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+    tube(&strand, slabs, correspondence)
+}
+
+fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
     let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
     let curves: Vec<ClosedCurve> =
         strand.sections.iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
