@@ -5,7 +5,7 @@
 //! Cost: linear in the number of contours.
 
 use super::dome;
-use super::event::{EventFault, EventPlanes, EventSource, Plane, Slab};
+use super::event::{Beyond, EventFault, EventPlanes, EventSource, Plane, Slab};
 use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
 use super::sweep::{Interval, Joint, LEGS_SIDE_MM, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
@@ -424,7 +424,57 @@ fn event_planes(layout: &Layout<'_>, lower: &[usize], upper: &[usize], upward: b
         };
         columns[0].iter().filter_map(on_plane).take(EVENT_PLANES).collect()
     };
-    EventPlanes { parents: planes(lower, !upward), daughters: planes(upper, upward) }
+    let (parents, daughters) = (planes(lower, !upward), planes(upper, upward));
+    let beyond = parted(layout, upper, upward).filter(|_| daughters.len() == 1).and_then(|parted| {
+        let (branches, daughter_of): (Vec<usize>, Vec<usize>) = parted.into_iter().unzip();
+        let behind = |p: &Plane| daughters[0].w < p.w;
+        let planes: Vec<Plane> = planes(&branches, upward).into_iter().filter(behind).collect();
+        let is_solid = planes.iter().flat_map(|p| &p.contours).all(Contour::is_ccw);
+        (is_solid && !planes.is_empty()).then_some(Beyond { planes, daughter_of })
+    });
+    let rejoined = rejoined(layout, upper, upward).map_or_else(Vec::new, |branch| planes(&[branch], upward));
+    EventPlanes { parents, daughters, beyond, rejoined }
+}
+
+/// The nodes of a star on the side where an event comes from, and on the other.
+fn sides(star: &Star, upward: bool) -> [&[usize]; 2] {
+    if upward { [&star.lower, &star.upper] } else { [&star.upper, &star.lower] }
+}
+
+/// The branch that all daughters, and nothing else, join to next.
+fn rejoined(layout: &Layout<'_>, daughters: &[usize], upward: bool) -> Option<usize> {
+    let last = |&branch: &usize| {
+        let nodes = &layout.branches[branch].nodes;
+        if upward { nodes.last() } else { nodes.first() }.copied()
+    };
+    let mut ends = daughters.iter().map(last).collect::<Option<Vec<usize>>>()?;
+    ends.sort_unstable();
+    let joins = |star: &&Star| {
+        let mut near = sides(star, upward)[0].to_vec();
+        near.sort_unstable();
+        near == ends
+    };
+    match sides(layout.graph.stars.iter().find(joins)?, upward)[1] {
+        [node] => Some(layout.branch_of[*node]),
+        _ => None,
+    }
+}
+
+/// The branches behind the next events, each with the daughter that it comes from, where daughters of one plane part
+/// again. `None` where none does, or one ends.
+fn parted(layout: &Layout<'_>, daughters: &[usize], upward: bool) -> Option<Vec<(usize, usize)>> {
+    let mut found = Vec::new();
+    for (daughter, &branch) in daughters.iter().enumerate() {
+        let nodes = &layout.branches[branch].nodes;
+        if let [node] = nodes[..] {
+            let leads = |star: &&Star| sides(star, upward)[0] == [node];
+            let behind = sides(layout.graph.stars.iter().find(leads)?, upward)[1];
+            found.extend(behind.iter().map(|&n| (layout.branch_of[n], daughter)));
+        } else {
+            found.push((branch, daughter));
+        }
+    }
+    (found.len() > daughters.len()).then_some(found)
 }
 
 /// Ends a branch that goes no further at a node: half a plane interval beyond the stack's first or last plane, in a

@@ -24,6 +24,19 @@ pub(super) struct EventPlanes {
     pub(super) parents: Vec<Plane>,
     /// The daughters' planes, the nearest first; one contour a daughter, always in the same order.
     pub(super) daughters: Vec<Plane>,
+    /// What the daughters part into right behind their nearest plane.
+    pub(super) beyond: Option<Beyond>,
+    /// Planes behind the daughters' next event, the nearest first, where all of them have joined again in one contour.
+    pub(super) rejoined: Vec<Plane>,
+}
+
+/// Planes behind the next events, the nearest first.
+#[derive(Debug, Clone)]
+pub(super) struct Beyond {
+    /// One contour a branch, always in the same order.
+    pub(super) planes: Vec<Plane>,
+    /// The daughter that each of them comes from.
+    pub(super) daughter_of: Vec<usize>,
 }
 
 impl EventPlanes {

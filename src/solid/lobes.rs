@@ -34,6 +34,8 @@ const CORRECTION_STEPS: f64 = 12.0;
 const CORRECTION_REACH: f64 = 0.5;
 /// Steps of the contours' grid to the smallest daughter's radius.
 const CONTOUR_STEPS: f64 = 18.0;
+/// Planes where the daughters have joined again that tell how they come there.
+const REJOINED_PLANES: usize = 2;
 /// Times that a correction is itself corrected by what it leaves at the contour's points.
 const CORRECTION_ROUNDS: usize = 2;
 /// Gap between daughters, relative to their radius, below which their first plane already shows the blend.
@@ -173,31 +175,33 @@ pub(super) struct LobeField {
     control: Vec<f64>,
     blend: Blend,
     corrections: Vec<Correction>,
+    /// A lobe that belongs to each daughter.
+    lobe_of: Vec<usize>,
 }
 
 impl LobeField {
     /// Fits the field. `None` where a contour is degenerate.
     pub(super) fn fit(planes: &EventPlanes) -> Option<Self> {
         let radius = planes.mean_radius_mm();
-        let blended = planes.daughters.len() > 1 && gap_mm(&planes.daughters[0]) < BLENDING_GAP * radius;
-        let template_plane = &planes.daughters[usize::from(blended)];
-        let lobes: Vec<Lobe> = template_plane.contours.par_iter().map(Lobe::of).collect::<Option<_>>()?;
-        let known: Vec<(f64, Vec<f64>)> = planes.daughters[usize::from(blended)..]
-            .iter()
-            .map(|plane| (plane.w, placed(&lobes, plane)))
-            .collect();
-        let most_drop_mm = if blended || lobes.len() < 2 {
+        let known_side = planes.beyond.as_ref().map_or(&planes.daughters, |beyond| &beyond.planes);
+        let blended = known_side.len() > 1
+            && known_side[0].contours.len() > 1
+            && gap_mm(&known_side[0]) < BLENDING_GAP * radius;
+        let (blending, apart) = known_side.split_at(usize::from(blended));
+        let lobes: Vec<Lobe> = apart[0].contours.par_iter().map(Lobe::of).collect::<Option<_>>()?;
+        let known: Vec<(f64, Vec<f64>)> =
+            apart.iter().map(|plane| (plane.w, placed(&lobes, plane))).collect();
+        let most_drop_mm = if blended || planes.beyond.is_some() || lobes.len() < 2 {
             f64::INFINITY
         } else {
             MOST_BLEND * 0.5 * gap_mm(&planes.daughters[0])
         };
         let mut fitter = Fitter { lobes: &lobes, radius, most_drop_mm, known };
-        let mut unknown: Vec<&Plane> = vec![&planes.parents[0]];
-        if blended {
-            unknown.insert(0, &planes.daughters[0]);
-        }
+        let mut unknown: Vec<&Plane> = blending.iter().collect();
+        unknown.extend(planes.beyond.as_ref().map(|_| &planes.daughters[0]));
+        unknown.push(&planes.parents[0]);
         let blend = fitter.fit_with_blend(&unknown);
-        for parent in &planes.parents[1..] {
+        for parent in planes.parents[1..].iter().chain(planes.rejoined.iter().take(REJOINED_PLANES)) {
             fitter.fit_plane(parent, blend);
         }
         let mut known = fitter.known;
@@ -206,15 +210,22 @@ impl LobeField {
         let rows: Vec<f64> = known.iter().flat_map(|k| k.1.iter().copied()).collect();
         let basis = Basis::not_a_knot(&sites).ok()?;
         let control = basis.interpolate(&sites, &rows, PARAMS * lobes.len());
-        let mut field = Self { lobes, basis, control, blend, corrections: Vec::new() };
+        let lobe_of = match &planes.beyond {
+            Some(beyond) => (0..planes.daughters[0].contours.len())
+                .map(|i| beyond.daughter_of.iter().position(|&d| d == i).unwrap_or(0))
+                .collect(),
+            None => (0..lobes.len()).collect(),
+        };
+        let mut field = Self { lobes, basis, control, blend, corrections: Vec::new(), lobe_of };
         field.corrections = field.residual_corrections(planes, radius)?;
         Some(field)
     }
 
     /// Corrections on the two planes nearest to the event on either side.
     fn residual_corrections(&self, planes: &EventPlanes, radius: f64) -> Option<Vec<Correction>> {
+        let behind = planes.beyond.iter().flat_map(|beyond| beyond.planes.first());
         let near: Vec<&Plane> =
-            planes.parents.iter().take(2).chain(planes.daughters.iter().take(2)).collect();
+            planes.parents.iter().take(2).chain(planes.daughters.iter().take(2)).chain(behind).collect();
         let mut corrections: Vec<Correction> = near
             .into_par_iter()
             .map(|plane| {
@@ -245,9 +256,10 @@ impl LobeField {
         FieldAt { field: self, params: self.params(w), weights: self.correction_weights(w) }
     }
 
-    /// Middle of lobe i at height w.
+    /// Middle of a lobe of daughter i at height w.
     pub(super) fn anchor(&self, i: usize, w: f64) -> Point2 {
         let params = self.params(w);
+        let i = self.lobe_of[i];
         self.lobes[i].centre + Vector2::new(params[PARAMS * i], params[PARAMS * i + 1])
     }
 
@@ -644,7 +656,9 @@ mod tests {
         let daughters = planes.split_off(first);
         planes.reverse();
         let event = [daughters[0].w - 3.0, daughters[0].w];
-        let field = LobeField::fit(&EventPlanes { parents: planes, daughters }).expect("sound planes");
+        let field =
+            LobeField::fit(&EventPlanes { parents: planes, daughters, beyond: None, rejoined: Vec::new() })
+                .expect("sound planes");
         let mut worst = 0.0f64;
         for share in [0.2, 0.4, 0.6, 0.8] {
             let w = event[0] + share * (event[1] - event[0]);

@@ -28,6 +28,8 @@ fn reversed(planes: &EventPlanes) -> EventPlanes {
     EventPlanes {
         parents: planes.parents.iter().map(plane).collect(),
         daughters: planes.daughters.iter().map(plane).collect(),
+        beyond: None,
+        rejoined: planes.rejoined.iter().map(plane).collect(),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Every kind of event, against closed forms and hand-made fields.
 
 use super::*;
+use crate::geom::{Bounds2, Vector2};
 use crate::mesh::{SkinChoice, Tessellation, closedness, tessellate};
 use crate::solid::lumen;
 use crate::topology::{Graph, Node, Star};
@@ -320,4 +321,74 @@ fn an_outline_closes_round_a_hole_and_opens_again() {
     let areas: Vec<f64> =
         (0..=80).map(|k| solid.section(4.0 + 0.025 * f64::from(k), 1e-3).outer.area_mm2()).collect();
     assert!(areas.windows(2).all(|a| (a[1] - a[0]).abs() < 1.0), "{areas:?}");
+}
+
+/// Disks on paths, joined by the quadratic smooth minimum of radius 0.8 mm.
+struct Disks {
+    paths: Vec<Box<dyn Fn(f64) -> (Point2, f64)>>,
+}
+
+impl Disks {
+    fn value(&self, p: Point2, z: f64) -> f64 {
+        let far = self.paths.iter().map(|path| path(z)).map(|(c, r)| (p - c).norm() - r);
+        far.reduce(|a, b| a.min(b) - (0.8 - (a - b).abs()).max(0.0).powi(2) / 3.2).unwrap_or(1.0)
+    }
+
+    fn stack(&self, n: u32, step_mm: f64) -> SectionStack {
+        planes(n, step_mm, |z| {
+            let jet = |p: Point2| {
+                const H: f64 = 1e-5;
+                let along = |d: Vector2| (self.value(p + d, z) - self.value(p - d, z)) / (2.0 * H);
+                let slope = Vector2::new(along(Vector2::new(H, 0.0)), along(Vector2::new(0.0, H)));
+                crate::solid::grid::Jet { value: self.value(p, z), slope }
+            };
+            let bounds = Bounds2::of([Point2::new(-15.0, -15.0), Point2::new(15.0, 15.0)]).unwrap();
+            crate::solid::iso::contours(&jet, bounds, 0.15).iter().map(|c| c.resampled(128)).collect()
+        })
+    }
+
+    /// Farthest that a solid's sections at these heights lie from the disks'.
+    fn farthest(&self, solid: &Solid, heights: impl Iterator<Item = f64>) -> f64 {
+        let at = |z: f64| {
+            let section = solid.section(z, 1e-3).outer;
+            let points = section.contours.iter().flat_map(|c| c.points.iter());
+            points.map(|&p| self.value(p, z).abs()).fold(0.0, f64::max)
+        };
+        heights.map(at).fold(0.0, f64::max)
+    }
+}
+
+#[test]
+fn branches_that_part_in_one_interval_after_the_other_are_where_they_all_lead() {
+    let path = |k: u32| -> Box<dyn Fn(f64) -> (Point2, f64)> {
+        let (sin, cos) = (0.2 + 2.0 * PI * f64::from(k) / 3.0).sin_cos();
+        Box::new(move |z| {
+            let from = z - 14.0 - 2.2 * f64::from(k);
+            let spread = 9.0 * (1.0 - (-0.5 * (from + (from * from + 16.0).sqrt()) / 14.0).exp());
+            (Point2::new(spread * cos, spread * sin), 2.2)
+        })
+    };
+    let disks = Disks { paths: (0..3).map(path).collect() };
+    let stack = disks.stack(12, 3.0);
+    let counts: Vec<usize> = stack.planes.iter().map(|p| p.contours.len()).collect();
+    assert!(counts.windows(3).any(|c| c == [1, 2, 3]), "{counts:?}");
+    let solid = cast(&stack);
+    assert_sound(&solid, &stack);
+    let off = disks.farthest(&solid, (30..110).map(|k| 0.25 * f64::from(k)));
+    assert!(off < 0.15, "{off}");
+}
+
+#[test]
+fn branches_seen_apart_on_one_plane_only_are_told_by_the_planes_on_both_sides() {
+    let path = |side: f64, radius: f64| -> Box<dyn Fn(f64) -> (Point2, f64)> {
+        Box::new(move |z| (Point2::new(side * 2.6 * (-((z - 15.0) / 5.0).powi(2)).exp(), 0.0), radius))
+    };
+    let disks = Disks { paths: vec![path(1.0, 2.1), path(-1.0, 2.3)] };
+    let stack = disks.stack(11, 3.0);
+    let apart = stack.planes.iter().filter(|p| p.contours.len() == 2).count();
+    assert_eq!(apart, 1);
+    let solid = cast(&stack);
+    assert_sound(&solid, &stack);
+    let off = disks.farthest(&solid, (20..100).map(|k| 0.3 * f64::from(k)));
+    assert!(off < 0.12, "{off}");
 }
