@@ -279,22 +279,23 @@ fn sections(brep: &Brep) -> Vec<Fault> {
     // At the end of a face it is not settled which one is cut.
     let inside = |z: &f64| ends.iter().all(|e| (e - z).abs() > TOLERANCE_MM);
     let levels: Vec<f64> = heights(brep).into_iter().filter(inside).collect();
+    let corners = Corners::of(brep);
     let suspect: Vec<f64> =
-        levels.into_par_iter().filter(|&z| section_fault(&coarse.cut(z)).is_some()).collect();
+        levels.into_par_iter().filter(|&z| section_fault(&coarse.cut(z), &corners).is_some()).collect();
     if suspect.is_empty() {
         return Vec::new();
     }
     let fine = Cutter::new(brep, 0..n, FINE_CHORDS);
     let place = |&z: &f64| {
-        let (kind, face, p) = section_fault(&fine.cut(z))?;
+        let (kind, face, p) = section_fault(&fine.cut(z), &corners)?;
         Some(brep.fault(kind, Some(face), Point3::new(p.x, p.y, z)))
     };
     suspect.par_iter().filter_map(place).collect()
 }
 
 /// The first fault of a section: a curve that degenerates, curves that cross, material on the wrong side.
-fn section_fault(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
-    degenerate(pieces).or_else(|| crossing(pieces)).or_else(|| wrong_side(pieces))
+fn section_fault(pieces: &[Piece], corners: &Corners) -> Option<(Kind, usize, Point2)> {
+    degenerate(pieces).or_else(|| crossing(pieces, corners)).or_else(|| wrong_side(pieces))
 }
 
 fn degenerate(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
@@ -307,6 +308,26 @@ fn degenerate(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
     })
 }
 
+/// The vertices of each face, sorted.
+struct Corners(Vec<Vec<usize>>);
+
+impl Corners {
+    fn of(brep: &Brep) -> Self {
+        let of_face = |face: &Face| {
+            let edges = face.loops.iter().flat_map(|l| &l.coedges).map(|c| &brep.edges[c.edge]);
+            let mut vertices: Vec<usize> = edges.flat_map(|e| [e.start, e.end]).collect();
+            vertices.sort_unstable();
+            vertices
+        };
+        Self(brep.faces.iter().map(of_face).collect())
+    }
+
+    /// Whether two faces are one or have a vertex in common.
+    fn meet(&self, a: usize, b: usize) -> bool {
+        a == b || self.0[a].iter().any(|v| self.0[b].binary_search(v).is_ok())
+    }
+}
+
 /// A chord of a section.
 struct Chord {
     from: Point2,
@@ -315,7 +336,7 @@ struct Chord {
     index: usize,
 }
 
-fn crossing(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
+fn crossing(pieces: &[Piece], corners: &Corners) -> Option<(Kind, usize, Point2)> {
     let mut chords: Vec<Chord> = Vec::new();
     for (piece, p) in pieces.iter().enumerate() {
         chords.extend(p.edges().enumerate().map(|(index, (from, to))| Chord { from, to, piece, index }));
@@ -325,7 +346,7 @@ fn crossing(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
         let (right, low, high) = (a.from.x.max(a.to.x), a.from.y.min(a.to.y), a.from.y.max(a.to.y));
         let reached = chords[i + 1..].iter().take_while(|b| b.from.x.min(b.to.x) <= right);
         for b in reached.filter(|b| b.from.y.max(b.to.y) >= low && b.from.y.min(b.to.y) <= high) {
-            if let Some(at) = cross(a, b).filter(|at| !joins(pieces, a, b, *at)) {
+            if let Some(at) = cross(a, b).filter(|at| !joins(pieces, corners, a, b, *at)) {
                 return Some((Kind::Crossing, pieces[a.piece].face, at));
             }
         }
@@ -345,11 +366,14 @@ fn cross(a: &Chord, b: &Chord) -> Option<Point2> {
 
 /// Whether chords are neighbours on a curve, or meet where one face's curve goes on as the next one's: there they only
 /// touch, up to the sag of a chord.
-fn joins(pieces: &[Piece], a: &Chord, b: &Chord, at: Point2) -> bool {
+fn joins(pieces: &[Piece], corners: &Corners, a: &Chord, b: &Chord, at: Point2) -> bool {
     if a.piece == b.piece {
         let n = pieces[a.piece].points.len() - 1;
         let apart = a.index.abs_diff(b.index);
         return apart <= 1 || apart + 1 == n;
+    }
+    if !corners.meet(pieces[a.piece].face, pieces[b.piece].face) {
+        return false;
     }
     let near_end = |c: &Chord| {
         let points = &pieces[c.piece].points;

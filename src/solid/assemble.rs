@@ -106,6 +106,18 @@ struct Layout<'a> {
 }
 
 impl<'a> Layout<'a> {
+    /// The planes given on either side of an interval, which may lie between computed ones.
+    fn place(&self, interval: usize) -> Place {
+        let given = |plane: usize| self.graph.given[plane];
+        let lower = (0..=interval).rev().find_map(given);
+        let upper = (interval + 1..self.graph.given.len()).find_map(given);
+        Place::Planes {
+            lower: lower.unwrap_or(0),
+            upper: upper.unwrap_or(interval + 1),
+            z_mm: [self.graph.z_mm[interval], self.graph.z_mm[interval + 1]],
+        }
+    }
+
     fn of(graph: &'a Graph) -> Self {
         let n = graph.nodes.len();
         let (mut up, mut down) = (vec![NONE; n], vec![NONE; n]);
@@ -282,7 +294,7 @@ impl Event {
         let (lower, upper) = if upward { (below, above) } else { (above, below) };
         let sign = if upward { 1.0 } else { -1.0 };
         let planes = event_planes(layout, &lower, &upper, upward);
-        let place = Place::Planes { lower: star.interval, upper: star.interval + 1 };
+        let place = layout.place(star.interval);
         let fault = |fault: EventFault| Error::Event { place, fault };
         if let ([parent], [_, _]) = (&lower[..], &upper[..])
             && let Some(creased) = recipe.crease(&planes, upward, layout.floor(*parent, upward))

@@ -7,7 +7,7 @@
 //! better one; which of them holds is asked of the sections themselves: each is predicted both ways from the two on
 //! either side of it, and where distances come much nearer, points do not correspond.
 //!
-//! Cost: linear in the sections; eight distances a point.
+//! Cost: linear in the sections; eight distances a point, fifty where a section is added.
 
 use super::skin::GivenSection;
 use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
@@ -26,35 +26,31 @@ const LEAST_INTERVAL: f64 = 0.6;
 const STEPS: usize = 4;
 
 /// The contours round an interval with their weights at a height in it.
-struct Stencil<'a> {
-    contours: [(&'a Contour, SegmentIndex, f64); 4],
+struct Stencil {
+    contours: [(SegmentIndex, f64); 4],
 }
 
-impl<'a> Stencil<'a> {
-    fn at(sections: [&'a GivenSection; 4], z_mm: f64) -> Option<Self> {
+impl Stencil {
+    fn at(sections: [&GivenSection; 4], z_mm: f64) -> Option<Self> {
         let z = sections.map(|s| s.0);
         // Lagrange's polynomials.
         let weight =
             |i: usize| -> f64 { (0..4).filter(|j| *j != i).map(|j| (z_mm - z[j]) / (z[i] - z[j])).product() };
         let [a, b, c, d] = [0, 1, 2, 3].map(|i| {
-            let contour = &sections[i].1;
-            SegmentIndex::try_new(std::slice::from_ref(contour)).map(|index| (contour, index, weight(i)))
+            let contour = std::slice::from_ref(&sections[i].1);
+            SegmentIndex::try_new(contour).map(|index| (index, weight(i)))
         });
         Some(Self { contours: [a?, b?, c?, d?] })
     }
 
     fn value(&self, p: Point2) -> f64 {
-        let one = |(contour, index, weight): &(&Contour, SegmentIndex, f64)| {
-            let distance = index.nearest(p).distance_mm;
-            weight * if contour.contains(p) { -distance } else { distance }
-        };
-        self.contours.iter().map(one).sum()
+        self.contours.iter().map(|(index, weight)| weight * index.signed_distance_mm(p)).sum()
     }
 
     /// Corresponding points of the four contours, interpolated with the same weights.
     fn corresponding(&self, points: &[Vec<Point2>; 4]) -> Vec<Point2> {
         let weighted = |i: usize| -> Vector2 {
-            points.iter().zip(&self.contours).map(|(at, c)| at[i].coords * c.2).sum()
+            points.iter().zip(&self.contours).map(|(at, c)| at[i].coords * c.1).sum()
         };
         (0..points[0].len()).map(|i| Point2::from(weighted(i))).collect()
     }

@@ -32,6 +32,8 @@ const TEMPLATE_REACH: f64 = 1.2;
 /// The same for a correction.
 const CORRECTION_STEPS: f64 = 12.0;
 const CORRECTION_REACH: f64 = 0.5;
+/// Steps of any grid along its longer side.
+const MOST_STEPS: f64 = 1500.0;
 /// Steps of the contours' grid to the smallest daughter's radius.
 const CONTOUR_STEPS: f64 = 18.0;
 /// Planes where the daughters have joined again that tell how they come there.
@@ -81,8 +83,8 @@ impl Lobe {
         let area_mm2 = fine.signed_area_mm2();
         let radius = radius_mm(area_mm2);
         let bounds = fine.bounds()?.grown(TEMPLATE_REACH * radius);
-        let distance =
-            SmoothGrid::sampled(bounds, radius / TEMPLATE_STEPS, |p| outline.signed_distance_mm(p));
+        let step_mm = bounded_step_mm(bounds, radius / TEMPLATE_STEPS);
+        let distance = SmoothGrid::sampled(bounds, step_mm, |p| outline.signed_distance_mm(p));
         Some(Self { distance, outline, centre: fine.centroid(), area_mm2 })
     }
 
@@ -113,6 +115,11 @@ impl Lobe {
     }
 }
 
+/// A grid's step, coarser than asked where a speck lies beside something large: memory stays bounded.
+fn bounded_step_mm(bounds: Bounds2, step_mm: f64) -> f64 {
+    step_mm.max((bounds.max - bounds.min).amax() / MOST_STEPS)
+}
+
 fn radius_mm(area_mm2: f64) -> f64 {
     (area_mm2.abs() / std::f64::consts::PI).sqrt()
 }
@@ -137,15 +144,12 @@ impl Correction {
         let bounds = Bounds2::of(points.iter().copied())?.grown(CORRECTION_REACH * radius);
         let beyond = left.iter().sum::<f64>() / left.len() as f64;
         let mut total = left.clone();
-        let mut grid = SmoothGrid::sampled(bounds, radius / CORRECTION_STEPS, |p| {
-            extended(&points, &total, softening_mm2, p)
-        });
+        let step_mm = bounded_step_mm(bounds, radius / CORRECTION_STEPS);
+        let mut grid = SmoothGrid::sampled(bounds, step_mm, |p| extended(&points, &total, softening_mm2, p));
         for _ in 1..CORRECTION_ROUNDS {
             left = points.iter().map(|&p| -fitted(p) - grid.jet(p).map_or(beyond, |j| j.value)).collect();
             total.iter_mut().zip(&left).for_each(|(t, l)| *t += l);
-            grid = SmoothGrid::sampled(bounds, radius / CORRECTION_STEPS, |p| {
-                extended(&points, &total, softening_mm2, p)
-            });
+            grid = SmoothGrid::sampled(bounds, step_mm, |p| extended(&points, &total, softening_mm2, p));
         }
         Some(Self { w: plane.w, params, grid, beyond })
     }
@@ -449,7 +453,7 @@ impl Fitter<'_> {
                 sum[i] = first.1[i] + (sum[i] - first.1[i]).clamp(-most, most);
             }
         }
-        // A parabola may run off where planes are far apart; a lobe never shrinks to nothing or doubles in a step.
+        // A parabola may run off where planes are far apart; a lobe stays of its template's order of size.
         sum.iter_mut().skip(2).step_by(PARAMS).for_each(|s| *s = s.clamp(0.4, 2.0));
         sum
     }
@@ -555,7 +559,7 @@ impl LobeSource {
         let radius = |c: &Contour| radius_mm(c.signed_area_mm2());
         let least_radius = planes.daughters[0].contours.iter().map(radius).fold(f64::INFINITY, f64::min);
         let bounds = planes.bounds()?.grown(0.5 * planes.mean_radius_mm());
-        let frame = Frame { bounds, step_mm: least_radius / CONTOUR_STEPS };
+        let frame = Frame { bounds, step_mm: bounded_step_mm(bounds, least_radius / CONTOUR_STEPS) };
         Some(Self { field: LobeField::fit(planes)?, frame })
     }
 }

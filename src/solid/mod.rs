@@ -104,21 +104,25 @@ impl Params {
 }
 
 /// Where in the stack a fault lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Place {
-    /// Between two CT planes, counted from 0.
+    /// Between two CT planes, counted from 0 as they were given.
     Planes {
         /// The lower plane.
         lower: usize,
         /// The upper plane.
         upper: usize,
+        /// Heights that the fault lies between, mm; those of computed planes where there are some in between.
+        z_mm: [f64; 2],
     },
 }
 
 impl std::fmt::Display for Place {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Planes { lower, upper } => write!(f, "between planes {lower} and {upper}"),
+            Self::Planes { lower, upper, z_mm: [low, high] } => {
+                write!(f, "between planes {lower} and {upper} (z {low:.2} to {high:.2} mm)")
+            }
         }
     }
 }
@@ -145,7 +149,8 @@ pub enum Error {
     WallThickness(f64),
     /// The outer skin cannot be built.
     #[error(
-        "outer skin of the wall, z {z_mm:?} mm: {fault}: look at the contours there, or choose another wall thickness"
+        "outer skin of the wall, z {:.2} to {:.2} mm: {fault}: look at the contours there, or choose another wall thickness",
+        z_mm[0], z_mm[1]
     )]
     Outer {
         /// Heights between which the fault lies, where it is known.

@@ -12,6 +12,8 @@ use rayon::prelude::*;
 
 /// Farthest coordinate, mm: beyond it no scanner reaches.
 const FARTHEST_MM: f64 = 5000.0;
+/// Height of a plane beyond which it is a slip of the pen: stacks of thousands of planes are still lower.
+pub(super) const HIGHEST_MM: f64 = 1e5;
 /// Points nearer to each other than this are one point, mm: less than the grid on which regions are computed.
 const SAME_POINT_MM: f64 = 1e-6;
 /// A contour whose area is below this share of its squared perimeter goes out and comes back the same way. A circle has
@@ -119,7 +121,7 @@ impl Repairs {
 /// Where two planes lie at one height, or a height is no number.
 pub(super) fn order(stack: &SectionStack) -> Result<Vec<usize>, Error> {
     let z = |plane: usize| stack.planes[plane].z_mm;
-    if let Some(plane) = (0..stack.planes.len()).find(|&p| !z(p).is_finite() || z(p).abs() > 1e6) {
+    if let Some(plane) = (0..stack.planes.len()).find(|&p| !z(p).is_finite() || z(p).abs() > HIGHEST_MM) {
         return Err(Error::PlaneHeight { plane, z_mm: z(plane) });
     }
     let mut order: Vec<usize> = (0..stack.planes.len()).collect();

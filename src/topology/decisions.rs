@@ -109,7 +109,15 @@ pub(super) fn resolve(
         let above = order.iter().position(|&p| p == link.plane).and_then(|at| order.get(at + 1));
         let above = *above.ok_or(DecisionFault::NoPlaneAbove(link.plane)).map_err(fault)?;
         let upper = pick(stack, above, link.upper).map_err(fault)?;
-        resolved.joined.insert((link.plane, lower, upper), link.join);
+        if let Some(&(plane, contour)) =
+            [(link.plane, lower), (above, upper)].iter().find(|c| resolved.dropped.contains(c))
+        {
+            return Err(fault(DecisionFault::Dropped { plane, contour }));
+        }
+        let before = resolved.joined.insert((link.plane, lower, upper), link.join);
+        if before.is_some_and(|join| join != link.join) {
+            return Err(fault(DecisionFault::Contradicted));
+        }
     }
     Ok(resolved)
 }

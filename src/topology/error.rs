@@ -12,8 +12,10 @@ pub enum Error {
         /// Planes with at least one contour.
         found: usize,
     },
-    /// The height of a plane is not a number.
-    #[error("plane {plane}: its height is {z_mm} mm, expected a finite number: correct z_mm")]
+    /// The height of a plane is not a number, or beyond any stack.
+    #[error(
+        "plane {plane}: its height is {z_mm} mm, expected a number between -100000 and 100000: correct z_mm"
+    )]
     PlaneHeight {
         /// Plane, counted from 0.
         plane: usize,
@@ -159,6 +161,17 @@ pub enum DecisionFault {
     /// No plane above to link to.
     #[error("plane {0} is the uppermost: name the lower one of the two planes")]
     NoPlaneAbove(usize),
+    /// Two entries say the opposite of one pair.
+    #[error("an earlier entry says the opposite of these two contours: keep one of both")]
+    Contradicted,
+    /// One of the contours is left out by another entry.
+    #[error("contour {contour} of plane {plane} is left out by [[topology.drop]]: keep one of both entries")]
+    Dropped {
+        /// The plane.
+        plane: usize,
+        /// The contour.
+        contour: usize,
+    },
     /// No such contour.
     #[error("{pick} is no contour of plane {plane}, which has {n_contours}")]
     NoContour {

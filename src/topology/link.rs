@@ -10,6 +10,7 @@
 //! | 15 % or more | 10 % or more, or not known | linked |
 //! | 15 % or more | less | not linked where the drift of a leaning neighbour explains it; else linked, or asked |
 //! | less | 30 % or more | linked: a steep branch |
+//! | a sliver, neither overlaps anything else | any | linked: nothing else explains either |
 //! | a sliver | less than 10 % | not linked: neighbours, one of which begins or ends |
 //! | a sliver | between, or not known | asked where a birth or death depends on it |
 //!

@@ -3,7 +3,8 @@
 use super::*;
 use crate::geom::{Bounds2, Vector2};
 use crate::mesh::{SkinChoice, Tessellation, closedness, tessellate};
-use crate::solid::lumen;
+use crate::solid::grid::Jet;
+use crate::solid::{iso, lumen};
 use crate::topology::{Graph, Node, Star};
 
 const PI: f64 = std::f64::consts::PI;
@@ -157,7 +158,7 @@ fn noise_on_the_contours_does_no_harm() {
         let mut stack = planes(16, 3.0, |z| vessel.region_at(z + 45.0, 40).contours);
         for contour in stack.planes.iter_mut().flat_map(|p| &mut p.contours) {
             for p in &mut contour.points {
-                *p += crate::geom::Vector2::new(noise(), noise());
+                *p += Vector2::new(noise(), noise());
             }
         }
         let solid = cast(&stack);
@@ -277,7 +278,7 @@ fn open_ring(half_gap_rad: f64) -> Contour {
         let centre = polar(4.0, a);
         (1..20).map(move |i| {
             let t = turn + PI * f64::from(i) / 20.0;
-            centre + 1.2 * crate::geom::Vector2::new(t.cos(), t.sin())
+            centre + 1.2 * Vector2::new(t.cos(), t.sin())
         })
     };
     Contour::new(
@@ -340,10 +341,10 @@ impl Disks {
                 const H: f64 = 1e-5;
                 let along = |d: Vector2| (self.value(p + d, z) - self.value(p - d, z)) / (2.0 * H);
                 let slope = Vector2::new(along(Vector2::new(H, 0.0)), along(Vector2::new(0.0, H)));
-                crate::solid::grid::Jet { value: self.value(p, z), slope }
+                Jet { value: self.value(p, z), slope }
             };
             let bounds = Bounds2::of([Point2::new(-15.0, -15.0), Point2::new(15.0, 15.0)]).unwrap();
-            crate::solid::iso::contours(&jet, bounds, 0.15).iter().map(|c| c.resampled(128)).collect()
+            iso::contours(&jet, bounds, 0.15).iter().map(|c| c.resampled(128)).collect()
         })
     }
 

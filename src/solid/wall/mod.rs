@@ -112,9 +112,7 @@ fn lofted(wall: &Wall<'_>, planes: &[PlaneSections], task: &Task<'_>) -> Result<
     let graph = outer_graph(planes.to_vec()).map_err(Error::OuterTopology)?;
     let skin = assemble(&graph, wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
-        Error::Event { place: Place::Planes { lower, upper }, fault } => {
-            Error::Outer { z_mm: [graph.z_mm[lower], graph.z_mm[upper]], fault }
-        }
+        Error::Event { place: Place::Planes { z_mm, .. }, fault } => Error::Outer { z_mm, fault },
         other => other,
     })?;
     let about_wall =
