@@ -22,6 +22,8 @@ const MOST_MOVED: f64 = 0.25;
 /// An interval shorter than this share of the longest one, or with a neighbour shorter than this share of itself, has
 /// sections enough.
 const LEAST_INTERVAL: f64 = 0.6;
+/// Planes nearer to each other than this share of the radius leave nothing to be told between them.
+const LEAST_APART: f64 = 0.4;
 /// Steps from the tube to the zero of the distances.
 const STEPS: usize = 4;
 
@@ -107,7 +109,9 @@ pub(super) fn between(surface: &TubeSurface, sections: &[GivenSection]) -> Vec<G
     let gap = |k: usize| sections[k + 1].0 - sections[k].0;
     let widest = (0..sections.len().saturating_sub(1)).map(gap).fold(0.0, f64::max);
     let wide = |k: &usize| {
-        gap(*k) >= LEAST_INTERVAL * widest && gap(k - 1).min(gap(k + 1)) >= LEAST_INTERVAL * gap(*k)
+        gap(*k) >= LEAST_APART * radius_mm(&sections[*k].1)
+            && gap(*k) >= LEAST_INTERVAL * widest
+            && gap(k - 1).min(gap(k + 1)) >= LEAST_INTERVAL * gap(*k)
     };
     let is_misled: Vec<bool> = (0..sections.len())
         .map(|k| {

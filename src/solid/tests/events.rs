@@ -324,9 +324,12 @@ fn an_outline_closes_round_a_hole_and_opens_again() {
     assert!(areas.windows(2).all(|a| (a[1] - a[0]).abs() < 1.0), "{areas:?}");
 }
 
+/// Centre and radius of a disk at a height.
+type Path = Box<dyn Fn(f64) -> (Point2, f64)>;
+
 /// Disks on paths, joined by the quadratic smooth minimum of radius 0.8 mm.
 struct Disks {
-    paths: Vec<Box<dyn Fn(f64) -> (Point2, f64)>>,
+    paths: Vec<Path>,
 }
 
 impl Disks {
@@ -361,7 +364,7 @@ impl Disks {
 
 #[test]
 fn branches_that_part_in_one_interval_after_the_other_are_where_they_all_lead() {
-    let path = |k: u32| -> Box<dyn Fn(f64) -> (Point2, f64)> {
+    let path = |k: u32| -> Path {
         let (sin, cos) = (0.2 + 2.0 * PI * f64::from(k) / 3.0).sin_cos();
         Box::new(move |z| {
             let from = z - 14.0 - 2.2 * f64::from(k);
@@ -381,7 +384,7 @@ fn branches_that_part_in_one_interval_after_the_other_are_where_they_all_lead() 
 
 #[test]
 fn branches_seen_apart_on_one_plane_only_are_told_by_the_planes_on_both_sides() {
-    let path = |side: f64, radius: f64| -> Box<dyn Fn(f64) -> (Point2, f64)> {
+    let path = |side: f64, radius: f64| -> Path {
         Box::new(move |z| (Point2::new(side * 2.6 * (-((z - 15.0) / 5.0).powi(2)).exp(), 0.0), radius))
     };
     let disks = Disks { paths: vec![path(1.0, 2.1), path(-1.0, 2.3)] };
