@@ -23,7 +23,7 @@ const MOST_MOVED: f64 = 0.25;
 /// sections enough.
 const LEAST_INTERVAL: f64 = 0.6;
 /// Planes nearer to each other than this share of the radius leave nothing to be told between them.
-const LEAST_APART: f64 = 0.4;
+const LEAST_APART: f64 = 0.3;
 /// Steps from the tube to the zero of the distances.
 const STEPS: usize = 4;
 
