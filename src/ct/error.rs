@@ -1,5 +1,6 @@
 //! Why a series cannot be read. One line each: which file, what was found, what to do.
 
+use super::codec::Fault;
 use crate::progress::Cancelled;
 use std::path::PathBuf;
 
@@ -10,7 +11,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The path is a file or something else.
-    #[error("{} is no folder: name the folder that holds the DICOM files of the series", .0.display())]
+    #[error("{} is no folder and no DICOM file: name the folder that holds the DICOM files of the series", .0.display())]
     NotAFolder(PathBuf),
     /// The system does not let it be read.
     #[error("cannot read {}: {source}: check that it exists and may be read", path.display())]
@@ -41,6 +42,26 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong.
         what: &'static str,
+    },
+    /// Compressed pixels that give no image.
+    #[error("{}{}: {fault} ({syntax}): copy or export it again, uncompressed (explicit VR little endian) if it persists", path.display(), frame.map_or(String::new(), |n| format!(", frame {n}")))]
+    Undecodable {
+        /// The file.
+        path: PathBuf,
+        /// Number of the frame from 1, where the file holds several.
+        frame: Option<usize>,
+        /// Name of the transfer syntax.
+        syntax: &'static str,
+        /// What is wrong.
+        fault: Fault,
+    },
+    /// A directory of files none of which is there.
+    #[error("{}: none of the {n_named} files that this DICOMDIR names is there: copy the whole medium, folders included", path.display())]
+    DirectoryWithoutFiles {
+        /// The directory.
+        path: PathBuf,
+        /// Images that it names.
+        n_named: usize,
     },
     /// A file ends before its pixels do.
     #[error("{}: truncated: {found_bytes} bytes, its pixels need {expected_bytes}: copy or export it again", path.display())]

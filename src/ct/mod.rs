@@ -12,6 +12,8 @@
 //!
 //! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
 
+pub mod codec;
+mod encoding;
 mod error;
 mod inspection;
 pub mod reader;

@@ -1,5 +1,6 @@
 //! Image headers to series: which images belong together. Pure.
 
+use super::encoding::{Frame, Loss, Syntax};
 use crate::geom::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,15 +23,8 @@ pub(super) struct Header {
     /// Stored values that mean "outside the image", both ends included.
     pub(super) padding: Option<[i32; 2]>,
     pub(super) syntax: Syntax,
-}
-
-/// How the pixels of a file are packed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Syntax {
-    /// For the operator.
-    pub(super) name: &'static str,
-    /// Whether the pixels stand in the file as they are.
-    pub(super) is_plain: bool,
+    pub(super) loss: Loss,
+    pub(super) frame: Frame,
 }
 
 /// What all images of a stack must share.
@@ -143,6 +137,7 @@ pub(super) fn listing(series: &[Series]) -> String {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::encoding::{Packing, SyntaxLoss};
     use super::*;
 
     /// A transaxial image of 4 x 3 pixels at height z.
@@ -163,7 +158,13 @@ pub(super) mod tests {
             pixels: PixelFormat { bits_allocated: 16, bits_stored: 12, high_bit: 11, is_signed: false },
             rescale: Some([1.0, -1024.0]),
             padding: None,
-            syntax: Syntax { name: "explicit VR little endian", is_plain: true },
+            syntax: Syntax {
+                name: "explicit VR little endian",
+                packing: Packing::Native { is_big_endian: false },
+                loss: SyntaxLoss::Never,
+            },
+            loss: Loss::Nowhere,
+            frame: Frame { number: None, pieces: Vec::new(), deflated_from: None, is_swapped: false },
         }
     }
 

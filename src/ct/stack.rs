@@ -5,7 +5,7 @@
 //! the median step is a gap; positions that move sideways along the stack are a gantry tilt.
 
 use super::series::{Header, Series, Shape};
-use super::{Error, Warning};
+use super::{Error, Warning, encoding};
 use crate::geom::{Point3, RigidTransform, Vector3};
 
 /// Positions nearer than this are the same place: twice what two decimals in a header may be off, mm.
@@ -246,7 +246,7 @@ fn slab_thickness(series: &Series, step_mm: f64, warnings: &mut Vec<Warning>) ->
 }
 
 fn header_warnings(series: &Series) -> Vec<Warning> {
-    let mut warnings = Vec::new();
+    let mut warnings = encoding::warnings(&series.images);
     let modality = &series.images[0].modality;
     if modality != "CT" {
         let text = format!("modality is {modality}, not CT: intensities are not Hounsfield units");

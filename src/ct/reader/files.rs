@@ -1,10 +1,14 @@
-//! The files below a folder, and what each of them is.
+//! The files that a path means, and what each of them is.
+//!
+//! A folder means all files below it, and a DICOMDIR (PS3.10 8) those and the ones that it names; any other DICOM file
+//! means itself. A DICOMDIR in a folder is heeded too: what it names and is not there, is told.
 
 use super::super::series::Header;
 use super::super::{Error, PHANTOM_TRUTH_FILE, Warning};
 use super::header::{self, Content};
 use super::{in_parallel, left_out};
 use crate::progress::Task;
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -12,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// What a folder holds.
 #[derive(Debug)]
 pub(super) struct Folder {
-    /// Headers of the images, in the order of their paths.
+    /// Headers of the images, in the order of their paths, frames of a file in their order.
     pub(super) images: Vec<Header>,
     pub(super) n_files: usize,
     /// About what was left out.
@@ -27,45 +31,160 @@ enum Kind {
     Dicom(Result<Content, Error>),
 }
 
-/// Looks at all files below the folder.
-pub(super) fn scan(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
-    let files = list(folder)?;
+/// Looks at all files that a path means.
+pub(super) fn scan(path: &Path, task: &Task<'_>) -> Result<Folder, Error> {
+    let metadata = fs::metadata(path).map_err(|e| unreadable(path, e))?;
+    if metadata.is_dir() {
+        return scan_folder(path, task);
+    }
+    match look_at(path) {
+        Kind::Foreign => Err(Error::NotAFolder(path.to_owned())),
+        Kind::Dicom(Ok(Content::Directory(_))) => match path.parent() {
+            Some(folder) if folder != Path::new("") => scan_folder(folder, task),
+            _ => scan_folder(Path::new("."), task),
+        },
+        kind => Ok(Finding::default().with(path, kind).into_folder(1)),
+    }
+}
+
+/// Looks at all files below a folder.
+fn scan_folder(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
+    let mut files = list(folder)?;
     if files.is_empty() {
         return Err(Error::Empty(folder.to_owned()));
     }
-    let kinds = in_parallel(&files, task, |path| look_at(path))?;
-    if kinds.iter().all(|k| matches!(k, Kind::Foreign)) {
+    let mut finding = look_at_all(&files, Finding::default(), task)?;
+    let named = finding.named(&files);
+    finding = look_at_all(&named.unlisted, finding, task)?;
+    files.extend(named.unlisted);
+    if finding.is_without_dicom() {
         return Err(Error::NoDicom { path: folder.to_owned(), n_files: files.len() });
     }
-    let mut found =
-        Folder { images: Vec::new(), n_files: files.len(), warnings: Vec::new(), faults: Vec::new() };
-    let (mut n_foreign, mut n_localizers, mut n_others) = (0, 0, 0);
-    for (path, kind) in files.iter().zip(kinds) {
-        match kind {
-            Kind::Dicom(Ok(Content::Image(header))) => found.images.push(*header),
-            Kind::Dicom(Ok(Content::Localizer)) => n_localizers += 1,
-            Kind::Dicom(Ok(Content::Other)) => n_others += 1,
-            Kind::Dicom(Err(fault)) => found.faults.push(fault),
-            Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
-            Kind::Foreign => n_foreign += 1,
-        }
+    if let (Some(missing), true) = (named.missing, finding.folder.images.is_empty()) {
+        finding.folder.faults.push(missing);
     }
-    found.warnings.extend(left_out("ct.not_dicom", n_foreign, "file(s) that are not DICOM"));
-    found.warnings.extend(left_out("ct.localizer", n_localizers, "localizer image(s)"));
-    found.warnings.extend(left_out(
-        "ct.not_an_image_plane",
-        n_others,
-        "DICOM object(s) that are no image planes",
-    ));
-    Ok(found)
+    finding.folder.images.sort_by(|a, b| (&a.path, a.frame.number).cmp(&(&b.path, b.frame.number)));
+    finding.folder.warnings.extend(named.warning);
+    Ok(finding.into_folder(files.len()))
+}
+
+fn look_at_all(files: &[PathBuf], finding: Finding, task: &Task<'_>) -> Result<Finding, Error> {
+    let kinds = in_parallel(files, task, |path| look_at(path))?;
+    Ok(files.iter().zip(kinds).fold(finding, |finding, (path, kind)| finding.with(path, kind)))
+}
+
+/// What was found so far.
+struct Finding {
+    folder: Folder,
+    n_foreign: usize,
+    n_localizers: usize,
+    n_others: usize,
+    /// Each directory's path and what it names.
+    directories: Vec<(PathBuf, Vec<Vec<String>>)>,
+}
+
+/// What directories name.
+struct Named {
+    /// Files outside those that were listed.
+    unlisted: Vec<PathBuf>,
+    warning: Option<Warning>,
+    /// What is wrong where nothing that was named is there.
+    missing: Option<Error>,
+}
+
+impl Default for Finding {
+    fn default() -> Self {
+        let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), faults: Vec::new() };
+        Self { folder, n_foreign: 0, n_localizers: 0, n_others: 0, directories: Vec::new() }
+    }
+}
+
+impl Finding {
+    fn with(mut self, path: &Path, kind: Kind) -> Self {
+        match kind {
+            Kind::Dicom(Ok(Content::Images(headers))) => self.folder.images.extend(headers),
+            Kind::Dicom(Ok(Content::Localizer)) => self.n_localizers += 1,
+            Kind::Dicom(Ok(Content::Other)) => self.n_others += 1,
+            Kind::Dicom(Ok(Content::Directory(named))) => self.directories.push((path.to_owned(), named)),
+            Kind::Dicom(Err(fault)) => self.folder.faults.push(fault),
+            Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
+            Kind::Foreign => self.n_foreign += 1,
+        }
+        self
+    }
+
+    const fn is_without_dicom(&self) -> bool {
+        let Self { folder, n_localizers, n_others, directories, .. } = self;
+        folder.images.is_empty()
+            && folder.faults.is_empty()
+            && *n_localizers + *n_others == 0
+            && directories.is_empty()
+    }
+
+    /// Where the files are that the directories name.
+    fn named(&self, listed: &[PathBuf]) -> Named {
+        let by_plain_name: BTreeMap<PathBuf, &PathBuf> = listed.iter().map(|p| (plain(p), p)).collect();
+        let mut named = Named { unlisted: Vec::new(), warning: None, missing: None };
+        let (mut n_named, mut n_missing) = (0, 0);
+        for (directory, records) in &self.directories {
+            for components in records {
+                n_named += 1;
+                let path = resolve(directory, components);
+                match path {
+                    Some(path) if by_plain_name.contains_key(&plain(&path)) => {}
+                    Some(path) if path.is_file() => named.unlisted.push(path),
+                    _ => n_missing += 1,
+                }
+            }
+        }
+        named.unlisted.sort();
+        named.unlisted.dedup();
+        if n_missing > 0 {
+            let text = format!(
+                "{n_missing} of the {n_named} images that the DICOMDIR names are not there: planes may be missing; copy the whole medium"
+            );
+            named.warning = Some(Warning::new("ct.directory_incomplete", text));
+        }
+        if n_missing == n_named && n_named > 0 {
+            let path = self.directories[0].0.clone();
+            named.missing = Some(Error::DirectoryWithoutFiles { path, n_named });
+        }
+        named
+    }
+
+    fn into_folder(self, n_files: usize) -> Folder {
+        let mut warnings: Vec<Warning> = Vec::new();
+        warnings.extend(left_out("ct.not_dicom", self.n_foreign, "file(s) that are not DICOM"));
+        warnings.extend(left_out("ct.localizer", self.n_localizers, "localizer image(s)"));
+        warnings.extend(left_out(
+            "ct.not_an_image_plane",
+            self.n_others,
+            "DICOM object(s) that are no image planes",
+        ));
+        warnings.extend(self.folder.warnings);
+        Folder { n_files, warnings, ..self.folder }
+    }
+}
+
+/// The file that a record names, below the directory's folder; none for a name that leads elsewhere.
+fn resolve(directory: &Path, components: &[String]) -> Option<PathBuf> {
+    let is_plain = |c: &String| !c.is_empty() && c != "." && c != ".." && !c.contains(['/', '\\', ':', '\0']);
+    let leads_down = !components.is_empty() && components.iter().all(is_plain);
+    leads_down.then(|| {
+        components.iter().fold(directory.parent().unwrap_or(Path::new("")).to_owned(), |p, c| p.join(c))
+    })
+}
+
+/// A path without what media of old change in names: case, the version behind a semicolon, a dot at the end.
+fn plain(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let name = name.split(';').next().unwrap_or_default().trim_end_matches('.');
+    let folder = path.parent().unwrap_or(Path::new("")).to_string_lossy().to_lowercase();
+    Path::new(&folder).join(name)
 }
 
 /// All regular files below a folder, sorted, hidden ones left out.
 fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
-    let metadata = fs::metadata(folder).map_err(|e| unreadable(folder, e))?;
-    if !metadata.is_dir() {
-        return Err(Error::NotAFolder(folder.to_owned()));
-    }
     let mut files = Vec::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(next) = folders.pop() {

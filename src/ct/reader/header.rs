@@ -1,22 +1,33 @@
-//! One file's header: what it is, where its image lies, how its pixels are stored.
+//! One file's header: what it is, where its images lie, how their pixels are stored.
+//!
+//! A multi-frame object (Enhanced CT and its like, PS3.3 A.38, C.7.6.16) gives one header for each of its frames: what
+//! differs between frames stands in per-frame functional groups, what does not in shared ones, the rest at the top.
 
 use super::super::Error;
-use super::super::series::{Header, PixelFormat, Shape, Syntax};
-use super::lengths;
+use super::super::encoding::{Frame, Loss, Packing};
+use super::super::series::{Header, PixelFormat, Shape};
+use super::lengths::{self, Layout};
+use super::places;
+use super::stacks::{self, Dimensions};
+use super::syntax::syntax_of;
 use crate::geom::{Point3, Vector3};
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::{DefaultDicomObject, OpenFileOptions};
+use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions};
 use std::path::Path;
+
+pub(super) use super::syntax::EXPLICIT_BIG_ENDIAN_UID;
 
 /// What a DICOM file holds.
 #[derive(Debug)]
 pub(super) enum Content {
-    /// An image of a plane in the patient.
-    Image(Box<Header>),
+    /// Images of planes in the patient, one for each frame.
+    Images(Vec<Header>),
     /// A scout view.
     Localizer,
-    /// A report, a directory, an image without a place.
+    /// The files of a medium: of each the components of its path, from the directory's folder on.
+    Directory(Vec<Vec<String>>),
+    /// A report, an image without a place.
     Other,
 }
 
@@ -25,60 +36,90 @@ const LONGEST_SIDE: u16 = 8192;
 /// Objects that are images of planes and nothing else.
 const IMAGE_CLASSES: [&str; 3] =
     [uids::CT_IMAGE_STORAGE, uids::MR_IMAGE_STORAGE, uids::POSITRON_EMISSION_TOMOGRAPHY_IMAGE_STORAGE];
-
-/// Explicit VR big endian: retired, but archives still hold such files.
-pub(super) const EXPLICIT_BIG_ENDIAN_UID: &str = "1.2.840.10008.1.2.2";
+/// The same with many frames and functional groups.
+const ENHANCED_CLASSES: [&str; 8] = [
+    uids::ENHANCED_CT_IMAGE_STORAGE,
+    uids::LEGACY_CONVERTED_ENHANCED_CT_IMAGE_STORAGE,
+    uids::ENHANCED_MR_IMAGE_STORAGE,
+    uids::LEGACY_CONVERTED_ENHANCED_MR_IMAGE_STORAGE,
+    uids::ENHANCED_PET_IMAGE_STORAGE,
+    uids::LEGACY_CONVERTED_ENHANCED_PET_IMAGE_STORAGE,
+    uids::X_RAY3_D_ANGIOGRAPHIC_IMAGE_STORAGE,
+    uids::X_RAY3_D_CRANIOFACIAL_IMAGE_STORAGE,
+];
 
 /// Reads a header, up to the pixels.
 pub(super) fn read(path: &Path) -> Result<Content, Error> {
-    lengths::check(path)?;
+    let layout = lengths::check(path)?;
     let object = OpenFileOptions::new().read_until(tags::PIXEL_DATA).open_file(path);
     // The library's own words are left out here and below: they may quote what identifies a patient.
     let object = object.ok().ok_or_else(|| damaged(path, "its header cannot be parsed"))?;
-    Attributes { path, object: &object }.content()
+    Attributes { path, object: &object, frame: None }.content(&layout)
 }
 
 pub(super) fn damaged(path: &Path, what: &'static str) -> Error {
     Error::Damaged { path: path.to_owned(), what }
 }
 
-/// The syntaxes that occur, by UID; what is not here has no name but may still be decoded.
-const SYNTAXES: [(&str, &str, bool); 15] = [
-    (uids::IMPLICIT_VR_LITTLE_ENDIAN, "implicit VR little endian", true),
-    (uids::EXPLICIT_VR_LITTLE_ENDIAN, "explicit VR little endian", true),
-    (EXPLICIT_BIG_ENDIAN_UID, "explicit VR big endian", true),
-    (uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN, "deflated explicit VR little endian", true),
-    (uids::RLE_LOSSLESS, "RLE", false),
-    (uids::JPEG_BASELINE8_BIT, "JPEG baseline (lossy)", false),
-    (uids::JPEG_EXTENDED12_BIT, "JPEG extended 12 bit (lossy)", false),
-    (uids::JPEG_LOSSLESS, "JPEG lossless", false),
-    (uids::JPEG_LOSSLESS_SV1, "JPEG lossless, first-order", false),
-    (uids::JPEGLS_LOSSLESS, "JPEG-LS", false),
-    (uids::JPEGLS_NEAR_LOSSLESS, "JPEG-LS (near-lossless)", false),
-    (uids::JPEG2000_LOSSLESS, "JPEG 2000 lossless", false),
-    (uids::JPEG2000, "JPEG 2000", false),
-    (uids::HTJ2K_LOSSLESS, "high-throughput JPEG 2000 lossless", false),
-    (uids::HTJ2K, "high-throughput JPEG 2000", false),
-];
-
-fn syntax_of(object: &DefaultDicomObject) -> Syntax {
-    let uid = object.meta().transfer_syntax().trim_end_matches(['\0', ' ']);
-    let known = SYNTAXES.into_iter().find(|s| s.0 == uid);
-    known.map_or(Syntax { name: "an unknown transfer syntax", is_plain: false }, |(_, name, is_plain)| {
-        Syntax { name, is_plain }
+/// The functional group that an attribute stands in where an object has such groups.
+const fn group_of(tag: Tag) -> Option<Tag> {
+    Some(match tag {
+        tags::IMAGE_POSITION_PATIENT => tags::PLANE_POSITION_SEQUENCE,
+        tags::IMAGE_ORIENTATION_PATIENT => tags::PLANE_ORIENTATION_SEQUENCE,
+        tags::PIXEL_SPACING | tags::SLICE_THICKNESS | tags::SPACING_BETWEEN_SLICES => {
+            tags::PIXEL_MEASURES_SEQUENCE
+        }
+        tags::RESCALE_SLOPE | tags::RESCALE_INTERCEPT => tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+        tags::STACK_ID | tags::TEMPORAL_POSITION_INDEX | tags::DIMENSION_INDEX_VALUES => {
+            tags::FRAME_CONTENT_SEQUENCE
+        }
+        _ => return None,
     })
 }
 
-/// The attributes of one file.
+/// Groups that hold the type of a frame, one for each modality.
+const FRAME_TYPE_GROUPS: [Tag; 4] = [
+    tags::CT_IMAGE_FRAME_TYPE_SEQUENCE,
+    tags::MR_IMAGE_FRAME_TYPE_SEQUENCE,
+    tags::PET_FRAME_TYPE_SEQUENCE,
+    tags::X_RAY3_D_FRAME_TYPE_SEQUENCE,
+];
+
+/// The functional groups that hold for one frame.
+#[derive(Clone, Copy)]
+struct Groups<'a> {
+    /// From 1.
+    number: usize,
+    own: &'a InMemDicomObject,
+    shared: Option<&'a InMemDicomObject>,
+}
+
+impl<'a> Groups<'a> {
+    /// An attribute in a group, the frame's own before the shared one.
+    fn find(&self, group: Tag, tag: Tag) -> Option<&'a dicom_object::mem::InMemElement> {
+        let in_scope = |scope: &'a InMemDicomObject| scope.get(group)?.items()?.first()?.get(tag);
+        in_scope(self.own).or_else(|| self.shared.and_then(in_scope))
+    }
+}
+
+/// The attributes of one file, or of one frame of it.
+#[derive(Clone, Copy)]
 struct Attributes<'a> {
     path: &'a Path,
     object: &'a DefaultDicomObject,
+    frame: Option<Groups<'a>>,
 }
 
-impl Attributes<'_> {
-    fn content(&self) -> Result<Content, Error> {
+impl<'a> Attributes<'a> {
+    fn content(&self, layout: &Layout) -> Result<Content, Error> {
         let class = self.text(tags::SOP_CLASS_UID);
-        let is_image_class = IMAGE_CLASSES.contains(&class.as_str());
+        if class == uids::MEDIA_STORAGE_DIRECTORY_STORAGE
+            || self.object.get(tags::DIRECTORY_RECORD_SEQUENCE).is_some()
+        {
+            return Ok(Content::Directory(self.records()));
+        }
+        let is_enhanced = ENHANCED_CLASSES.contains(&class.as_str());
+        let is_image_class = is_enhanced || IMAGE_CLASSES.contains(&class.as_str());
         if !is_image_class && self.object.get(tags::ROWS).is_none() {
             return Ok(Content::Other);
         }
@@ -91,18 +132,93 @@ impl Attributes<'_> {
         if !is_image_class && !has_place {
             return Ok(Content::Other);
         }
-        self.refuse_unreadable_kinds()?;
-        Ok(Content::Image(Box::new(self.header()?)))
-    }
-
-    fn refuse_unreadable_kinds(&self) -> Result<(), Error> {
-        let n_frames = self.integer(tags::NUMBER_OF_FRAMES)?.unwrap_or(1);
+        if is_enhanced {
+            return self.frames(layout);
+        }
+        let n_frames = self.n_frames()?;
         if n_frames > 1 {
             return Err(self.unsupported(format!("a multi-frame image ({n_frames} frames)")));
         }
+        Ok(Content::Images(vec![self.header(layout, 1)?]))
+    }
+
+    /// Headers of all frames that are no scout views.
+    fn frames(&self, layout: &Layout) -> Result<Content, Error> {
+        let items = self.object.get(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE).and_then(|e| e.items());
+        let items = items.ok_or_else(|| self.missing("PerFrameFunctionalGroupsSequence"))?;
+        let shared = self.object.get(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE);
+        let shared = shared.and_then(|e| e.items()).and_then(<[_]>::first);
+        let n_frames = self.n_frames()?;
+        if items.len() != n_frames {
+            let found = format!("{n_frames}, with functional groups of {} frames", items.len());
+            return Err(self.bad("NumberOfFrames", &format_args!("{found}"), "groups for each frame"));
+        }
+        let mut images = Vec::new();
+        let mut dimensions = Vec::new();
+        for (own, number) in items.iter().zip(1..) {
+            let frame = Self { frame: Some(Groups { number, own, shared }), ..*self };
+            if !frame.is_localizer() {
+                images.push(frame.header(layout, n_frames)?);
+                dimensions.push(frame.dimensions());
+            }
+        }
+        if images.is_empty() {
+            return Ok(Content::Localizer);
+        }
+        stacks::tell_apart(&mut images, &dimensions, &self.pointers());
+        Ok(Content::Images(images))
+    }
+
+    fn is_localizer(&self) -> bool {
+        let Some(groups) = self.frame else { return false };
+        let types = FRAME_TYPE_GROUPS.into_iter().filter_map(|g| groups.find(g, tags::FRAME_TYPE));
+        types.filter_map(|e| e.to_str().ok()).any(|t| t.contains("LOCALIZER"))
+    }
+
+    /// What tells the stacks and phases of an object apart.
+    fn dimensions(&self) -> Dimensions {
+        let indices = self.get(tags::DIMENSION_INDEX_VALUES).and_then(|e| e.to_multi_int::<u32>().ok());
+        Dimensions {
+            stack: self.text(tags::STACK_ID),
+            phase: self.text(tags::TEMPORAL_POSITION_INDEX),
+            indices: indices.unwrap_or_default(),
+        }
+    }
+
+    /// What each of the dimension indices counts.
+    fn pointers(&self) -> Vec<Option<Tag>> {
+        let items = self.object.get(tags::DIMENSION_INDEX_SEQUENCE).and_then(|e| e.items());
+        let pointer =
+            |item: &InMemDicomObject| item.get(tags::DIMENSION_INDEX_POINTER)?.value().to_tag().ok();
+        items.unwrap_or_default().iter().map(pointer).collect()
+    }
+
+    /// Paths of the images that a directory names, by their components.
+    fn records(&self) -> Vec<Vec<String>> {
+        let items = self.object.get(tags::DIRECTORY_RECORD_SEQUENCE).and_then(|e| e.items());
+        let is_image = |item: &&InMemDicomObject| {
+            let kind = item.get(tags::DIRECTORY_RECORD_TYPE).and_then(|e| e.to_str().ok());
+            kind.is_some_and(|k| k.trim_matches([' ', '\0']) == "IMAGE")
+        };
+        let components = |item: &InMemDicomObject| -> Option<Vec<String>> {
+            let parts = item.get(tags::REFERENCED_FILE_ID)?.to_multi_str().ok()?;
+            Some(parts.iter().map(|p| p.trim_matches([' ', '\0']).to_owned()).collect())
+        };
+        items.unwrap_or_default().iter().filter(is_image).filter_map(components).collect()
+    }
+
+    fn n_frames(&self) -> Result<usize, Error> {
+        let n = self.integer(tags::NUMBER_OF_FRAMES)?.unwrap_or(1);
+        usize::try_from(n).ok().filter(|&n| n > 0).ok_or_else(|| self.bad("NumberOfFrames", &n, "1 or more"))
+    }
+
+    fn refuse_unreadable_kinds(&self) -> Result<(), Error> {
         let samples = self.integer(tags::SAMPLES_PER_PIXEL)?.unwrap_or(1);
         if samples != 1 {
             return Err(self.unsupported(format!("an image of {samples} samples per pixel (colour)")));
+        }
+        if self.text(tags::PHOTOMETRIC_INTERPRETATION) == "PALETTE COLOR" {
+            return Err(self.unsupported("an image in the colours of a palette".into()));
         }
         if self.object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
             return Err(self.unsupported("an image with a modality look-up table".into()));
@@ -110,20 +226,72 @@ impl Attributes<'_> {
         Ok(())
     }
 
-    fn header(&self) -> Result<Header, Error> {
+    fn header(&self, layout: &Layout, n_frames: usize) -> Result<Header, Error> {
+        self.refuse_unreadable_kinds()?;
+        let (shape, pixels) = (self.shape()?, self.pixel_format()?);
+        let syntax = syntax_of(self.object.meta().transfer_syntax(), pixels);
         Ok(Header {
             path: self.path.to_owned(),
             identity: [tags::SERIES_INSTANCE_UID, tags::FRAME_OF_REFERENCE_UID].map(|t| self.text(t)),
             modality: self.modality(),
-            shape: self.shape()?,
             position: self.position()?,
             slab_thickness_mm: self.positive(tags::SLICE_THICKNESS)?,
             spacing_between_mm: self.number(tags::SPACING_BETWEEN_SLICES)?,
-            pixels: self.pixel_format()?,
             rescale: self.rescale()?,
             padding: self.padding()?,
-            syntax: syntax_of(self.object),
+            loss: Loss::of(syntax.loss, self.said_loss()),
+            frame: self.frame_of(layout, n_frames, &shape, pixels, syntax.packing)?,
+            shape,
+            pixels,
+            syntax,
         })
+    }
+
+    /// Whether LossyImageCompression says so; `None` where it says nothing.
+    fn said_loss(&self) -> Option<bool> {
+        match self.text(tags::LOSSY_IMAGE_COMPRESSION).as_str() {
+            "00" => Some(false),
+            "01" => Some(true),
+            _ => None,
+        }
+    }
+
+    /// Where the pixels of the image stand.
+    fn frame_of(
+        &self,
+        layout: &Layout,
+        n_frames: usize,
+        shape: &Shape,
+        pixels: PixelFormat,
+        packing: Packing,
+    ) -> Result<Frame, Error> {
+        let index = self.frame.map_or(0, |g| g.number - 1);
+        let wanted = places::Wanted {
+            path: self.path,
+            index,
+            n_frames,
+            n_pixels: [shape.columns, shape.rows],
+            bytes_per_pixel: u64::from(pixels.bits_allocated / 8),
+            packing,
+        };
+        let extended = self.extended_offsets();
+        let is_swapped = layout.is_in_words
+            && pixels.bits_allocated == 8
+            && matches!(packing, Packing::Native { is_big_endian: true });
+        Ok(Frame {
+            number: self.frame.map(|g| g.number),
+            pieces: wanted.pieces(layout, &extended)?,
+            deflated_from: layout.deflated_from,
+            is_swapped,
+        })
+    }
+
+    /// The table of frames in 64 bits, where there is one.
+    fn extended_offsets(&self) -> Vec<u64> {
+        let element = self.object.get(tags::EXTENDED_OFFSET_TABLE);
+        let bytes = element.and_then(|e| e.to_bytes().ok()).unwrap_or_default();
+        let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b));
+        bytes.chunks_exact(8).map(number).collect()
     }
 
     fn shape(&self) -> Result<Shape, Error> {
@@ -205,9 +373,13 @@ impl Attributes<'_> {
         let Some(value) = self.integer(tags::PIXEL_PADDING_VALUE)? else { return Ok(None) };
         let limit = self.integer(tags::PIXEL_PADDING_RANGE_LIMIT)?.unwrap_or(value);
         let is_signed = self.integer(tags::PIXEL_REPRESENTATION)? == Some(1);
-        // Implicit VR cannot tell a signed padding value from an unsigned one.
-        let signed = |v: i32| if is_signed && v > 0x7fff { v - 0x1_0000 } else { v };
-        let (a, b) = (signed(value), signed(limit));
+        // Implicit VR cannot tell a signed padding value from an unsigned one, and writers confuse the two.
+        let as_stored = |v: i32| match is_signed {
+            true if v > 0x7fff => v - 0x1_0000,
+            false if v < 0 => v + 0x1_0000,
+            _ => v,
+        };
+        let (a, b) = (as_stored(value), as_stored(limit));
         Ok(Some([a.min(b), a.max(b)]))
     }
 
@@ -218,15 +390,21 @@ impl Attributes<'_> {
         if is_code { code } else { "OT".into() }
     }
 
+    /// An attribute: of the frame, of all frames, or of the file.
+    fn get(&self, tag: Tag) -> Option<&'a dicom_object::mem::InMemElement> {
+        let in_group = group_of(tag).and_then(|group| self.frame?.find(group, tag));
+        in_group.or_else(|| self.object.get(tag))
+    }
+
     /// Text of an attribute, empty where it is absent.
     fn text(&self, tag: Tag) -> String {
-        let value = self.object.get(tag).and_then(|e| e.to_str().ok());
+        let value = self.get(tag).and_then(|e| e.to_str().ok());
         value.map(|s| s.trim_matches([' ', '\0']).to_owned()).unwrap_or_default()
     }
 
     /// An integer; `None` where the attribute is absent or empty.
     fn integer(&self, tag: Tag) -> Result<Option<i32>, Error> {
-        let Some(element) = self.object.get(tag).filter(|_| !self.is_blank(tag)) else {
+        let Some(element) = self.get(tag).filter(|_| !self.is_blank(tag)) else {
             return Ok(None);
         };
         let value = element.to_int::<i32>().ok();
@@ -235,7 +413,7 @@ impl Attributes<'_> {
 
     /// A finite number; `None` where the attribute is absent or empty.
     fn number(&self, tag: Tag) -> Result<Option<f64>, Error> {
-        let Some(element) = self.object.get(tag).filter(|_| !self.is_blank(tag)) else {
+        let Some(element) = self.get(tag).filter(|_| !self.is_blank(tag)) else {
             return Ok(None);
         };
         let value = element.to_float64().ok().filter(|v| v.is_finite());
@@ -249,8 +427,7 @@ impl Attributes<'_> {
 
     /// Exactly N finite numbers.
     fn numbers<const N: usize>(&self, tag: Tag, name: &'static str) -> Result<[f64; N], Error> {
-        let element =
-            self.object.get(tag).filter(|_| !self.is_blank(tag)).ok_or_else(|| self.missing(name))?;
+        let element = self.get(tag).filter(|_| !self.is_blank(tag)).ok_or_else(|| self.missing(name))?;
         let values = element
             .to_multi_float64()
             .ok()

@@ -1,9 +1,11 @@
-//! Whether the elements of a DICOM file end within it, looked at before anything believes their lengths.
+//! Where the pixels of a DICOM file stand, and whether its elements end within it, before anything believes their lengths.
 //!
 //! The DICOM library sets memory aside for as many bytes as an element claims to have: one wrong byte could ask for
 //! 4 GB. So the headers of all elements are walked first (PS3.5 7.1 to 7.5, A.4), values skipped; which also tells exactly how
-//! many bytes a truncated file lacks. Items of sequences are walked as if they stood in the open. A deflated file, and
-//! what follows an element of unknown meaning and undefined length, is not walked.
+//! many bytes a truncated file lacks, and where each fragment of compressed pixels lies, so that one frame of many can
+//! be read alone. A deflated file is inflated for that, piece by piece. Sequences of undefined length whose meaning is unknown are
+//! walked as implicit VR little endian (PS3.5 6.2.2). Sequences in sequences beyond a depth that nobody writes are refused: the
+//! library calls itself for each.
 
 use super::super::Error;
 use super::files::unreadable;
@@ -11,8 +13,10 @@ use super::header::damaged;
 use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{StandardDataDictionary, tags, uids};
+use flate2::bufread::DeflateDecoder;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read};
+use std::ops::Range;
 use std::path::Path;
 
 /// Preamble and mark.
@@ -25,18 +29,63 @@ const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
 /// Longest UID there is.
 const LONGEST_UID: u32 = 64;
+/// Deepest nesting that is believed.
+const DEEPEST: usize = 32;
+/// Longest value of a header, bytes: deflated files may grow a thousandfold.
+const LONGEST_VALUE: u32 = 1 << 28;
+/// Longest offset table, bytes: one entry for each of a million frames.
+const LONGEST_TABLE: u32 = 1 << 22;
 
-/// Checks that every element of a file that carries the DICOM mark lies within it.
+/// Where the pixels of a file stand.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Layout {
+    /// `None` where there are none.
+    pub(super) pixels: Option<Pixels>,
+    /// Where in the file the deflated data set begins, from where the places of the pixels are counted then.
+    pub(super) deflated_from: Option<u64>,
+    /// Whether pixels of 8 bits stand in words.
+    pub(super) is_in_words: bool,
+}
+
+/// The pixel data element.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Pixels {
+    /// All frames, one after the other.
+    Native(Range<u64>),
+    /// Compressed, in pieces.
+    Fragments {
+        /// Where each frame begins, from the first fragment on; may be empty.
+        offsets: Vec<u64>,
+        fragments: Vec<Fragment>,
+    },
+}
+
+/// A piece of compressed pixels.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Fragment {
+    pub(super) range: Range<u64>,
+    /// Whether it begins as a JPEG or JPEG 2000 image does.
+    pub(super) begins_image: bool,
+}
+
+/// Checks that every element of a file that carries the DICOM mark lies within it, and finds its pixels.
 ///
 /// # Errors
 /// [`Error::Truncated`] where the pixels run beyond the end, [`Error::Damaged`] where anything else does.
-pub(super) fn check(path: &Path) -> Result<(), Error> {
+pub(super) fn check(path: &Path) -> Result<Layout, Error> {
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
     let length = file.metadata().map_err(|e| unreadable(path, e))?.len();
-    let mut walk = Walk { path, reader: BufReader::new(file), position: 0, length };
+    let input = Input::Plain { reader: BufReader::new(file), length };
+    let mut walk = Walk::new(path, input);
     walk.skip(START_BYTES)?;
-    let Some(encoding) = walk.meta_group()? else { return Ok(()) };
-    walk.data_set(encoding)
+    let encoding = walk.meta_group()?;
+    let mut deflated_from = None;
+    if encoding.is_deflated {
+        deflated_from = Some(walk.position);
+        walk = Walk::new(path, walk.input.inflated());
+    }
+    walk.data_set(encoding)?;
+    Ok(Layout { pixels: walk.pixels, deflated_from, is_in_words: walk.is_in_words })
 }
 
 /// How element headers are written.
@@ -44,7 +93,11 @@ pub(super) fn check(path: &Path) -> Result<(), Error> {
 struct Encoding {
     is_explicit: bool,
     is_big_endian: bool,
+    is_deflated: bool,
 }
+
+const EXPLICIT: Encoding = Encoding { is_explicit: true, is_big_endian: false, is_deflated: false };
+const IMPLICIT: Encoding = Encoding { is_explicit: false, is_big_endian: false, is_deflated: false };
 
 /// The header of an element.
 struct Element {
@@ -53,20 +106,102 @@ struct Element {
     length: u32,
 }
 
-struct Walk<'a> {
-    path: &'a Path,
-    reader: BufReader<File>,
-    position: u64,
-    length: u64,
+/// Bytes of a file, as they are or inflated.
+enum Input {
+    Plain { reader: BufReader<File>, length: u64 },
+    Inflated(BufReader<DeflateDecoder<BufReader<File>>>),
 }
 
-impl Walk<'_> {
-    /// Walks the file meta group; returns how the data set behind it is encoded, `None` where it is deflated.
-    fn meta_group(&mut self) -> Result<Option<Encoding>, Error> {
-        const META: Encoding = Encoding { is_explicit: true, is_big_endian: false };
+impl Input {
+    fn inflated(self) -> Self {
+        match self {
+            Self::Plain { reader, .. } => Self::Inflated(BufReader::new(DeflateDecoder::new(reader))),
+            inflated @ Self::Inflated(_) => inflated,
+        }
+    }
+
+    /// Bytes left from a position on, as far as is known.
+    fn left(&self, position: u64) -> Option<u64> {
+        match self {
+            Self::Plain { length, .. } => Some(length.saturating_sub(position)),
+            Self::Inflated(_) => None,
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+        match self {
+            Self::Plain { reader, .. } => reader.read_exact(bytes),
+            Self::Inflated(reader) => reader.read_exact(bytes),
+        }
+    }
+
+    /// Goes on by so many bytes; returns how many there were.
+    fn skip(&mut self, n: u64) -> io::Result<u64> {
+        match self {
+            Self::Plain { reader, .. } => {
+                let offset = i64::try_from(n).map_err(io::Error::other)?;
+                reader.seek_relative(offset).map(|()| n)
+            }
+            Self::Inflated(reader) => io::copy(&mut reader.take(n), &mut io::sink()),
+        }
+    }
+
+    fn peek(&mut self) -> io::Result<Option<u8>> {
+        let bytes = match self {
+            Self::Plain { reader, .. } => reader.fill_buf(),
+            Self::Inflated(reader) => reader.fill_buf(),
+        };
+        bytes.map(|b| b.first().copied())
+    }
+}
+
+/// A sequence, an item or fragments that were entered.
+#[derive(Clone, Copy)]
+struct Level {
+    /// Where it ends, if it says so.
+    end: Option<u64>,
+    /// How its elements are written.
+    encoding: Encoding,
+    kind: LevelKind,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum LevelKind {
+    Sequence,
+    Item,
+    Fragments,
+}
+
+struct Walk<'a> {
+    path: &'a Path,
+    input: Input,
+    position: u64,
+    levels: Vec<Level>,
+    pixels: Option<Pixels>,
+    is_in_words: bool,
+    /// Whether the first item of the pixels, the table of frames, was passed.
+    is_table_read: bool,
+}
+
+impl<'a> Walk<'a> {
+    const fn new(path: &'a Path, input: Input) -> Self {
+        Self {
+            path,
+            input,
+            position: 0,
+            levels: Vec::new(),
+            pixels: None,
+            is_in_words: false,
+            is_table_read: false,
+        }
+    }
+
+    /// Walks the file meta group; returns how the data set behind it is encoded.
+    fn meta_group(&mut self) -> Result<Encoding, Error> {
         let mut syntax = Vec::new();
-        while self.next_group()? == Some(2) {
-            let element = self.element(META)?;
+        // Tags are little endian here: the group's low byte stands first.
+        while self.peek()? == Some(2) {
+            let element = self.element(EXPLICIT)?;
             if element.tag == tags::TRANSFER_SYNTAX_UID && element.length <= LONGEST_UID {
                 syntax = self.read_bytes(element.length as usize)?;
             } else {
@@ -75,28 +210,107 @@ impl Walk<'_> {
         }
         let name = String::from_utf8_lossy(&syntax);
         Ok(match name.trim_end_matches(['\0', ' ']) {
-            uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN => None,
-            uids::IMPLICIT_VR_LITTLE_ENDIAN => Some(Encoding { is_explicit: false, is_big_endian: false }),
-            super::header::EXPLICIT_BIG_ENDIAN_UID => {
-                Some(Encoding { is_explicit: true, is_big_endian: true })
-            }
-            _ => Some(META),
+            uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN => Encoding { is_deflated: true, ..EXPLICIT },
+            uids::IMPLICIT_VR_LITTLE_ENDIAN => IMPLICIT,
+            super::header::EXPLICIT_BIG_ENDIAN_UID => Encoding { is_big_endian: true, ..EXPLICIT },
+            _ => EXPLICIT,
         })
     }
 
     fn data_set(&mut self, encoding: Encoding) -> Result<(), Error> {
-        let mut is_in_fragments = false;
-        while self.position < self.length {
-            let element = self.element(encoding)?;
-            match element.tag {
-                ITEM if !is_in_fragments => {}
-                ITEM_END => {}
-                SEQUENCE_END => is_in_fragments = false,
-                _ if element.length == UNDEFINED && element.tag == tags::PIXEL_DATA => is_in_fragments = true,
-                _ if element.vr == VR::SQ => self.check_within(&element)?,
-                _ if element.length == UNDEFINED => return Ok(()),
-                _ => self.skip_value(&element)?,
+        while self.peek()?.is_some() {
+            while self.levels.last().is_some_and(|l| l.end.is_some_and(|end| end <= self.position)) {
+                self.levels.pop();
             }
+            let encoding = self.levels.last().map_or(encoding, |l| l.encoding);
+            let element = self.element(encoding)?;
+            self.visit(&element, encoding)?;
+        }
+        Ok(())
+    }
+
+    fn visit(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
+        let is_in_fragments = self.levels.last().is_some_and(|l| l.kind == LevelKind::Fragments);
+        match element.tag {
+            ITEM if is_in_fragments => self.fragment(element),
+            ITEM => self.enter(element, encoding, LevelKind::Item),
+            ITEM_END => self.leave(LevelKind::Item),
+            SEQUENCE_END => self.leave(LevelKind::Sequence),
+            tags::PIXEL_DATA => self.pixel_data(element, encoding),
+            _ if element.vr == VR::SQ => self.enter(element, encoding, LevelKind::Sequence),
+            _ if element.length == UNDEFINED => self.enter(element, IMPLICIT, LevelKind::Sequence),
+            _ if element.length > LONGEST_VALUE => {
+                self.check_within(element)?;
+                Err(damaged(self.path, "an element of its header has more than 256 MiB"))
+            }
+            _ => self.skip_value(element),
+        }
+    }
+
+    fn pixel_data(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
+        let is_outermost = self.levels.is_empty();
+        if element.length == UNDEFINED {
+            if is_outermost {
+                self.pixels = Some(Pixels::Fragments { offsets: Vec::new(), fragments: Vec::new() });
+            }
+            return self.enter(element, encoding, LevelKind::Fragments);
+        }
+        let start = self.position;
+        self.skip_value(element)?;
+        if is_outermost {
+            self.pixels = Some(Pixels::Native(start..self.position));
+            self.is_in_words = element.vr == VR::OW;
+        }
+        Ok(())
+    }
+
+    fn enter(&mut self, element: &Element, encoding: Encoding, kind: LevelKind) -> Result<(), Error> {
+        self.check_within(element)?;
+        if self.levels.len() >= DEEPEST {
+            return Err(damaged(self.path, "its sequences are nested too deep"));
+        }
+        let end = (element.length != UNDEFINED).then(|| self.position + u64::from(element.length));
+        self.levels.push(Level { end, encoding, kind });
+        Ok(())
+    }
+
+    /// Leaves all up to the innermost level of that kind, fragments counting as a sequence.
+    fn leave(&mut self, kind: LevelKind) -> Result<(), Error> {
+        let is_item = |l: &Level| l.kind == LevelKind::Item;
+        let innermost = self.levels.iter().rposition(|l| is_item(l) == (kind == LevelKind::Item));
+        self.levels.truncate(innermost.unwrap_or(self.levels.len()));
+        Ok(())
+    }
+
+    /// An item of compressed pixels: the offset table if it is the first, else a fragment.
+    fn fragment(&mut self, element: &Element) -> Result<(), Error> {
+        self.check_pixels_within(element.length)?;
+        let start = self.position;
+        if self.levels.len() > 1 {
+            return self.skip(element.length.into());
+        }
+        if !std::mem::replace(&mut self.is_table_read, true) {
+            return self.offset_table(element.length);
+        }
+        let mut head = [0; 4];
+        let head = &mut head[..(element.length as usize).min(4)];
+        self.fill(head)?;
+        let begins_image = matches!(head, [0xff, 0xd8, ..] | [0xff, 0x4f, 0xff, 0x51] | [0, 0, 0, 12]);
+        self.skip(u64::from(element.length) - head.len() as u64)?;
+        if let Some(Pixels::Fragments { fragments, .. }) = &mut self.pixels {
+            fragments.push(Fragment { range: start..self.position, begins_image });
+        }
+        Ok(())
+    }
+
+    fn offset_table(&mut self, length: u32) -> Result<(), Error> {
+        if length > LONGEST_TABLE {
+            return Err(damaged(self.path, "its table of frames is too long"));
+        }
+        let bytes = self.read_bytes(length as usize)?;
+        let numbers = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]).into());
+        if let Some(Pixels::Fragments { offsets, .. }) = &mut self.pixels {
+            *offsets = numbers.collect();
         }
         Ok(())
     }
@@ -115,30 +329,34 @@ impl Walk<'_> {
         Ok(Element { tag, vr, length })
     }
 
-    /// The group of the next element without reading on; `None` at the end.
-    fn next_group(&mut self) -> Result<Option<u16>, Error> {
-        if self.length.saturating_sub(self.position) < 2 {
-            return Ok(None);
-        }
-        let bytes = self.array::<2>()?;
-        self.reader.seek_relative(-2).map_err(|e| unreadable(self.path, e))?;
-        self.position -= 2;
-        Ok(Some(u16::from_le_bytes(bytes)))
+    fn peek(&mut self) -> Result<Option<u8>, Error> {
+        self.input.peek().map_err(|e| self.unreadable(e))
     }
 
     fn check_within(&self, element: &Element) -> Result<(), Error> {
-        let left = self.length.saturating_sub(self.position);
-        if element.length == UNDEFINED || u64::from(element.length) <= left {
+        let is_within = self.input.left(self.position).is_none_or(|left| u64::from(element.length) <= left);
+        if element.length == UNDEFINED || is_within {
             return Ok(());
         }
         if element.tag == tags::PIXEL_DATA {
-            return Err(Error::Truncated {
-                path: self.path.to_owned(),
-                found_bytes: usize::try_from(left).unwrap_or(usize::MAX),
-                expected_bytes: element.length as usize,
-            });
+            return self.check_pixels_within(element.length);
         }
         Err(damaged(self.path, "an element runs beyond the end of the file"))
+    }
+
+    fn check_pixels_within(&self, length: u32) -> Result<(), Error> {
+        match self.input.left(self.position) {
+            Some(left) if left < u64::from(length) => Err(self.truncated(left, length)),
+            _ => Ok(()),
+        }
+    }
+
+    fn truncated(&self, found: u64, expected: u32) -> Error {
+        Error::Truncated {
+            path: self.path.to_owned(),
+            found_bytes: usize::try_from(found).unwrap_or(usize::MAX),
+            expected_bytes: expected as usize,
+        }
     }
 
     fn skip_value(&mut self, element: &Element) -> Result<(), Error> {
@@ -147,13 +365,12 @@ impl Walk<'_> {
     }
 
     fn skip(&mut self, n: u64) -> Result<(), Error> {
-        if n > self.length.saturating_sub(self.position) {
+        if self.input.left(self.position).is_some_and(|left| n > left) {
             return Err(self.ends_early());
         }
-        let offset = i64::try_from(n).expect("no more than the file's length");
-        self.reader.seek_relative(offset).map_err(|e| unreadable(self.path, e))?;
-        self.position += n;
-        Ok(())
+        let n_skipped = self.input.skip(n).map_err(|e| self.unreadable(e))?;
+        self.position += n_skipped;
+        if n_skipped < n { Err(self.ends_early()) } else { Ok(()) }
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
@@ -170,10 +387,18 @@ impl Walk<'_> {
 
     fn fill(&mut self, bytes: &mut [u8]) -> Result<(), Error> {
         self.position += bytes.len() as u64;
-        self.reader.read_exact(bytes).map_err(|e| match e.kind() {
+        self.input.read(bytes).map_err(|e| self.unreadable(e))
+    }
+
+    fn unreadable(&self, e: io::Error) -> Error {
+        match e.kind() {
             io::ErrorKind::UnexpectedEof => self.ends_early(),
+            // What cannot be inflated is damaged; its text says no more.
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => {
+                damaged(self.path, "its deflated elements cannot be inflated")
+            }
             _ => unreadable(self.path, e),
-        })
+        }
     }
 
     fn ends_early(&self) -> Error {

@@ -3,8 +3,8 @@
 //! All files below the folder are looked at. What is not DICOM, localizers and objects without image planes are
 //! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series.
 //!
-//! Transfer syntaxes: uncompressed (implicit and explicit, both byte orders), deflated, RLE, JPEG baseline and lossless,
-//! JPEG 2000. Not JPEG-LS: its decoder would need a C++ tool chain.
+//! Transfer syntaxes: uncompressed (implicit and explicit, both byte orders), deflated, RLE, JPEG baseline, extended and
+//! lossless, JPEG-LS, JPEG 2000. Multi-frame objects (Enhanced CT and its like) give an image for each frame.
 //!
 //! Cost: one pass over all headers, one over the pixels of the chosen series; both on all cores. Memory: the volume and
 //! one file per thread.
@@ -13,14 +13,18 @@ mod files;
 mod header;
 mod lengths;
 mod pixels;
+mod places;
+mod stacks;
+mod syntax;
 
-pub use pixels::is_decoding;
+pub use super::codec::is_decoding;
 
 use super::series::{Series, group, listing};
 use super::stack::{Stack, arrange};
 use super::{Error, Inspection, Loaded, SeriesChoice, SeriesReport, Volume, Warning};
 use crate::progress::{Cancelled, Task};
 use files::{Folder, scan};
+use pixels::Findings;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -56,7 +60,8 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
     let series = choose(path, &all, options.choice)?;
     let mut stack = arrange(series, options.allow_gaps)?;
     warnings.append(&mut stack.warnings);
-    let volume = read_volume(series, &stack, task)?;
+    let (volume, findings) = read_volume(series, &stack, task)?;
+    warnings.append(&mut findings.warnings());
     Ok(Loaded {
         volume,
         warnings,
@@ -87,12 +92,15 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
 
 /// The stack of a series, where it makes one, and what stands against its use.
 fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<String>), Error> {
-    let stack = match arrange(series, false) {
+    let mut stack = match arrange(series, false) {
         Ok(stack) => stack,
         Err(fault) => return Ok((arrange(series, true).ok(), Some(fault.to_string()))),
     };
     match read_volume(series, &stack, task) {
-        Ok(_) => Ok((Some(stack), None)),
+        Ok((_, findings)) => {
+            stack.warnings.append(&mut findings.warnings());
+            Ok((Some(stack), None))
+        }
         Err(Error::Cancelled(c)) => Err(c.into()),
         Err(fault) => Ok((Some(stack), Some(fault.to_string()))),
     }
@@ -110,24 +118,24 @@ fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'
     }
 }
 
-fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<Volume, Error> {
+fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volume, Findings), Error> {
     let shape = &series.images[0].shape;
     let dims = [shape.columns, shape.rows, stack.images.len()];
     let mut hu = zeroed(dims)?;
     let done = AtomicU64::new(0);
     let n_planes = stack.images.len() as u64;
-    let results: Vec<Result<(), Error>> = hu
+    let results: Vec<Result<Findings, Error>> = hu
         .par_chunks_exact_mut(dims[0] * dims[1])
         .zip(&stack.images)
         .map(|(plane, &image)| {
             task.check()?;
-            pixels::read_plane(&series.images[image], stack.reversed, plane)?;
+            let findings = pixels::read_plane(&series.images[image], stack.reversed, plane)?;
             task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
-            Ok(())
+            Ok(findings)
         })
         .collect();
     // The first error in the order of the planes, whichever thread met one first.
-    results.into_iter().collect::<Result<(), Error>>()?;
+    let findings = results.into_iter().try_fold(Findings::default(), |sum, f| f.map(|f| sum.and(f)))?;
     let volume = Volume {
         dims,
         hu,
@@ -138,7 +146,7 @@ fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<Volume
         patient_from_stack: stack.patient_from_stack,
     };
     compare_duplicates(series, stack, &volume, task)?;
-    Ok(volume)
+    Ok((volume, findings))
 }
 
 /// The memory of a volume, asked for in a way that may fail: dimensions come from files.
@@ -189,5 +197,7 @@ fn left_out(code: &str, n: usize, what: &str) -> Option<Warning> {
     (n > 0).then(|| Warning::new(code, format!("{n} {what} left out")))
 }
 
+#[cfg(test)]
+mod encodings;
 #[cfg(test)]
 mod tests;

@@ -1,98 +1,175 @@
-//! The pixels of one file: decoded, unpacked, rescaled.
+//! The pixels of one image: read, decoded, unpacked, rescaled.
+//!
+//! Only the bytes of that image are read, straight to where they are decoded from: a frame of many costs as much as a
+//! file of its own. Memory: those bytes, and for compressed images 2 bytes more per pixel (JPEG 2000: 6).
 
-use super::super::Error;
+use super::super::codec::{Codec, Fault, Samples, Size};
+use super::super::encoding::Packing;
 use super::super::series::{Header, PixelFormat};
+use super::super::{Error, Warning};
+use super::files::unreadable;
 use super::header::damaged;
-use dicom_core::value::{PrimitiveValue, Value};
-use dicom_dictionary_std::tags;
-use dicom_object::DefaultDicomObject;
-use dicom_pixeldata::PixelDecoder;
-use std::borrow::Cow;
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use flate2::bufread::DeflateDecoder;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
 /// What a CT's padding outside the scanned circle becomes: air, as low as 12 bits go, HU.
 const PADDING_HU: f32 = -1024.0;
+/// No CT number is larger: metal saturates at 30,710 HU on extended scales.
+const LARGEST_HU: f32 = 31_000.0;
+
+/// What was found in the pixels of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Findings {
+    /// Pixels that mean "outside the image" and became air.
+    pub(super) n_padding: usize,
+    /// Pixels with bits set where none is stored, which were left out.
+    pub(super) n_foreign_bits: usize,
+    /// CT pixels beyond any CT number.
+    pub(super) n_beyond: usize,
+}
+
+impl Findings {
+    /// Findings of two images together.
+    pub(super) const fn and(self, other: Self) -> Self {
+        Self {
+            n_padding: self.n_padding + other.n_padding,
+            n_foreign_bits: self.n_foreign_bits + other.n_foreign_bits,
+            n_beyond: self.n_beyond + other.n_beyond,
+        }
+    }
+
+    /// What the operator should know of them; padding is nothing odd.
+    pub(super) fn warnings(self) -> Vec<Warning> {
+        let mut warnings = Vec::new();
+        if self.n_foreign_bits > 0 {
+            let text = format!(
+                "{} pixel(s) have bits set outside those that the headers call stored (overlays, or a wrong BitsStored); they were left out",
+                self.n_foreign_bits
+            );
+            warnings.push(Warning::new("ct.foreign_bits", text));
+        }
+        if self.n_beyond > 0 {
+            let text = format!(
+                "{} pixel(s) are above {LARGEST_HU} HU, which no CT gives: PixelRepresentation or the rescaling in the headers may be wrong",
+                self.n_beyond
+            );
+            warnings.push(Warning::new("ct.implausible_values", text));
+        }
+        warnings
+    }
+}
 
 /// Reads the image of a header into `plane` (row by row), columns and rows reversed as asked.
-pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]) -> Result<(), Error> {
-    let object = dicom_object::open_file(&header.path);
-    let object = object.ok().ok_or_else(|| damaged(&header.path, "it cannot be parsed behind its header"))?;
-    let words =
-        if header.syntax.is_plain { plain_words(header, &object)? } else { decoded_words(header, &object)? };
-    if words.len() < plane.len() {
-        return Err(truncated(header, bytes_of(header, words.len()), plane.len()));
+pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]) -> Result<Findings, Error> {
+    let mut bytes = stored_bytes(header)?;
+    if header.frame.is_swapped {
+        bytes.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
     }
-    let intensity = Intensity::of(header);
-    for (hu, word) in plane.iter_mut().zip(words.iter()) {
-        *hu = intensity.hu(*word);
-    }
+    let findings = match header.syntax.packing {
+        Packing::Native { is_big_endian } => native(header, &bytes, is_big_endian, plane)?,
+        Packing::Compressed(codec) => {
+            let samples = decoded(header, codec, &bytes)?;
+            let extend = Extension::of(&samples, header.pixels);
+            Intensity::of(header).rescale(samples.words.iter().map(|&w| extend.word(w)), plane)
+        }
+        Packing::Unknown => {
+            return Err(Error::UnsupportedSyntax {
+                path: header.path.clone(),
+                syntax: header.syntax.name.to_owned(),
+            });
+        }
+    };
     turn_over(plane, header.shape.columns, reversed);
+    Ok(findings)
+}
+
+/// The bytes of the image as they stand in the file, or in its inflated data set.
+fn stored_bytes(header: &Header) -> Result<Vec<u8>, Error> {
+    let path = &header.path;
+    let length = header.frame.pieces.iter().map(|p| p.end - p.start).sum::<u64>();
+    let length = usize::try_from(length).ok().ok_or_else(|| damaged(path, "its pixels are too many"))?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(length).ok().ok_or_else(|| damaged(path, "its pixels are too many"))?;
+    read_pieces(header, &mut bytes).map_err(|e| unreadable(path, e))?;
+    if bytes.len() < length {
+        return Err(Error::Truncated {
+            path: path.clone(),
+            found_bytes: bytes.len(),
+            expected_bytes: length,
+        });
+    }
+    Ok(bytes)
+}
+
+fn read_pieces(header: &Header, bytes: &mut Vec<u8>) -> io::Result<()> {
+    let mut file = File::open(&header.path)?;
+    let Some(start) = header.frame.deflated_from else {
+        for piece in &header.frame.pieces {
+            file.seek(SeekFrom::Start(piece.start))?;
+            (&file).take(piece.end - piece.start).read_to_end(bytes)?;
+        }
+        return Ok(());
+    };
+    file.seek(SeekFrom::Start(start))?;
+    let mut inflated = DeflateDecoder::new(BufReader::new(file));
+    let mut position = 0;
+    for piece in &header.frame.pieces {
+        io::copy(&mut (&mut inflated).take(piece.start - position), &mut io::sink())?;
+        (&mut inflated).take(piece.end - piece.start).read_to_end(bytes)?;
+        position = piece.end;
+    }
     Ok(())
 }
 
-fn truncated(header: &Header, found_bytes: usize, n_pixels: usize) -> Error {
-    Error::Truncated { path: header.path.clone(), found_bytes, expected_bytes: bytes_of(header, n_pixels) }
-}
-
-fn bytes_of(header: &Header, n_pixels: usize) -> usize {
-    n_pixels * usize::from(header.pixels.bits_allocated / 8)
-}
-
-/// Stored words of an uncompressed image.
-fn plain_words<'a>(header: &Header, object: &'a DefaultDicomObject) -> Result<Cow<'a, [u16]>, Error> {
-    let element = object.get(tags::PIXEL_DATA).ok_or_else(|| damaged(&header.path, "it holds no pixels"))?;
-    match (element.value(), header.pixels.bits_allocated) {
-        (Value::Primitive(PrimitiveValue::U16(words)), 16) => Ok(Cow::Borrowed(words)),
-        (Value::Primitive(value), bits) => Ok(Cow::Owned(words_of_bytes(&value.to_bytes(), bits))),
-        _ => Err(damaged(&header.path, "its pixels are packed in another way than its header says")),
+fn native(header: &Header, bytes: &[u8], is_big_endian: bool, plane: &mut [f32]) -> Result<Findings, Error> {
+    let intensity = Intensity::of(header);
+    let n_words = bytes.len() / usize::from(header.pixels.bits_allocated / 8);
+    if n_words < plane.len() {
+        let expected_bytes = plane.len() * usize::from(header.pixels.bits_allocated / 8);
+        return Err(Error::Truncated { path: header.path.clone(), found_bytes: bytes.len(), expected_bytes });
     }
+    let pairs = bytes.chunks_exact(2).map(|b| [b[0], b[1]]);
+    Ok(match (header.pixels.bits_allocated, is_big_endian) {
+        (8, _) => intensity.rescale(bytes.iter().map(|&b| b.into()), plane),
+        (_, false) => intensity.rescale(pairs.map(u16::from_le_bytes), plane),
+        (_, true) => intensity.rescale(pairs.map(u16::from_be_bytes), plane),
+    })
 }
 
-/// Stored words of a compressed image.
-fn decoded_words<'a>(header: &Header, object: &'a DefaultDicomObject) -> Result<Cow<'a, [u16]>, Error> {
-    match panics_caught(|| object.decode_pixel_data()) {
-        Some(Ok(pixels)) if pixels.bits_allocated() == header.pixels.bits_allocated => {
-            Ok(Cow::Owned(words_of_bytes(pixels.data(), header.pixels.bits_allocated)))
-        }
-        Some(Err(fault)) if is_unsupported(&fault) => {
-            Err(Error::UnsupportedSyntax { path: header.path.clone(), syntax: header.syntax.name.to_owned() })
-        }
-        _ => Err(damaged(&header.path, "its compressed pixels cannot be decoded")),
+fn decoded(header: &Header, codec: Codec, bytes: &[u8]) -> Result<Samples, Error> {
+    let size = Size { columns: header.shape.columns, rows: header.shape.rows };
+    let undecodable = |fault| Error::Undecodable {
+        path: header.path.clone(),
+        frame: header.frame.number,
+        syntax: header.syntax.name,
+        fault,
+    };
+    let samples = codec.decode(bytes, size).map_err(undecodable)?;
+    if samples.precision_bits > u32::from(header.pixels.bits_allocated) {
+        return Err(undecodable(Fault::Damaged("the compressed pixels have more bits than the header says")));
     }
+    Ok(samples)
 }
 
-thread_local! {
-    static IS_DECODING: Cell<bool> = const { Cell::new(false) };
+/// How the sign of a sample of few bits reaches a word of more.
+#[derive(Debug, Clone, Copy)]
+struct Extension {
+    shift: u32,
 }
 
-/// Whether this thread is within a decoder of compressed pixels, whose panics become an error of the file: a panic hook need not
-/// speak of them.
-#[must_use]
-pub fn is_decoding() -> bool {
-    IS_DECODING.get()
-}
-
-/// What the decoder gives; none if it panics. The JPEG 2000 decoder is a translation from C and may, on a damaged stream.
-fn panics_caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
-    IS_DECODING.set(true);
-    let decoded = catch_unwind(AssertUnwindSafe(decode));
-    IS_DECODING.set(false);
-    decoded.ok()
-}
-
-/// Whether the decoder is not built in; the library tells it in words only.
-fn is_unsupported(fault: &dicom_pixeldata::Error) -> bool {
-    let text = fault.to_string();
-    text.contains("Unsupported") || text.contains("Unknown transfer syntax")
-}
-
-/// Little-endian bytes to words; a byte left over is padding.
-fn words_of_bytes(bytes: &[u8], bits_allocated: u16) -> Vec<u16> {
-    if bits_allocated == 8 {
-        return bytes.iter().map(|&b| u16::from(b)).collect();
+impl Extension {
+    /// Samples that their stream calls unsigned and the header signed: the highest bit of the stream is the sign.
+    fn of(samples: &Samples, format: PixelFormat) -> Self {
+        let is_short = samples.precision_bits < u32::from(format.bits_stored);
+        let shift =
+            if format.is_signed && !samples.is_signed && is_short { 16 - samples.precision_bits } else { 0 };
+        Self { shift }
     }
-    bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+
+    const fn word(self, word: u16) -> u16 {
+        ((word << self.shift).cast_signed() >> self.shift).cast_unsigned()
+    }
 }
 
 /// How a stored word becomes an intensity.
@@ -102,14 +179,33 @@ struct Intensity {
     intercept: f64,
     /// Stored values that become [`PADDING_HU`].
     padding: Option<[i32; 2]>,
+    is_ct: bool,
 }
 
 impl Intensity {
     fn of(header: &Header) -> Self {
         let [slope, intercept] = header.rescale.unwrap_or([1.0, 0.0]);
+        let is_ct = header.modality == "CT";
         // In other modalities padding is as dark as anything, and has no absolute value to take.
-        let padding = header.padding.filter(|_| header.modality == "CT");
-        Self { format: header.pixels, slope, intercept, padding }
+        let padding = header.padding.filter(|_| is_ct);
+        Self { format: header.pixels, slope, intercept, padding, is_ct }
+    }
+
+    /// Rescales words into a plane.
+    fn rescale(&self, words: impl Iterator<Item = u16>, plane: &mut [f32]) -> Findings {
+        let mut findings = Findings::default();
+        for (hu, word) in plane.iter_mut().zip(words) {
+            let stored = self.stored(word);
+            if self.is_padding(word, stored) {
+                findings.n_padding += 1;
+                *hu = PADDING_HU;
+                continue;
+            }
+            findings.n_foreign_bits += usize::from(self.has_foreign_bits(word, stored));
+            *hu = self.hu(stored);
+            findings.n_beyond += usize::from(self.is_ct && *hu > LARGEST_HU);
+        }
+        findings
     }
 
     /// The stored value: its bits cut out of the word and its sign extended.
@@ -121,11 +217,30 @@ impl Intensity {
         if is_negative { value - (1 << bits_stored) } else { value }
     }
 
-    fn hu(&self, word: u16) -> f32 {
-        let stored = self.stored(word);
-        if self.padding.is_some_and(|[a, b]| (a..=b).contains(&stored)) {
-            return PADDING_HU;
+    /// The value of the whole word.
+    fn whole(&self, word: u16) -> i32 {
+        match (self.format.is_signed, self.format.bits_allocated) {
+            (true, 16) => word.cast_signed().into(),
+            _ => word.into(),
         }
+    }
+
+    /// Padding may use bits beyond those that are stored: -2000 does in 16 bits, where 12 are stored.
+    fn is_padding(&self, word: u16, stored: i32) -> bool {
+        self.padding.is_some_and(|[a, b]| (a..=b).contains(&stored) || (a..=b).contains(&self.whole(word)))
+    }
+
+    /// Whether the word holds more than the stored value, its sign repeated or not.
+    fn has_foreign_bits(&self, word: u16, stored: i32) -> bool {
+        let PixelFormat { bits_allocated, bits_stored, high_bit, .. } = self.format;
+        let shift = high_bit + 1 - bits_stored;
+        let mask = (1_i32 << bits_allocated) - 1;
+        let repeated = (stored << shift) & mask;
+        let plain = ((stored & ((1 << bits_stored) - 1)) << shift) & mask;
+        i32::from(word) != repeated && i32::from(word) != plain
+    }
+
+    fn hu(&self, stored: i32) -> f32 {
         #[expect(clippy::cast_possible_truncation, reason = "24 bits hold 16-bit values and their rescaling")]
         let hu = f64::from(stored).mul_add(self.slope, self.intercept) as f32;
         hu
@@ -150,14 +265,7 @@ mod tests {
 
     fn intensity(bits_stored: u16, high_bit: u16, is_signed: bool) -> Intensity {
         let format = PixelFormat { bits_allocated: 16, bits_stored, high_bit, is_signed };
-        Intensity { format, slope: 2.0, intercept: -1000.0, padding: Some([-2000, -2000]) }
-    }
-
-    #[test]
-    fn a_decoder_that_panics_is_expected_until_it_has_ended() {
-        assert_eq!(panics_caught(is_decoding), Some(true));
-        assert_eq!(panics_caught::<()>(|| panic!("a damaged stream")), None);
-        assert!(!is_decoding());
+        Intensity { format, slope: 2.0, intercept: -1000.0, padding: Some([-2000, -2000]), is_ct: true }
     }
 
     #[test]
@@ -165,6 +273,7 @@ mod tests {
         assert_eq!(intensity(12, 11, false).stored(0xf123), 0x123);
         assert_eq!(intensity(12, 15, false).stored(0x1234), 0x123);
         assert_eq!(intensity(12, 11, true).stored(0x0fff), -1);
+        assert_eq!(intensity(12, 11, true).stored(0xffff), -1);
         assert_eq!(intensity(12, 11, true).stored(0x07ff), 2047);
         assert_eq!(intensity(16, 15, true).stored(0x8000), -32768);
         assert_eq!(intensity(16, 15, false).stored(0xffff), 65535);
@@ -172,10 +281,45 @@ mod tests {
     }
 
     #[test]
+    fn bits_outside_the_stored_ones_are_told_from_a_repeated_sign() {
+        let is_odd = |i: Intensity, word: u16| i.has_foreign_bits(word, i.stored(word));
+        assert!(is_odd(intensity(12, 11, false), 0xf123));
+        assert!(!is_odd(intensity(12, 11, false), 0x0fff));
+        assert!(!is_odd(intensity(12, 11, true), 0xffff));
+        assert!(!is_odd(intensity(12, 11, true), 0x0fff));
+        assert!(is_odd(intensity(12, 11, true), 0x1fff));
+        assert!(is_odd(intensity(12, 15, false), 0x1234));
+        assert!(!is_odd(intensity(16, 15, true), 0x8000));
+    }
+
+    #[test]
     fn padding_becomes_air_and_the_rest_is_rescaled() {
-        let scanner = intensity(16, 15, true);
-        assert_eq!(scanner.hu((-2000_i16).cast_unsigned()), -1024.0);
-        assert_eq!(scanner.hu(100), -800.0);
+        let words = [(-2000_i16).cast_unsigned(), 100, 17_000];
+        let mut plane = [0.0; 3];
+        let findings = intensity(16, 15, true).rescale(words.into_iter(), &mut plane);
+        assert_eq!(plane, [-1024.0, -800.0, 33_000.0]);
+        assert_eq!(findings, Findings { n_padding: 1, n_foreign_bits: 0, n_beyond: 1 });
+        let codes: Vec<String> = findings.warnings().into_iter().map(|w| w.code).collect();
+        assert_eq!(codes, ["ct.implausible_values"]);
+    }
+
+    #[test]
+    fn padding_beyond_the_stored_bits_is_padding() {
+        let mut plane = [0.0; 2];
+        // -2000 in 16 bits would be 2096 in 12 bits without sign: bright as bone.
+        let words = [(-2000_i16).cast_unsigned(), 1000];
+        let scanner = Intensity { padding: Some([63_536, 63_536]), ..intensity(12, 11, false) };
+        let findings = scanner.rescale(words.into_iter(), &mut plane);
+        assert_eq!((plane, findings.n_padding), ([-1024.0, 1000.0], 1));
+    }
+
+    #[test]
+    fn short_samples_take_their_sign_with_them() {
+        let format = |is_signed| PixelFormat { bits_allocated: 16, bits_stored: 16, high_bit: 15, is_signed };
+        let samples = Samples { words: Vec::new(), precision_bits: 12, is_signed: false };
+        assert_eq!(Extension::of(&samples, format(true)).word(0x0fff), 0xffff);
+        assert_eq!(Extension::of(&samples, format(true)).word(0x07ff), 0x07ff);
+        assert_eq!(Extension::of(&samples, format(false)).word(0x0fff), 0x0fff);
     }
 
     #[test]

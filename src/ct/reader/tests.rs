@@ -437,19 +437,6 @@ fn a_coronal_series_keeps_its_place_in_the_patient() {
 }
 
 #[test]
-fn a_jpeg_ls_series_is_refused_by_the_name_of_its_compression() {
-    let case = Case::new();
-    case.edit_all(|o| {
-        let fragments = C::from_vec(vec![vec![0_u8; 40]]);
-        let pixels = dicom_core::value::PixelFragmentSequence::new_fragments(fragments);
-        o.put(DataElement::new(tags::PIXEL_DATA, VR::OB, dicom_core::value::Value::PixelSequence(pixels)));
-        o.update_meta(|m| m.transfer_syntax = "1.2.840.10008.1.2.4.80".into());
-    });
-    let error = case.error();
-    assert!(error.to_string().contains("compressed as JPEG-LS"), "{error}");
-}
-
-#[test]
 fn damaged_compressed_pixels_are_an_error() {
     for uid in ["1.2.840.10008.1.2.4.90", "1.2.840.10008.1.2.4.70", "1.2.840.10008.1.2.5"] {
         let case = Case::new();
@@ -463,7 +450,7 @@ fn damaged_compressed_pixels_are_an_error() {
             ));
             o.update_meta(|m| m.transfer_syntax = uid.into());
         });
-        assert!(matches!(case.error(), Error::Damaged { .. } | Error::Truncated { .. }), "{uid}");
+        assert!(matches!(case.error(), Error::Undecodable { .. } | Error::Truncated { .. }), "{uid}");
     }
 }
 
@@ -548,9 +535,9 @@ fn a_compressed_series_is_read() {
 /// The intensities of one file of the transfer syntax samples.
 fn sample(name: &str) -> Option<Result<Vec<f32>, Error>> {
     let path = real("5_dicom_transfer_syntaxes")?.join(name);
-    let header::Content::Image(header) = header::read(&path).unwrap() else { panic!("{name} is an image") };
-    let mut plane = vec![0.0; header.shape.columns * header.shape.rows];
-    Some(pixels::read_plane(&header, [false; 2], &mut plane).map(|()| plane))
+    let header::Content::Images(headers) = header::read(&path).unwrap() else { panic!("{name} is an image") };
+    let mut plane = vec![0.0; headers[0].shape.columns * headers[0].shape.rows];
+    Some(pixels::read_plane(&headers[0], [false; 2], &mut plane).map(|_| plane))
 }
 
 #[test]
@@ -558,7 +545,7 @@ fn lossless_encodings_of_one_image_agree_pixel_by_pixel() {
     for series in ["CT1", "CT2"] {
         let Some(run_length) = sample(&format!("{series}_RLE.dcm")) else { return };
         let run_length = run_length.unwrap();
-        for other in ["J2KR", "JPLL"] {
+        for other in ["J2KR", "JPLL", "JLSL"] {
             assert_eq!(
                 sample(&format!("{series}_{other}.dcm")).unwrap().unwrap(),
                 run_length,
@@ -586,12 +573,4 @@ fn decoded_values_are_those_of_an_independent_decoder() {
     let (least, most) = plane.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
     let sum: f64 = plane.iter().map(|&v| f64::from(v)).sum();
     assert_eq!((least, most, sum), (-2048.0, 1433.0, -197_733_355.0));
-}
-
-#[test]
-fn jpeg_ls_is_refused_by_name() {
-    for name in ["CT1_JLSL.dcm", "CT2_JLSN.dcm"] {
-        let Some(outcome) = sample(name) else { return };
-        assert!(matches!(outcome, Err(Error::UnsupportedSyntax { .. })));
-    }
 }
