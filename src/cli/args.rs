@@ -38,7 +38,7 @@ pub(crate) enum Command {
     Phantom(PhantomArgs),
     /// Show which series a folder holds, their geometry and what is wrong with them
     Inspect {
-        /// Folder with DICOM files
+        /// Folder with DICOM files, DICOMDIR, or multi-frame DICOM file
         path: PathBuf,
     },
     /// CT to contours: start a case with --ct and --out, or do the stage again
@@ -90,7 +90,7 @@ pub(crate) struct RunArgs {
 /// Where the lumen is found, and how.
 #[derive(Debug, Args, Default)]
 pub(crate) struct CtArgs {
-    /// Folder with the DICOM files of a CT series
+    /// Folder with the DICOM files of a CT series, DICOMDIR, or multi-frame DICOM file
     #[arg(long, value_name = "PATH")]
     pub(crate) ct: Option<PathBuf>,
     /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1

@@ -1,4 +1,4 @@
-//! A folder of DICOM files to a [`Volume`]: intensities on a grid whose planes are stacked along z.
+//! DICOM files to a [`Volume`]: intensities on a grid whose planes are stacked along z.
 //!
 //! [`reader::load`] reads one series, [`reader::inspect`] says what is there and whether it can be used. Headers are
 //! read first; the images are grouped into series, put in order along the planes' normal and checked; then the pixels are decoded in parallel and rescaled.
@@ -8,7 +8,7 @@
 //! are turned over for that). Lengths in mm, intensities in HU.
 //!
 //! It deliberately resamples nothing: a series whose planes are sheared (gantry tilt), whose pixels differ in
-//! size, or that lacks a plane is refused with the place named. Multi-frame objects and colour are not read.
+//! size, or that lacks a plane is refused with the place named. Colour is not read.
 //!
 //! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
 

@@ -71,3 +71,64 @@ fn check_size(bytes: &[u8], expected: Size) -> Result<(), Fault> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: Size = Size { columns: 37, rows: 33 };
+
+    /// A stream of tests/tools/codec_streams.py and the words that OpenJPEG itself decodes from it.
+    fn stream(name: &str) -> (Vec<u8>, Vec<u16>) {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/codec");
+        let file = |kind| std::fs::read(folder.join(format!("{name}.{kind}"))).unwrap();
+        (file("j2k"), file("raw").chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect())
+    }
+
+    #[test]
+    fn streams_of_another_encoder_decode_to_what_it_decodes_them_to() {
+        for (bits, is_signed) in [(8, false), (12, false), (12, true), (16, true)] {
+            let sign = if is_signed { "signed" } else { "unsigned" };
+            let (bytes, words) = stream(&format!("bits{bits:02}_{sign}"));
+            let expected = Samples { words, precision_bits: bits, is_signed };
+            assert_eq!(decode(&bytes, SIZE), Ok(expected), "{bits} bits, {sign}");
+        }
+    }
+
+    #[test]
+    fn streams_that_end_early_are_refused() {
+        let (bytes, _) = stream("bits12_unsigned");
+        for length in [0, 10, 60, bytes.len() / 2, bytes.len() * 9 / 10] {
+            assert!(decode(&bytes[..length], SIZE).is_err(), "{length} of {} bytes", bytes.len());
+        }
+    }
+
+    #[test]
+    fn any_damaged_byte_is_survived() {
+        let (whole, _) = stream("bits12_signed");
+        for at in 0..whole.len() {
+            for change in [0x01, 0x5a, 0xff] {
+                let mut bytes = whole.clone();
+                bytes[at] ^= change;
+                if let Ok(samples) = decode(&bytes, SIZE) {
+                    assert_eq!(samples.words.len(), SIZE.n_pixels(), "byte {at}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sizes_are_checked_before_the_library_believes_them() {
+        let (bytes, _) = stream("bits08_unsigned");
+        let at = bytes.windows(4).position(|w| w == START).unwrap() + 4;
+        let changed = |offset: usize, value: &[u8]| {
+            let mut changed = bytes.clone();
+            changed[at + offset..at + offset + value.len()].copy_from_slice(value);
+            decode(&changed, SIZE).unwrap_err()
+        };
+        assert!(matches!(changed(4, &[0x7f; 4]), Fault::OtherSize { .. }));
+        assert!(matches!(changed(20, &[0, 0, 0, 0]), Fault::Damaged(_)));
+        assert!(matches!(changed(36, &[0, 3]), Fault::Unsupported(_)));
+        assert!(matches!(changed(38, &[24]), Fault::Unsupported(_)));
+    }
+}

@@ -1,8 +1,8 @@
 //! Tests of how images are stored: transfer syntaxes against an independent decoder, multi-frame objects, media.
 
 use super::*;
-use crate::ct::series::Header;
 use crate::ct::Verdict;
+use crate::ct::series::Header;
 use crate::phantom::{self, Kind, Params};
 use dicom_core::value::{C, DataSetSequence, PixelFragmentSequence, PrimitiveValue, Value};
 use dicom_core::{DataElement, Tag, VR};
@@ -287,6 +287,19 @@ fn files_that_a_dicomdir_names_and_are_not_there_are_told() {
     fs::remove_dir_all(place.path().join("case")).unwrap();
     let error = load_all(&path).unwrap_err();
     assert!(matches!(error, Error::DirectoryWithoutFiles { n_named: 3, .. }), "{error}");
+}
+
+#[test]
+fn a_damaged_dicomdir_stands_in_no_ones_way() {
+    let place = phantom_folder();
+    let path = place.path().join("DICOMDIR");
+    directory(&["CASE/IM0001.DCM"]).write_to_file(&path).unwrap();
+    let whole = fs::read(&path).unwrap();
+    fs::write(&path, &whole[..whole.len() - 9]).unwrap();
+    for path in [path.as_path(), place.path()] {
+        let warnings = load_all(path).unwrap().warnings;
+        assert_eq!(warnings[0].code, "ct.directory_damaged");
+    }
 }
 
 #[test]

@@ -39,10 +39,12 @@ pub(super) fn scan(path: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     }
     match look_at(path) {
         Kind::Foreign => Err(Error::NotAFolder(path.to_owned())),
-        Kind::Dicom(Ok(Content::Directory(_))) => match path.parent() {
-            Some(folder) if folder != Path::new("") => scan_folder(folder, task),
-            _ => scan_folder(Path::new("."), task),
-        },
+        Kind::Dicom(found) if matches!(found, Ok(Content::Directory(_))) || is_called_directory(path) => {
+            match path.parent() {
+                Some(folder) if folder != Path::new("") => scan_folder(folder, task),
+                _ => scan_folder(Path::new("."), task),
+            }
+        }
         kind => Ok(Finding::default().with(path, kind).into_folder(1)),
     }
 }
@@ -106,6 +108,10 @@ impl Finding {
             Kind::Dicom(Ok(Content::Localizer)) => self.n_localizers += 1,
             Kind::Dicom(Ok(Content::Other)) => self.n_others += 1,
             Kind::Dicom(Ok(Content::Directory(named))) => self.directories.push((path.to_owned(), named)),
+            Kind::Dicom(Err(_)) if is_called_directory(path) => self.folder.warnings.push(Warning::new(
+                "ct.directory_damaged",
+                "a DICOMDIR cannot be read: whether all files that it names are there is not known",
+            )),
             Kind::Dicom(Err(fault)) => self.folder.faults.push(fault),
             Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
             Kind::Foreign => self.n_foreign += 1,
@@ -227,6 +233,11 @@ fn has_dicom_mark(path: &Path) -> io::Result<bool> {
     let mut start = Vec::with_capacity(132);
     File::open(path)?.take(132).read_to_end(&mut start)?;
     Ok(start.get(128..) == Some(b"DICM"))
+}
+
+/// The name that PS3.10 8.6 prescribes.
+fn is_called_directory(path: &Path) -> bool {
+    path.file_name().is_some_and(|n| n.eq_ignore_ascii_case("DICOMDIR"))
 }
 
 fn is_called_dicom(path: &Path) -> bool {

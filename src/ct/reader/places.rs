@@ -159,7 +159,8 @@ mod tests {
     fn native_frames_follow_each_other() {
         let layout = Layout { pixels: Some(Pixels::Native(100..149)), ..Layout::default() };
         let native = Packing::Native { is_big_endian: false };
-        assert_eq!(wanted(2, 3, native).pieces(&layout, &[]).unwrap(), [132..148]);
+        let third = wanted(2, 3, native).pieces(&layout, &[]).unwrap();
+        assert_eq!((third.len(), &third[0]), (1, &(132..148)));
         let error = wanted(0, 4, native).pieces(&layout, &[]).unwrap_err();
         assert!(matches!(error, Error::Truncated { found_bytes: 49, expected_bytes: 64, .. }));
         assert!(wanted(0, 1, Packing::Compressed(Codec::Jpeg)).pieces(&layout, &[]).is_err());

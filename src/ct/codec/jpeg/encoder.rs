@@ -86,7 +86,9 @@ fn transformed(samples: &[u16], columns: usize, [left, top]: [usize; 2], level: 
     let cosine = |x: usize, u: usize| (((2 * x + 1) * u) as f64 * PI / 16.0).cos();
     let coefficient = |u: usize, v: usize| {
         let sum: f64 = (0..64).map(|i| at(i % 8, i / 8) * cosine(i % 8, u) * cosine(i / 8, v)).sum();
-        (0.25 * norm(u) * norm(v) * sum).round() as i32
+        #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
+        let coefficient = (0.25 * norm(u) * norm(v) * sum).round() as i32;
+        coefficient
     };
     let mut order: Vec<(usize, usize)> = (0..64).map(|i| (i % 8, i / 8)).collect();
     order.sort_by_key(|&(u, v)| (u + v, if (u + v) % 2 == 0 { u } else { v }));

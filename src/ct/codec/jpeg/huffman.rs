@@ -90,7 +90,6 @@ impl<'a> Bits<'a> {
         if self.n_held < 16 {
             self.fetch();
         }
-        #[expect(clippy::cast_possible_truncation, reason = "few bits")]
         let next = (self.held >> (64 - LOOKUP_BITS)) as usize;
         let (length, value) = table.lookup[next];
         if length > 0 {
@@ -101,7 +100,6 @@ impl<'a> Bits<'a> {
     }
 
     fn long_value(&mut self, table: &Table) -> Result<u8, Fault> {
-        #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
         let next = (self.held >> 48) as u32;
         let length = (LOOKUP_BITS + 1..=16).find(|&l| next < table.ends[l as usize]);
         let Some(length) = length else {

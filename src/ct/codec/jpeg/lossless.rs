@@ -33,7 +33,7 @@ impl Coding {
         if n_left_out >= precision_bits {
             return Err(Fault::Damaged("the lossless JPEG pixels leave out all bits"));
         }
-        if restart_interval % size.columns != 0 {
+        if !restart_interval.is_multiple_of(size.columns) {
             return Err(Fault::Damaged(
                 "the restart interval of the lossless JPEG pixels is no number of rows",
             ));

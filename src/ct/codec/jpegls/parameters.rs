@@ -54,9 +54,8 @@ impl Parameters {
         let thresholds = thresholds(max_value, near, preset.thresholds);
         let [t1, t2, t3] = thresholds;
         let reset = if preset.reset == 0 { BASIC_RESET } else { preset.reset };
-        if !(near < t1 && t1 <= t2 && t2 <= t3 && t3 <= max_value)
-            || !(3..=max_value.max(255)).contains(&reset)
-        {
+        let is_ascending = near < t1 && t1 <= t2 && t2 <= t3 && t3 <= max_value;
+        if !is_ascending || !(3..=max_value.max(255)).contains(&reset) {
             return Err(Fault::Damaged("the JPEG-LS thresholds are out of order"));
         }
         let range = (max_value + 2 * near) / (2 * near + 1) + 1;

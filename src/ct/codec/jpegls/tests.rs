@@ -128,7 +128,7 @@ fn colour_and_other_kinds_are_refused_by_name() {
 
 #[test]
 fn streams_of_another_encoder_decode_to_what_it_decodes_them_to() {
-    // Made by tests/tools/jpegls_streams.py with CharLS: 29 x 23 samples.
+    // Made by tests/tools/codec_streams.py with CharLS: 29 x 23 samples.
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/codec");
     for (bits, near) in [(2, 0), (5, 0), (8, 0), (8, 3), (10, 1), (12, 0), (12, 5), (16, 0), (16, 7)] {
         let file = |kind| std::fs::read(folder.join(format!("bits{bits:02}_near{near}.{kind}"))).unwrap();
