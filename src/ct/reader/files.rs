@@ -39,11 +39,12 @@ pub(super) fn scan(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     }
     let mut found =
         Folder { images: Vec::new(), n_files: files.len(), warnings: Vec::new(), faults: Vec::new() };
-    let (mut n_foreign, mut n_localizers, mut n_others) = (0, 0, 0);
+    let (mut n_foreign, mut n_localizers, mut n_captures, mut n_others) = (0, 0, 0, 0);
     for (path, kind) in files.iter().zip(kinds) {
         match kind {
             Kind::Dicom(Ok(Content::Image(header))) => found.images.push(*header),
             Kind::Dicom(Ok(Content::Localizer)) => n_localizers += 1,
+            Kind::Dicom(Ok(Content::SecondaryCapture)) => n_captures += 1,
             Kind::Dicom(Ok(Content::Other)) => n_others += 1,
             Kind::Dicom(Err(fault)) => found.faults.push(fault),
             Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
@@ -52,6 +53,7 @@ pub(super) fn scan(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     }
     found.warnings.extend(left_out("ct.not_dicom", n_foreign, "file(s) that are not DICOM"));
     found.warnings.extend(left_out("ct.localizer", n_localizers, "localizer image(s)"));
+    found.warnings.extend(left_out("ct.secondary_capture", n_captures, "picture(s) of a screen"));
     found.warnings.extend(left_out(
         "ct.not_an_image_plane",
         n_others,

@@ -1,7 +1,9 @@
 //! One file's header: what it is, where its image lies, how its pixels are stored.
 
 use super::super::Error;
+use super::super::axes::orthonormal;
 use super::super::series::{Header, PixelFormat, Shape, Syntax};
+use super::super::traits::{Trait, Traits};
 use super::lengths;
 use crate::geom::{Point3, Vector3};
 use dicom_core::Tag;
@@ -16,6 +18,8 @@ pub(super) enum Content {
     Image(Box<Header>),
     /// A scout view.
     Localizer,
+    /// A picture of a screen, or of paper.
+    SecondaryCapture,
     /// A report, a directory, an image without a place.
     Other,
 }
@@ -26,16 +30,19 @@ const LONGEST_SIDE: u16 = 8192;
 const IMAGE_CLASSES: [&str; 3] =
     [uids::CT_IMAGE_STORAGE, uids::MR_IMAGE_STORAGE, uids::POSITRON_EMISSION_TOMOGRAPHY_IMAGE_STORAGE];
 
+/// What makes images of planes (PS3.3 C.7.3.1.1.1), and "other".
+const MODALITIES: [&str; 12] = ["CT", "MR", "PT", "NM", "XA", "RF", "CR", "DX", "MG", "US", "OPT", "OT"];
+
 /// Explicit VR big endian: retired, but archives still hold such files.
 pub(super) const EXPLICIT_BIG_ENDIAN_UID: &str = "1.2.840.10008.1.2.2";
 
 /// Reads a header, up to the pixels.
 pub(super) fn read(path: &Path) -> Result<Content, Error> {
-    lengths::check(path)?;
+    let pixel_bytes = lengths::check(path)?;
     let object = OpenFileOptions::new().read_until(tags::PIXEL_DATA).open_file(path);
     // The library's own words are left out here and below: they may quote what identifies a patient.
     let object = object.ok().ok_or_else(|| damaged(path, "its header cannot be parsed"))?;
-    Attributes { path, object: &object }.content()
+    Attributes { path, object: &object, pixel_bytes }.content()
 }
 
 pub(super) fn damaged(path: &Path, what: &'static str) -> Error {
@@ -73,6 +80,7 @@ fn syntax_of(object: &DefaultDicomObject) -> Syntax {
 struct Attributes<'a> {
     path: &'a Path,
     object: &'a DefaultDicomObject,
+    pixel_bytes: Option<u64>,
 }
 
 impl Attributes<'_> {
@@ -82,8 +90,12 @@ impl Attributes<'_> {
         if !is_image_class && self.object.get(tags::ROWS).is_none() {
             return Ok(Content::Other);
         }
-        if self.text(tags::IMAGE_TYPE).contains("LOCALIZER") {
+        let image_type = self.text(tags::IMAGE_TYPE);
+        if image_type.contains("LOCALIZER") {
             return Ok(Content::Localizer);
+        }
+        if class.starts_with(uids::SECONDARY_CAPTURE_IMAGE_STORAGE) || image_type.contains("SCREEN SAVE") {
+            return Ok(Content::SecondaryCapture);
         }
         let has_place = [tags::IMAGE_POSITION_PATIENT, tags::IMAGE_ORIENTATION_PATIENT]
             .into_iter()
@@ -104,6 +116,9 @@ impl Attributes<'_> {
         if samples != 1 {
             return Err(self.unsupported(format!("an image of {samples} samples per pixel (colour)")));
         }
+        if self.text(tags::PHOTOMETRIC_INTERPRETATION) == "PALETTE COLOR" {
+            return Err(self.unsupported("an image of palette colours".into()));
+        }
         if self.object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
             return Err(self.unsupported("an image with a modality look-up table".into()));
         }
@@ -114,15 +129,21 @@ impl Attributes<'_> {
         Ok(Header {
             path: self.path.to_owned(),
             identity: [tags::SERIES_INSTANCE_UID, tags::FRAME_OF_REFERENCE_UID].map(|t| self.text(t)),
+            instance: self.text(tags::SOP_INSTANCE_UID),
+            number: self.integer(tags::INSTANCE_NUMBER).unwrap_or(None),
+            traits: self.traits(),
             modality: self.modality(),
             shape: self.shape()?,
+            axes_fault: self.axes()?.1,
             position: self.position()?,
             slab_thickness_mm: self.positive(tags::SLICE_THICKNESS)?,
             spacing_between_mm: self.number(tags::SPACING_BETWEEN_SLICES)?,
             pixels: self.pixel_format()?,
             rescale: self.rescale()?,
             padding: self.padding()?,
+            is_inverted: self.text(tags::PHOTOMETRIC_INTERPRETATION) == "MONOCHROME1",
             syntax: syntax_of(self.object),
+            pixel_bytes: self.pixel_bytes,
         })
     }
 
@@ -142,22 +163,39 @@ impl Attributes<'_> {
             rows: side(tags::ROWS, "Rows")?,
             // The header states the distance between rows, along y, first.
             spacing_xy_mm: [spacing[1], spacing[0]],
-            axes: self.axes()?,
+            axes: self.axes()?.0,
         })
     }
 
-    fn axes(&self) -> Result<[Vector3; 2], Error> {
+    /// Directions of rows and columns, and how far the cosines are from orthonormal.
+    fn axes(&self) -> Result<([Vector3; 2], f64), Error> {
         const NAME: &str = "ImageOrientationPatient";
         let [a, b, c, d, e, f] = self.numbers::<6>(tags::IMAGE_ORIENTATION_PATIENT, NAME)?;
-        let (row, column) = (Vector3::new(a, b, c), Vector3::new(d, e, f));
-        // What three decimals may be off.
-        let fault = (row.norm() - 1.0).abs().max((column.norm() - 1.0).abs()).max(row.dot(&column).abs());
-        if fault > 2e-3 {
-            return Err(self.bad(NAME, &[a, b, c, d, e, f], "two orthogonal unit vectors"));
+        orthonormal(Vector3::new(a, b, c), Vector3::new(d, e, f)).map_err(|fault| {
+            let found = format!("{:?}, off by {fault:.4}", [a, b, c, d, e, f]);
+            // The figure is `axes::REFUSED`.
+            let expected = "two orthogonal unit vectors within 0.01";
+            Error::BadAttribute { path: self.path.to_owned(), attribute: NAME, found, expected }
+        })
+    }
+
+    /// What tells images of one place apart.
+    fn traits(&self) -> Traits {
+        let mut traits = Traits::default();
+        for (of, tag) in [
+            (Trait::ImageType, tags::IMAGE_TYPE),
+            (Trait::Kernel, tags::CONVOLUTION_KERNEL),
+            (Trait::EchoTime, tags::ECHO_TIME),
+            (Trait::TubeVoltage, tags::KVP),
+            (Trait::TemporalPosition, tags::TEMPORAL_POSITION_IDENTIFIER),
+            (Trait::CardiacPhase, tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE),
+            (Trait::TriggerTime, tags::TRIGGER_TIME),
+            (Trait::Acquisition, tags::ACQUISITION_NUMBER),
+            (Trait::AcquisitionTime, tags::ACQUISITION_TIME),
+        ] {
+            traits.0[of as usize] = self.text(tag);
         }
-        let row = row / row.norm();
-        let column = column - row * row.dot(&column);
-        Ok([row, column / column.norm()])
+        traits
     }
 
     fn position(&self) -> Result<Point3, Error> {
@@ -211,11 +249,10 @@ impl Attributes<'_> {
         Ok(Some([a.min(b), a.max(b)]))
     }
 
-    /// The modality, or OT where the header holds anything but a code.
+    /// The modality, or OT where the header holds anything but the code of one that makes planes.
     fn modality(&self) -> String {
         let code = self.text(tags::MODALITY);
-        let is_code = (2..=4).contains(&code.len()) && code.bytes().all(|b| b.is_ascii_uppercase());
-        if is_code { code } else { "OT".into() }
+        if MODALITIES.contains(&code.as_str()) { code } else { "OT".into() }
     }
 
     /// Text of an attribute, empty where it is absent.

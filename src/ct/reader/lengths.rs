@@ -28,15 +28,18 @@ const LONGEST_UID: u32 = 64;
 
 /// Checks that every element of a file that carries the DICOM mark lies within it.
 ///
+/// Returns the bytes of its pixels, of compressed ones the bytes to the end of the file; `None` where the file is not walked to them.
+///
 /// # Errors
 /// [`Error::Truncated`] where the pixels run beyond the end, [`Error::Damaged`] where anything else does.
-pub(super) fn check(path: &Path) -> Result<(), Error> {
+pub(super) fn check(path: &Path) -> Result<Option<u64>, Error> {
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
     let length = file.metadata().map_err(|e| unreadable(path, e))?.len();
-    let mut walk = Walk { path, reader: BufReader::new(file), position: 0, length };
+    let mut walk = Walk { path, reader: BufReader::new(file), position: 0, length, pixel_bytes: None };
     walk.skip(START_BYTES)?;
-    let Some(encoding) = walk.meta_group()? else { return Ok(()) };
-    walk.data_set(encoding)
+    let Some(encoding) = walk.meta_group()? else { return Ok(None) };
+    walk.data_set(encoding)?;
+    Ok(walk.pixel_bytes)
 }
 
 /// How element headers are written.
@@ -58,6 +61,8 @@ struct Walk<'a> {
     reader: BufReader<File>,
     position: u64,
     length: u64,
+    /// Of the last element of pixels: those of an icon come before those of the image.
+    pixel_bytes: Option<u64>,
 }
 
 impl Walk<'_> {
@@ -88,6 +93,12 @@ impl Walk<'_> {
         let mut is_in_fragments = false;
         while self.position < self.length {
             let element = self.element(encoding)?;
+            if element.tag == tags::PIXEL_DATA {
+                let is_plain = element.length != UNDEFINED;
+                // Compressed pixels end where the file does, but for what may stand behind them.
+                let bytes = if is_plain { element.length.into() } else { self.length - self.position };
+                self.pixel_bytes = Some(bytes);
+            }
             match element.tag {
                 ITEM if !is_in_fragments => {}
                 ITEM_END => {}
