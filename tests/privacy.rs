@@ -18,12 +18,13 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Texts of attributes that name or describe a patient, a visit, a place or a person.
+/// Texts of attributes that name or describe a patient, a visit, a place or a person; retired ones by their numbers (other ids,
+/// place of the record, ethnic group).
 const TEXTS: [(Tag, VR); 40] = [
     (tags::PATIENT_NAME, VR::PN),
     (tags::PATIENT_ID, VR::LO),
     (tags::ISSUER_OF_PATIENT_ID, VR::LO),
-    (tags::OTHER_PATIENT_I_DS, VR::LO),
+    (Tag(0x0010, 0x1000), VR::LO),
     (tags::OTHER_PATIENT_NAMES, VR::PN),
     (tags::PATIENT_BIRTH_NAME, VR::PN),
     (tags::PATIENT_MOTHER_BIRTH_NAME, VR::PN),
@@ -31,10 +32,10 @@ const TEXTS: [(Tag, VR); 40] = [
     (tags::PATIENT_TELEPHONE_NUMBERS, VR::SH),
     (tags::PATIENT_COMMENTS, VR::LT),
     (tags::ADDITIONAL_PATIENT_HISTORY, VR::LT),
-    (tags::MEDICAL_RECORD_LOCATOR, VR::LO),
+    (Tag(0x0010, 0x1090), VR::LO),
     (tags::MILITARY_RANK, VR::LO),
     (tags::OCCUPATION, VR::SH),
-    (tags::ETHNIC_GROUP, VR::SH),
+    (Tag(0x0010, 0x2160), VR::SH),
     (tags::ACCESSION_NUMBER, VR::SH),
     (tags::ADMISSION_ID, VR::LO),
     (tags::STUDY_ID, VR::SH),

@@ -118,6 +118,11 @@ pub(super) struct Series {
 }
 
 impl Series {
+    /// Whether its SeriesInstanceUID is that one. What follows a `#` tells the stacks of a multi-frame object apart.
+    pub(super) fn has_uid(&self, uid: &str) -> bool {
+        self.images[0].identity[0].split('#').next() == Some(uid)
+    }
+
     /// A hash of what the series is found again by, under a salt: tells nothing about it.
     pub(super) fn check(&self, salt: &str) -> String {
         let key = blake3::derive_key("lumenfab series check 1", salt.as_bytes());

@@ -75,7 +75,7 @@ pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Resu
     let all = group(scan(path, task)?.images);
     let position = match name {
         SeriesName::Number(number) => number.checked_sub(1).filter(|&i| i < all.len()),
-        SeriesName::Uid(uid) => all.iter().position(|s| s.images[0].identity[0] == *uid),
+        SeriesName::Uid(uid) => all.iter().position(|s| s.has_uid(uid)),
         SeriesName::Mark(mark) => all.iter().position(|s| s.check(salt) == mark.check),
     };
     let missing = || {
@@ -87,9 +87,8 @@ pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Resu
         }
     };
     let i = position.ok_or_else(missing)?;
-    let several = |uid: &str| all.iter().filter(|s| s.images[0].identity[0] == uid).count() > 1;
     if let SeriesName::Uid(uid) = name
-        && several(uid)
+        && all.iter().filter(|s| s.has_uid(uid)).count() > 1
     {
         // One UID, several phases or reconstructions: only the number tells them apart.
         return Err(Error::SeveralSeries { n: all.len(), listing: listing(&all) });
