@@ -555,3 +555,34 @@ fn an_interrupted_run_ends_with_130_and_leaves_no_half_case() {
     assert_eq!(hidden(&place.path("case")), Vec::<String>::new());
     assert_eq!(hidden(place.0.path()), Vec::<String>::new());
 }
+
+#[test]
+fn a_chosen_series_is_taken_again_whatever_its_number_has_become_and_missed_when_it_is_gone() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let add = |prefix: &str, noise_hu: f64| {
+        place.phantom(prefix, &Params { noise_hu, n_pixels: 96, ..small() });
+        for n in 1..=4 {
+            let to = place.path("ct").join(format!("{prefix}{n}.dcm"));
+            fs::copy(place.path(prefix).join(format!("IM000{n}.dcm")), to).unwrap();
+        }
+    };
+    add("J", 3.0);
+    place.json(0, &["segment", "--ct", "ct", "--series", "1", &seed, "--out", "case"]);
+    let sections = fs::read(place.path("case/sections.json")).unwrap();
+    let note: Value =
+        serde_json::from_slice(&fs::read(place.path("case/segmentation.json")).unwrap()).unwrap();
+    assert_eq!((&note["series"]["number"], note["series"]["check"].as_str().unwrap().len()), (&1.into(), 32));
+    // Another series comes before it: the number now names that one, the case still means its own.
+    add("A", 5.0);
+    let again = place.json(0, &["segment", "case"]);
+    assert_eq!(again["stages"][0]["because_of"], serde_json::json!(["ct"]));
+    assert_eq!(fs::read(place.path("case/sections.json")).unwrap(), sections);
+    (1..=4).for_each(|n| fs::remove_file(place.path(&format!("ct/IM000{n}.dcm"))).unwrap());
+    let error = place.refused(1, &["segment", "case"]);
+    assert!(
+        error.starts_with("the folder no longer holds the series that the case was made from"),
+        "{error}"
+    );
+    assert!(error.ends_with("start a new case with another --out"), "{error}");
+}

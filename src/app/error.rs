@@ -131,6 +131,19 @@ impl Error {
         )
     }
 
+    /// The message without the paths of a CT, which may hold a patient's name: for what is written or sent on. The
+    /// operator's own screen shows the whole message.
+    #[must_use]
+    pub fn text_without_sources(&self) -> String {
+        match self {
+            Self::Ct(e) => e.text_with(|_| "a file of the CT".into()),
+            Self::CtMissing(_) => {
+                "--ct: found nothing there, expected a folder with the DICOM files of a series".into()
+            }
+            other => other.to_string(),
+        }
+    }
+
     /// An interruption in one word; every other error as it is.
     pub(crate) fn or_interrupted(self) -> Self {
         if self.is_interruption() { Self::Interrupted(progress::Cancelled) } else { self }

@@ -4,11 +4,11 @@ use super::atomic;
 use super::case::{Case, CaseError, MadeFrom, Staging};
 use super::error::Error;
 use super::event::{Event, EventSink, Stage, StageOutcome};
-use super::settings::{CaseFile, Settings, Source, SourceName};
+use super::settings::{CaseFile, SeriesKey, Settings, Source, SourceName};
 use super::source::Sources;
 use super::stages::report::ReportPlace;
 use super::stages::slice::Sliced;
-use crate::ct::{Volume, Warning};
+use crate::ct::{self, SeriesName, Volume, Warning};
 use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
 use crate::solid::Solid;
@@ -117,6 +117,7 @@ impl<'a> Session<'a> {
     pub fn open(dir: &Path, changes: CaseFile, context: Context<'a>) -> Result<Self, Error> {
         let mut case = Case::open(dir)?;
         check_ct(changes.ct.as_deref())?;
+        let changes = series_looked_up(changes, case.id(), &context)?;
         let named = changes.source.or_else(|| changes.ct.is_some().then_some(SourceName::Ct));
         let before = CaseFile::of_case(case.id(), case.settings());
         if named.is_some() && named != before.source {
@@ -152,8 +153,9 @@ impl<'a> Session<'a> {
     pub fn create(dir: &Path, parameters: CaseFile, context: Context<'a>) -> Result<Self, Error> {
         check_ct(parameters.ct.as_deref())?;
         let ct = parameters.ct.clone();
-        let settings = Settings::try_from(parameters)?;
-        let case = Case::create(dir, new_id(), settings)?;
+        let id = new_id();
+        let settings = Settings::try_from(series_looked_up(parameters, &id, &context)?)?;
+        let case = Case::create(dir, id, settings)?;
         Ok(Self::new(case, ct, context))
     }
 
@@ -316,6 +318,17 @@ fn check_ct(ct: Option<&Path>) -> Result<(), Error> {
         Some(path) if !path.exists() => Err(Error::CtMissing(path.to_owned())),
         _ => Ok(()),
     }
+}
+
+/// The parameters with the number of a series in the place of its UID, which is forgotten here.
+fn series_looked_up(parameters: CaseFile, id: &str, context: &Context<'_>) -> Result<CaseFile, Error> {
+    let Some(SeriesKey::Uid(uid)) = &parameters.series else { return Ok(parameters) };
+    let Some(ct) = parameters.ct.clone().or_else(|| context.sources.recall(id)) else {
+        return Ok(parameters);
+    };
+    let task = Task::new(&|_, _| {}, context.cancel.clone());
+    let mark = ct::reader::find(&ct, &SeriesName::Uid(uid.clone()), id, &task)?;
+    Ok(CaseFile { series: Some(SeriesKey::Number(mark.number)), ..parameters })
 }
 
 /// The hash of parameters, in their written form.

@@ -131,15 +131,41 @@ fn ascending([lo, hi]: [f64; 2], expected: &str) -> Result<[f64; 2], Fault> {
     Err(Fault { found: format!("{lo},{hi}"), expected: expected.to_owned() })
 }
 
-const SERIES_EXPECTED: &str = "a number from 1, as `lumenfab inspect` lists them";
+const SERIES_EXPECTED: &str = "a number from 1, as `lumenfab inspect` lists them, or a SeriesInstanceUID";
 
-/// The number of a series.
+/// Which series of a folder: as it is written down or typed.
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum SeriesKey {
+    /// Its number, from 1.
+    Number(usize),
+    /// Its UID: taken from the operator, looked up, and never kept.
+    Uid(String),
+}
+
+impl std::fmt::Debug for SeriesKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(number) => write!(f, "Number({number})"),
+            Self::Uid(_) => f.write_str("Uid(..)"),
+        }
+    }
+}
+
+/// The number or the UID of a series.
 ///
 /// # Errors
-/// [`Fault`] unless it is a whole number from 1.
-pub fn parse_series(text: &str) -> Result<usize, Fault> {
-    let fault = |_| Fault { found: format!("{text:?}"), expected: SERIES_EXPECTED.to_owned() };
-    checked_series(text.trim().parse().map_err(fault)?)
+/// [`Fault`] unless it is a whole number from 1 or looks like a UID; what was typed is not repeated, for it may be one.
+pub fn parse_series(text: &str) -> Result<SeriesKey, Fault> {
+    let text = text.trim();
+    let is_uid = text.contains('.')
+        && text.len() <= 64
+        && text.split('.').all(|part| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()));
+    if is_uid {
+        return Ok(SeriesKey::Uid(text.to_owned()));
+    }
+    let fault = |_| Fault { found: "something else".into(), expected: SERIES_EXPECTED.to_owned() };
+    checked_series(text.parse().map_err(fault)?).map(SeriesKey::Number)
 }
 
 fn checked_series(number: usize) -> Result<usize, Fault> {
@@ -240,8 +266,8 @@ pub struct CaseFile {
     pub source: Option<SourceName>,
     /// The CT's folder; only in an input case file, relative to it.
     pub ct: Option<PathBuf>,
-    /// Number of the series in the CT's folder, where there are several.
-    pub series: Option<usize>,
+    /// Which series of the CT's folder, where there are several; its UID in an input case file only.
+    pub series: Option<SeriesKey>,
     /// Use a stack with missing planes, with a warning.
     pub allow_gaps: Option<bool>,
     /// Points inside the lumen, LPS, mm.
@@ -313,7 +339,7 @@ impl CaseFile {
             id: Some(id.to_owned()),
             source: Some(source),
             ct: None,
-            series: segment.series,
+            series: segment.series.map(SeriesKey::Number),
             allow_gaps: segment.allow_gaps.then_some(true),
             seed_mm: (!segment.seed_mm.is_empty()).then(|| segment.seed_mm.clone()),
             window_hu: segment.window_hu,
@@ -399,6 +425,18 @@ impl CaseFile {
         Err(SettingError { name: "ct", fault: Fault { found: format!("none, but {given}"), expected } })
     }
 
+    /// The number of the series; a UID has to have been looked up before.
+    fn series_number(&self) -> Result<Option<usize>, Fault> {
+        match &self.series {
+            None => Ok(None),
+            Some(SeriesKey::Number(number)) => checked_series(*number).map(Some),
+            Some(SeriesKey::Uid(_)) => {
+                let expected = "a CT in whose folder it can be looked up".to_owned();
+                Err(Fault { found: "a UID".into(), expected })
+            }
+        }
+    }
+
     fn body(&self) -> Result<Body, SettingError> {
         match (self.wall_mm, self.cast.unwrap_or(false)) {
             (Some(t), true) => {
@@ -429,7 +467,7 @@ impl CaseFile {
             range.map(|r| ascending(r, expected)).transpose().map_err(in_setting(name))
         };
         Ok(SegmentSettings {
-            series: self.series.map(checked_series).transpose().map_err(in_setting("series"))?,
+            series: self.series_number().map_err(in_setting("series"))?,
             allow_gaps: self.allow_gaps.unwrap_or(false),
             seed_mm,
             window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
@@ -563,6 +601,22 @@ mod tests {
         assert!(
             WALL_MM.parse("1.5").is_ok() && WALL_MM.parse("1.5mm").is_err() && WALL_MM.parse("inf").is_err()
         );
+    }
+
+    #[test]
+    fn a_series_is_named_by_its_number_or_its_uid() {
+        assert_eq!(parse_series(" 2 ").unwrap(), SeriesKey::Number(2));
+        assert_eq!(parse_series("1.2.840.1").unwrap(), SeriesKey::Uid("1.2.840.1".into()));
+        for bad in ["0", "-1", "1..2", "1.2.x", "1.2.", "two", ""] {
+            assert!(parse_series(bad).is_err(), "{bad}");
+        }
+        // Neither a fault nor a log repeats what may be a patient's.
+        assert!(!parse_series("1.2.840.7x").unwrap_err().to_string().contains("840"));
+        assert!(!format!("{:?}", parse_series("1.2.840.7")).contains("840"));
+        let unresolved = settings("ct = \"d\"\nseed_mm = [[1, 2, 3]]\nseries = \"1.2.840.7\"").unwrap_err();
+        assert_eq!(unresolved, "series: found a UID, expected a CT in whose folder it can be looked up");
+        let s = settings("ct = \"d\"\nseed_mm = [[1, 2, 3]]\nseries = 2").unwrap();
+        assert_eq!(settings(&CaseFile::of_case("i", &s).to_toml()).unwrap(), s);
     }
 
     #[test]

@@ -6,8 +6,8 @@
 
 use super::atomic::{self, FileError, failed};
 use serde::{Deserialize, Serialize};
-use std::fs::DirBuilder;
-use std::os::unix::fs::DirBuilderExt;
+use std::fs::{DirBuilder, Permissions};
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 #[derive(Serialize, Deserialize)]
@@ -41,6 +41,8 @@ impl Sources {
     pub fn remember(&self, case_id: &str, ct: &Path) -> Result<(), FileError> {
         let Some(dir) = &self.0 else { return Ok(()) };
         DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(failed("create", dir))?;
+        // It may have been there before, open to all.
+        std::fs::set_permissions(dir, Permissions::from_mode(0o700)).map_err(failed("close", dir))?;
         let ct = std::path::absolute(ct).map_err(failed("find", ct))?;
         let file = dir.join(format!("{case_id}.toml"));
         // A path that is no UTF-8 cannot be written down; the case then asks for --ct again.
@@ -59,7 +61,6 @@ impl Sources {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn a_source_is_recalled_and_readable_by_its_owner_alone() {
@@ -67,6 +68,8 @@ mod tests {
         let state = dir.path().join("lumenfab/sources");
         let sources = Sources::in_dir(state.clone());
         assert_eq!(sources.recall("a"), None);
+        std::fs::create_dir_all(&state).unwrap();
+        std::fs::set_permissions(&state, Permissions::from_mode(0o755)).unwrap();
         sources.remember("a", Path::new("/ct/DOE_JANE")).unwrap();
         assert_eq!(sources.recall("a").unwrap(), Path::new("/ct/DOE_JANE"));
         let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode() & 0o777;

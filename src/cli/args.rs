@@ -2,7 +2,7 @@
 
 use crate::app::settings::{
     self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, Fault, LAYER_MM, Limits,
-    SIMULATED_PORT, WALL_MM,
+    SIMULATED_PORT, SeriesKey, WALL_MM,
 };
 use crate::app::{Colouring, Skin, View};
 use crate::phantom::{self, Contrast, Kind};
@@ -93,9 +93,10 @@ pub(crate) struct CtArgs {
     /// Folder with the DICOM files of a CT series, DICOMDIR, or multi-frame DICOM file
     #[arg(long, value_name = "PATH")]
     pub(crate) ct: Option<PathBuf>,
-    /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1
-    #[arg(long, value_name = "N", value_parser = settings::parse_series)]
-    pub(crate) series: Option<usize>,
+    /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1, or its UID, which
+    /// is not kept
+    #[arg(long, value_name = "N|UID", value_parser = settings::parse_series)]
+    pub(crate) series: Option<SeriesKey>,
     /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap
     #[arg(long)]
     pub(crate) allow_gaps: bool,
@@ -337,7 +338,7 @@ impl CtArgs {
     pub(crate) fn patch(&self) -> CaseFile {
         CaseFile {
             ct: self.ct.clone(),
-            series: self.series,
+            series: self.series.clone(),
             allow_gaps: self.allow_gaps.then_some(true),
             seed_mm: (!self.seed_mm.is_empty()).then(|| self.seed_mm.clone()),
             window_hu: self.window_hu,

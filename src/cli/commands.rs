@@ -279,7 +279,9 @@ fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Resul
 fn inspect(path: &Path, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
     let task = Task::new(&|_, _| {}, context.cancel.clone());
     let inspection = ct::reader::inspect(path, &task)?;
-    face.result(&inspection, &format!("{inspection}\n"));
+    // With their paths for the operator who has to find the files; the result has none.
+    inspection.faults.iter().for_each(|fault| face.line(&format!("unusable: {fault}")));
+    face.result(&inspection, &inspection.to_string());
     Ok(0)
 }
 

@@ -124,9 +124,9 @@ impl Face {
     }
 }
 
-/// An error as a document.
+/// An error as a document: it may be kept or sent on, so the paths of a CT are left out; the line on stderr has them.
 pub(super) fn error_document(error: &Error) -> serde_json::Value {
-    serde_json::json!({"error": one_line(&error.to_string()), "exit_code": error.exit_code()})
+    serde_json::json!({"error": one_line(&error.text_without_sources()), "exit_code": error.exit_code()})
 }
 
 /// How a stage ended, as a line.

@@ -46,10 +46,26 @@ fn run(args: Vec<OsString>) -> ExitCode {
     }
 }
 
-/// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise.
+/// Libraries whose words may quote what they read: a patient's name, or a path.
+const NEVER_LOGGED: [&str; 7] = [
+    "dicom_core",
+    "dicom_encoding",
+    "dicom_object",
+    "dicom_parser",
+    "dicom_pixeldata",
+    "dicom_transfer_syntax_registry",
+    "jpeg_decoder",
+];
+
+/// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise. What
+/// reads patients' files logs nothing, whatever is asked for.
 fn start_log() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("LUMENFAB_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
+    let filter = NEVER_LOGGED.iter().fold(filter, |filter, name| match format!("{name}=off").parse() {
+        Ok(directive) => filter.add_directive(directive),
+        Err(_) => filter,
+    });
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     // A second start in one process (a test) keeps the first log.
     drop(log.try_init());

@@ -2,7 +2,7 @@
 
 use super::codec::Fault;
 use crate::progress::Cancelled;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why no volume was made.
 ///
@@ -125,6 +125,24 @@ pub enum Error {
         /// The series, numbered.
         listing: String,
     },
+    /// No series of the folder has the given UID.
+    #[error(
+        "no series of the folder has the given SeriesInstanceUID ({listing}): choose one of these by its number"
+    )]
+    NoSeriesOfUid {
+        /// The series, numbered.
+        listing: String,
+    },
+    /// The series that a case was made from is not there any more.
+    #[error(
+        "the folder no longer holds the series that the case was made from (it was number {number}; now: {listing}): start a new case with another --out"
+    )]
+    SeriesGone {
+        /// Its number when the case was made.
+        number: usize,
+        /// The series that are there, numbered.
+        listing: String,
+    },
     /// An image of other size, orientation or pixel spacing than the rest of its series.
     #[error("{}: {found}, but the other {n_others} images of its series have {expected}: remove the file, or export the series again", path.display())]
     OddImage {
@@ -165,10 +183,10 @@ pub enum Error {
         /// Gaps in all.
         n_gaps: usize,
     },
-    /// The planes are sheared against their normal.
+    /// The planes are sheared against their normal by more than any gantry tilts.
     #[error(
-        "the planes are shifted against each other as by a gantry tilt of {angle_deg:.2} degrees: \
-             have the scanner reconstruct the series without tilt"
+        "the planes lie on a line {angle_deg:.2} degrees off their normal, expected at most 45 (a gantry tilt): \
+             export the series again, its positions or orientation are wrong"
     )]
     GantryTilt {
         /// Angle between the planes' normal and the line on which they are stacked.
@@ -191,4 +209,52 @@ pub enum Error {
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+impl Error {
+    /// The message with every path in it replaced: paths may hold a patient's name, and are for the operator's own eyes only.
+    #[must_use]
+    pub fn text_with(&self, name: impl Fn(&Path) -> String) -> String {
+        let mut text = self.to_string();
+        for path in self.paths() {
+            text = text.replace(&path.display().to_string(), &name(path));
+        }
+        text
+    }
+
+    /// The paths that the message names. Without a wildcard: who adds a variant has to think of it.
+    fn paths(&self) -> Vec<&Path> {
+        match self {
+            Self::NotAFolder(path) | Self::Empty(path) | Self::NoImages(path) => vec![path],
+            Self::Read { path, .. }
+            | Self::NoDicom { path, .. }
+            | Self::Damaged { path, .. }
+            | Self::Truncated { path, .. }
+            | Self::MissingAttribute { path, .. }
+            | Self::BadAttribute { path, .. }
+            | Self::UnsupportedImage { path, .. }
+            | Self::UnsupportedSyntax { path, .. }
+            | Self::Undecodable { path, .. }
+            | Self::DirectoryWithoutFiles { path, .. }
+            | Self::OddImage { path, .. }
+            | Self::ShiftedPlane { path, .. } => vec![path],
+            // The longer one first: it may begin with the other.
+            Self::ConflictingPlanes { first, second, .. } => {
+                if first.as_os_str().len() < second.as_os_str().len() {
+                    vec![second, first]
+                } else {
+                    vec![first, second]
+                }
+            }
+            Self::SeveralSeries { .. }
+            | Self::NoSuchSeries { .. }
+            | Self::NoSeriesOfUid { .. }
+            | Self::SeriesGone { .. }
+            | Self::TooFewPlanes(_)
+            | Self::MissingPlanes { .. }
+            | Self::GantryTilt { .. }
+            | Self::TooLarge { .. }
+            | Self::Cancelled(_) => Vec::new(),
+        }
+    }
 }

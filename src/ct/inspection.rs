@@ -1,8 +1,13 @@
 //! What a folder holds and whether it can be used, for the operator.
+//!
+//! A report tells nothing that identifies a patient: no path, no file name, no attribute but numbers and codes. A file that is at
+//! fault is called by its place among the images of its series, sorted by path.
 
-use super::Warning;
-use super::series::Series;
+mod table;
+
+use super::series::{Header, Series};
 use super::stack::Stack;
+use super::{Error, Warning};
 use crate::geom::Vector3;
 use serde::Serialize;
 use std::fmt;
@@ -16,6 +21,9 @@ pub struct Inspection {
     pub series: Vec<SeriesReport>,
     /// What was odd about the folder as a whole.
     pub warnings: Vec<Warning>,
+    /// What is wrong, with the paths of the files: for the operator's own eyes, never written.
+    #[serde(skip)]
+    pub faults: Vec<String>,
 }
 
 /// One series.
@@ -25,20 +33,33 @@ pub struct SeriesReport {
     pub number: usize,
     /// DICOM modality.
     pub modality: String,
+    /// What tells it from other series with the same UID, such as `cardiac phase 70 %`.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub distinction: String,
     /// Images in it.
     pub n_images: usize,
+    /// Planes that they make; `null` where they make no stack.
+    pub n_planes: Option<usize>,
     /// Columns and rows.
     pub columns_rows: [usize; 2],
     /// Distance of columns and of rows, mm.
     pub pixel_spacing_xy_mm: [f64; 2],
     /// Thickness of the slab of the first image, mm.
     pub slab_thickness_mm: Option<f64>,
-    /// Least and largest distance between neighbouring planes, mm; `null` where the planes make no stack.
+    /// What lies unseen between slabs where planes lie at their usual distance, mm; negative where slabs overlap.
+    pub slab_gap_mm: Option<f64>,
+    /// Least and largest distance between neighbouring planes along their normal, mm; `null` where the planes make no stack.
     pub plane_step_mm: Option<[f64; 2]>,
     /// First and last plane along the normal, mm; `null` where the planes make no stack.
     pub z_range_mm: Option<[f64; 2]>,
     /// How the planes lie.
     pub orientation: Orientation,
+    /// Unit normal of the planes, patient coordinates (LPS).
+    pub normal_lps: [f64; 3],
+    /// Angle of a tilted gantry, degrees; `null` where there is none.
+    pub gantry_tilt_deg: Option<f64>,
+    /// How the pixels are stored.
+    pub pixels: PixelReport,
     /// Transfer syntax, by name.
     pub encoding: String,
     /// Whether it can be used.
@@ -47,6 +68,23 @@ pub struct SeriesReport {
     pub reason: Option<String>,
     /// What was odd about it.
     pub warnings: Vec<Warning>,
+    /// What to type next, PATH being the path that was inspected; `null` where it cannot be used.
+    pub next: Option<String>,
+}
+
+/// How stored values become intensities.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PixelReport {
+    /// Bits of the word.
+    pub bits_allocated: u16,
+    /// Bits that hold the value.
+    pub bits_stored: u16,
+    /// Whether values may be negative.
+    pub signed: bool,
+    /// Slope and intercept of the first image; `null` where it has none.
+    pub rescale: Option<[f64; 2]>,
+    /// Stored values that mean "outside the image", both ends included; `null` where none are named.
+    pub padding: Option<[i32; 2]>,
 }
 
 /// How planes lie in the patient.
@@ -109,83 +147,90 @@ impl fmt::Display for Verdict {
     }
 }
 
+impl PixelReport {
+    fn of(header: &Header) -> Self {
+        Self {
+            bits_allocated: header.pixels.bits_allocated,
+            bits_stored: header.pixels.bits_stored,
+            signed: header.pixels.is_signed,
+            rescale: header.rescale,
+            padding: header.padding,
+        }
+    }
+}
+
 impl SeriesReport {
-    /// The report of a series, its stack where it makes one, and the reason why it cannot be used, if any.
-    pub(super) fn new(number: usize, series: &Series, stack: Option<&Stack>, reason: Option<String>) -> Self {
+    /// The report of a series, its stack where it makes one, and what stands against its use, if anything. `is_one_of_several`:
+    /// whether it has to be chosen by its number.
+    pub(super) fn new(
+        number: usize,
+        series: &Series,
+        stack: Option<&Stack>,
+        fault: Option<&Error>,
+        is_one_of_several: bool,
+    ) -> Self {
         let first = &series.images[0];
         let warnings = stack.map(|s| s.warnings.clone()).unwrap_or_default();
-        let verdict = match (&reason, warnings.is_empty()) {
+        let verdict = match (fault, warnings.is_empty()) {
             (Some(_), _) => Verdict::Unusable,
             (None, true) => Verdict::Usable,
             (None, false) => Verdict::UsableWithWarnings,
         };
+        let steps = stack.map(|s| s.plane_z_mm.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+        let normal = first.shape.normal();
         Self {
             number,
             modality: first.modality.clone(),
+            distinction: series.distinction.clone(),
             n_images: series.images.len() + series.odd.len(),
+            n_planes: stack.map(|s| s.images.len()),
             columns_rows: [first.shape.columns, first.shape.rows],
             pixel_spacing_xy_mm: first.shape.spacing_xy_mm,
             slab_thickness_mm: first.slab_thickness_mm,
-            plane_step_mm: stack.map(|s| extremes(s.plane_z_mm.windows(2).map(|w| w[1] - w[0]))),
+            slab_gap_mm: steps.as_deref().zip(first.slab_thickness_mm).map(|(s, t)| middle(s) - t),
+            plane_step_mm: steps.map(|s| extremes(s.into_iter())),
             z_range_mm: stack.map(|s| extremes(s.plane_z_mm.iter().copied())),
-            orientation: Orientation::of(first.shape.axes[0].cross(&first.shape.axes[1])),
+            orientation: Orientation::of(normal),
+            normal_lps: normal.into(),
+            gantry_tilt_deg: stack.and_then(|s| s.tilt_deg),
+            pixels: PixelReport::of(first),
             encoding: first.syntax.name.to_owned(),
             verdict,
-            reason,
+            reason: fault.map(|f| without_paths(f, series)),
             warnings,
+            next: next_command(number, fault, is_one_of_several),
         }
     }
+}
 
-    fn row(&self) -> [String; 10] {
-        let range = |r: Option<[f64; 2]>, between: &str| match r {
-            Some([a, b]) if format!("{a:.3}") == format!("{b:.3}") => format!("{a:.3}"),
-            Some([a, b]) => format!("{a:.3}{between}{b:.3}"),
-            None => "-".into(),
-        };
-        let [columns, rows] = self.columns_rows;
-        let [dx, dy] = self.pixel_spacing_xy_mm;
-        [
-            self.number.to_string(),
-            self.modality.clone(),
-            self.n_images.to_string(),
-            format!("{columns} x {rows}"),
-            format!("{dx:.4} x {dy:.4}"),
-            range(self.plane_step_mm, "..."),
-            self.slab_thickness_mm.map_or("-".into(), |t| format!("{t:.3}")),
-            range(self.z_range_mm, " ... "),
-            self.orientation.to_string(),
-            self.verdict.to_string(),
-        ]
-    }
+/// What an error says, every path in it replaced by the image's place in its series.
+fn without_paths(error: &Error, series: &Series) -> String {
+    error.text_with(|path| match series.images.iter().position(|h| h.path == path) {
+        Some(i) => format!("image {} of {} (by file name)", i + 1, series.images.len()),
+        None if series.odd.iter().any(|h| h.path == path) => "an image of the series".into(),
+        None => "a file of the folder".into(),
+    })
+}
+
+fn next_command(number: usize, fault: Option<&Error>, is_one_of_several: bool) -> Option<String> {
+    let gaps = match fault {
+        None => "",
+        Some(Error::MissingPlanes { .. }) => " --allow-gaps",
+        Some(_) => return None,
+    };
+    let series = if is_one_of_several { format!(" --series {number}") } else { String::new() };
+    Some(format!("lumenfab run --ct PATH{series}{gaps} --seed-mm X,Y,Z --out my-case"))
+}
+
+/// The middle one of some values, the lower of two; they are not empty.
+fn middle(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(sorted.len() - 1) / 2]
 }
 
 fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)])
-}
-
-const HEAD: [&str; 10] =
-    ["no", "kind", "images", "pixels", "pixel mm", "step mm", "slab mm", "z mm", "orientation", "verdict"];
-
-impl fmt::Display for Inspection {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = vec![HEAD.map(String::from)];
-        rows.extend(self.series.iter().map(SeriesReport::row));
-        let widths: [usize; 10] =
-            std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0));
-        writeln!(f, "{} files, {} series", self.n_files, self.series.len())?;
-        for (i, row) in rows.iter().enumerate() {
-            let cells: Vec<String> = row.iter().zip(widths).map(|(c, w)| format!("{c:<w$}")).collect();
-            writeln!(f, "{}", cells.join("  ").trim_end())?;
-            let Some(report) = i.checked_sub(1).map(|n| &self.series[n]) else { continue };
-            for warning in &report.warnings {
-                writeln!(f, "    {}: {}", warning.code, warning.text)?;
-            }
-            if let Some(reason) = &report.reason {
-                writeln!(f, "    {reason}")?;
-            }
-        }
-        self.warnings.iter().try_for_each(|w| writeln!(f, "{}: {}", w.code, w.text))
-    }
 }
 
 #[cfg(test)]

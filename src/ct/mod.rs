@@ -5,23 +5,30 @@
 //!
 //! Frames: the stack's z runs along the planes' normal, its x along the rows, its y along the columns; for a
 //! transaxial CT the stack is the patient's LPS frame itself (images stored from right to left or from back to front
-//! are turned over for that). Lengths in mm, intensities in HU.
+//! are turned over for that). Planes need not lie at equal distances. Lengths in mm, intensities in HU.
 //!
-//! It deliberately resamples nothing: a series whose planes are sheared (gantry tilt), whose pixels differ in
-//! size, or that lacks a plane is refused with the place named. Colour is not read.
+//! Pixels stay as they are, with one exception: planes that lie beside each other (gantry tilt) are moved
+//! within themselves by whole pixels and a band-limited fraction, so that every later room may take for granted that planes lie over
+//! each other along the normal. Nothing is interpolated between planes.
+//!
+//! A series that lacks a plane or holds images that do not fit is refused with the place named. Colour is not read.
 //!
 //! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
 
+mod axes;
 pub mod codec;
 mod encoding;
 mod error;
+mod grouping;
 mod inspection;
 pub mod reader;
 mod series;
+mod shift;
 mod stack;
+mod traits;
 
 pub use error::Error;
-pub use inspection::{Inspection, Orientation, SeriesReport, Verdict};
+pub use inspection::{Inspection, Orientation, PixelReport, SeriesReport, Verdict};
 
 use crate::geom::{Point3, RigidTransform};
 
@@ -72,6 +79,36 @@ pub enum SeriesChoice {
     Only,
     /// The one of that number in the list of [`reader::inspect`], from 1.
     ByNumber(usize),
+}
+
+/// How a series is asked for where it is to be found again.
+#[derive(Clone, PartialEq, Eq)]
+pub enum SeriesName {
+    /// By its number in the list of [`reader::inspect`], from 1.
+    Number(usize),
+    /// By its SeriesInstanceUID, which must not be kept.
+    Uid(String),
+    /// By what [`SeriesMark`] kept of it.
+    Mark(SeriesMark),
+}
+
+impl std::fmt::Debug for SeriesName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(number) => f.debug_tuple("Number").field(number).finish(),
+            Self::Uid(_) => f.write_str("Uid(..)"),
+            Self::Mark(mark) => f.debug_tuple("Mark").field(mark).finish(),
+        }
+    }
+}
+
+/// What may be kept of a series that was chosen: its number and a hash that only proves it to be the same one again.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct SeriesMark {
+    /// Its number, from 1.
+    pub number: usize,
+    /// A keyed hash of its identity, 128 bits in hexadecimal digits.
+    pub check: String,
 }
 
 /// A series that was read.

@@ -1,8 +1,8 @@
-//! Image headers to series: which images belong together. Pure.
+//! What is known of images before their pixels, and of the stacks that they make. Pure.
 
 use super::encoding::{Frame, Loss, Syntax};
+use super::traits::Traits;
 use crate::geom::{Point3, Vector3};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What is needed of an image before its pixels.
@@ -11,8 +11,15 @@ pub(super) struct Header {
     pub(super) path: PathBuf,
     /// Series and frame of reference; compared, never shown.
     pub(super) identity: [String; 2],
+    /// The image's own UID; compared, never shown.
+    pub(super) instance: String,
+    /// Its place in the series as the scanner counts.
+    pub(super) number: Option<i32>,
+    pub(super) traits: Traits,
     pub(super) modality: String,
     pub(super) shape: Shape,
+    /// How far the cosines of the header are from orthonormal.
+    pub(super) axes_fault: f64,
     /// Centre of the first pixel, LPS, mm.
     pub(super) position: Point3,
     pub(super) slab_thickness_mm: Option<f64>,
@@ -22,9 +29,13 @@ pub(super) struct Header {
     pub(super) rescale: Option<[f64; 2]>,
     /// Stored values that mean "outside the image", both ends included.
     pub(super) padding: Option<[i32; 2]>,
+    /// Whether low values are meant to be shown bright.
+    pub(super) is_inverted: bool,
     pub(super) syntax: Syntax,
     pub(super) loss: Loss,
     pub(super) frame: Frame,
+    /// Bytes of its pixels in the file.
+    pub(super) pixel_bytes: Option<u64>,
 }
 
 /// What all images of a stack must share.
@@ -51,18 +62,31 @@ pub(super) struct PixelFormat {
 }
 
 impl Shape {
-    fn is_like(&self, other: &Self) -> bool {
+    pub(super) fn is_like(&self, other: &Self) -> bool {
         let spacing = |a: usize| (self.spacing_xy_mm[a] / other.spacing_xy_mm[a] - 1.0).abs() < 1e-4;
-        let axis = |a: usize| (self.axes[a] - other.axes[a]).abs().max() < 1e-3;
         self.columns == other.columns
             && self.rows == other.rows
-            && [0, 1].into_iter().all(|a| spacing(a) && axis(a))
+            && [0, 1].into_iter().all(spacing)
+            && self.lies_like(other)
+    }
+
+    /// Whether the images lie in parallel planes, their rows along each other.
+    pub(super) fn lies_like(&self, other: &Self) -> bool {
+        [0, 1].into_iter().all(|a| (self.axes[a] - other.axes[a]).abs().max() < 1e-3)
+    }
+
+    pub(super) fn normal(&self) -> Vector3 {
+        self.axes[0].cross(&self.axes[1])
+    }
+
+    pub(super) fn n_pixels(&self) -> usize {
+        self.columns * self.rows
     }
 
     /// Size, spacing and orientation in words.
     pub(super) fn describe(&self) -> String {
         let [dx, dy] = self.spacing_xy_mm;
-        let n = self.axes[0].cross(&self.axes[1]);
+        let n = self.normal();
         format!(
             "{} x {} pixels of {dx:.4} x {dy:.4} mm, normal ({:.3}, {:.3}, {:.3})",
             self.columns, self.rows, n.x, n.y, n.z
@@ -77,60 +101,40 @@ pub(super) struct Series {
     pub(super) images: Vec<Header>,
     /// Images of the same DICOM series that do not fit the others.
     pub(super) odd: Vec<Header>,
+    /// Images of the same DICOM series that lie in other planes: scout views.
+    pub(super) n_across: usize,
+    /// Images of the same DICOM series that are of another kind, too few to be a stack.
+    pub(super) n_other_kind: usize,
+    /// What tells it from the other stacks of its DICOM series, for the operator; empty where it has none.
+    pub(super) distinction: String,
+    /// What it is found again by; compared, never shown.
+    pub(super) key: Vec<String>,
 }
 
-/// Fewer images of another shape in one DICOM series are strays, not a stack of their own.
-const LEAST_STACK: usize = 3;
+impl Series {
+    /// Whether its SeriesInstanceUID is that one. What follows a `#` tells the stacks of a multi-frame object apart.
+    pub(super) fn has_uid(&self, uid: &str) -> bool {
+        self.images[0].identity[0].split('#').next() == Some(uid)
+    }
 
-/// Groups images by series and frame of reference, then by shape; in the order in which they first occur.
-pub(super) fn group(headers: Vec<Header>) -> Vec<Series> {
-    let mut index = BTreeMap::new();
-    let mut by_identity: Vec<Vec<Header>> = Vec::new();
-    for header in headers {
-        let place = *index.entry(header.identity.clone()).or_insert(by_identity.len());
-        if place == by_identity.len() {
-            by_identity.push(Vec::new());
+    /// A hash of what the series is found again by, under a salt: tells nothing about it.
+    pub(super) fn check(&self, salt: &str) -> String {
+        let key = blake3::derive_key("lumenfab series check 1", salt.as_bytes());
+        let mut hasher = blake3::Hasher::new_keyed(&key);
+        for part in &self.key {
+            hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
         }
-        by_identity[place].push(header);
+        hasher.finalize().to_hex()[..32].to_owned()
     }
-    by_identity.into_iter().flat_map(split_by_shape).collect()
-}
-
-fn split_by_shape(headers: Vec<Header>) -> Vec<Series> {
-    let mut stacks: Vec<Vec<Header>> = Vec::new();
-    for header in headers {
-        match stacks.iter_mut().find(|s| s[0].shape.is_like(&header.shape)) {
-            Some(stack) => stack.push(header),
-            None => stacks.push(vec![header]),
-        }
-    }
-    // The first of the largest: max_by_key would take the last.
-    let most = stacks.iter().map(Vec::len).max().unwrap_or(0);
-    let largest = stacks.iter().position(|s| s.len() == most).unwrap_or(0);
-    let mut series = Vec::new();
-    let mut odd = Vec::new();
-    let mut place_of_largest = 0;
-    for (i, images) in stacks.into_iter().enumerate() {
-        if i == largest || images.len() >= LEAST_STACK {
-            if i == largest {
-                place_of_largest = series.len();
-            }
-            series.push(Series { images, odd: Vec::new() });
-        } else {
-            odd.extend(images);
-        }
-    }
-    if let Some(stack) = series.get_mut(place_of_largest) {
-        stack.odd = odd;
-    }
-    series
 }
 
 /// The series numbered from 1, in one line, without anything that identifies a patient.
 pub(super) fn listing(series: &[Series]) -> String {
     let describe = |(i, s): (usize, &Series)| {
         let first = &s.images[0];
-        format!("{}: {}, {} images, {}", i + 1, first.modality, s.images.len(), first.shape.describe())
+        let (kind, n, shape) = (&first.modality, s.images.len(), first.shape.describe());
+        let told = if s.distinction.is_empty() { String::new() } else { format!(", {}", s.distinction) };
+        format!("{}: {kind}, {n} images, {shape}{told}", i + 1)
     };
     series.iter().enumerate().map(describe).collect::<Vec<_>>().join("; ")
 }
@@ -145,6 +149,9 @@ pub(super) mod tests {
         Header {
             path: name.into(),
             identity: ["series".into(), "frame".into()],
+            instance: name.into(),
+            number: None,
+            traits: Traits::default(),
             modality: "CT".into(),
             shape: Shape {
                 columns: 4,
@@ -152,6 +159,7 @@ pub(super) mod tests {
                 spacing_xy_mm: [0.5, 0.8],
                 axes: [Vector3::x(), Vector3::y()],
             },
+            axes_fault: 0.0,
             position: Point3::new(-10.0, 20.0, z),
             slab_thickness_mm: Some(2.0),
             spacing_between_mm: None,
@@ -165,33 +173,8 @@ pub(super) mod tests {
             },
             loss: Loss::Nowhere,
             frame: Frame { number: None, pieces: Vec::new(), deflated_from: None, is_swapped: false },
+            is_inverted: false,
+            pixel_bytes: Some(24),
         }
-    }
-
-    fn of_series(name: &str, z: f64, series: &str) -> Header {
-        Header { identity: [series.into(), "frame".into()], ..header(name, z) }
-    }
-
-    #[test]
-    fn series_are_told_apart_by_identity_in_order_of_their_files() {
-        let headers = vec![of_series("a", 0.0, "9"), of_series("b", 0.0, "1"), of_series("c", 1.0, "9")];
-        let found = group(headers);
-        assert_eq!(found.iter().map(|s| s.images.len()).collect::<Vec<_>>(), [2, 1]);
-        let text = listing(&found);
-        assert!(text.starts_with("1: CT, 2 images, 4 x 3 pixels of 0.5000 x 0.8000 mm"), "{text}");
-    }
-
-    #[test]
-    fn a_stray_shape_is_odd_and_a_whole_stack_is_its_own() {
-        let mut headers: Vec<Header> = (0..8).map(|i| header(&format!("{i}"), f64::from(i))).collect();
-        headers[2].shape.rows = 5;
-        let found = group(headers.clone());
-        assert_eq!((found.len(), found[0].images.len(), found[0].odd.len()), (1, 7, 1));
-        for header in &mut headers[4..] {
-            header.shape.axes = [Vector3::y(), Vector3::z()];
-        }
-        let found = group(headers);
-        assert_eq!(found.iter().map(|s| s.images.len()).collect::<Vec<_>>(), [3, 4]);
-        assert_eq!(found[1].odd.len(), 1);
     }
 }

@@ -8,7 +8,7 @@ use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::{SegmentSettings, Source};
 use crate::app::volume_file::{self, MARGIN_MM};
-use crate::ct::{self, SeriesChoice, Volume, Warning};
+use crate::ct::{self, Loaded, SeriesChoice, SeriesMark, SeriesName, Volume, Warning};
 use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
@@ -39,8 +39,19 @@ pub(crate) struct SegmentationNote {
     pub(crate) z_mm: [f64; 2],
     /// Volume of the voxels.
     pub(crate) n_voxels: usize,
+    /// The series, where one of several was chosen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) series: Option<SeriesMark>,
     /// What was odd about CT, lumen and contours.
     pub(crate) warnings: Vec<Warning>,
+}
+
+/// A CT that was read.
+struct Image {
+    volume: Volume,
+    warnings: Vec<Warning>,
+    /// Which one of several series it is.
+    series: Option<SeriesMark>,
 }
 
 impl Session<'_> {
@@ -111,7 +122,7 @@ impl Session<'_> {
     }
 
     fn find_contours(&mut self, task: &Task<'_>) -> Result<Made, Error> {
-        let (volume, mut warnings) = self.load_image(task)?;
+        let Image { volume, mut warnings, series } = self.load_image(task)?;
         self.note(Stage::Segment, "finding the lumen");
         let settings = self.settings();
         let params = segment_params(&settings.segment, &settings.source);
@@ -119,12 +130,15 @@ impl Session<'_> {
         self.note(Stage::Segment, "drawing its contours");
         let extracted = sections::extract(&volume, &found, &sections::Params::default(), task)?;
         warnings.extend(found.warnings.iter().chain(&extracted.warnings).cloned());
-        let note = note(&volume, &found, warnings);
+        // Kept under the number that was asked for, whatever number it has by now.
+        let asked = self.settings().segment.series;
+        let series = series.zip(asked).map(|(mark, number)| SeriesMark { number, ..mark });
+        let note = note(&volume, &found, series, warnings);
         let kept = volume_file::crop(&volume, lumen_bounds(&extracted.stack), found.planes);
         self.keep(extracted.stack, kept, note)
     }
 
-    fn load_image(&self, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
+    fn load_image(&self, task: &Task<'_>) -> Result<Image, Error> {
         match &self.settings().source {
             Source::Phantom(params) => {
                 self.note(Stage::Segment, "making a synthetic CT");
@@ -142,12 +156,29 @@ impl Session<'_> {
         }
     }
 
-    fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<(Volume, Vec<Warning>), Error> {
+    fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<Image, Error> {
         self.note(Stage::Segment, "reading the CT");
-        let SegmentSettings { series, allow_gaps, .. } = self.settings().segment;
-        let choice = series.map_or(SeriesChoice::Only, SeriesChoice::ByNumber);
-        let loaded = ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
-        Ok((loaded.volume, loaded.warnings))
+        let series = self.chosen_series(path, task)?;
+        let choice = series.as_ref().map_or(SeriesChoice::Only, |mark| SeriesChoice::ByNumber(mark.number));
+        let allow_gaps = self.settings().segment.allow_gaps;
+        let Loaded { volume, warnings, .. } =
+            ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
+        Ok(Image { volume, warnings, series })
+    }
+
+    /// The chosen series as it lies in the folder now: the one that the case was made from, whatever its number has become,
+    /// where it was made from one of the number asked for.
+    fn chosen_series(&self, path: &Path, task: &Task<'_>) -> Result<Option<SeriesMark>, Error> {
+        let Some(number) = self.settings().segment.series else { return Ok(None) };
+        let before = self.series_before().filter(|mark| mark.number == number);
+        let name = before.map_or(SeriesName::Number(number), SeriesName::Mark);
+        Ok(Some(ct::reader::find(path, &name, self.case.id(), task)?))
+    }
+
+    /// What an earlier segmentation kept of its series.
+    fn series_before(&self) -> Option<SeriesMark> {
+        let note: SegmentationNote = read_json(&self.case.path(SEGMENTATION_FILE)).ok()?;
+        note.series
     }
 
     fn keep(&mut self, stack: SectionStack, kept: Volume, note: SegmentationNote) -> Result<Made, Error> {
@@ -211,7 +242,12 @@ fn segment_params(settings: &SegmentSettings, source: &Source) -> segment::Param
     }
 }
 
-fn note(volume: &Volume, found: &Segmentation, warnings: Vec<Warning>) -> SegmentationNote {
+fn note(
+    volume: &Volume,
+    found: &Segmentation,
+    series: Option<SeriesMark>,
+    warnings: Vec<Warning>,
+) -> SegmentationNote {
     let z = &volume.plane_z_mm[found.planes.clone()];
     SegmentationNote {
         window_hu: found.window_hu,
@@ -219,6 +255,7 @@ fn note(volume: &Volume, found: &Segmentation, warnings: Vec<Warning>) -> Segmen
         n_planes: z.len(),
         z_mm: [z.first().copied().unwrap_or_default(), z.last().copied().unwrap_or_default()],
         n_voxels: found.mask.n_voxels(),
+        series,
         warnings,
     }
 }

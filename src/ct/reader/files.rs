@@ -80,6 +80,7 @@ struct Finding {
     folder: Folder,
     n_foreign: usize,
     n_localizers: usize,
+    n_captures: usize,
     n_others: usize,
     /// Each directory's path and what it names.
     directories: Vec<(PathBuf, Vec<Vec<String>>)>,
@@ -97,7 +98,7 @@ struct Named {
 impl Default for Finding {
     fn default() -> Self {
         let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), faults: Vec::new() };
-        Self { folder, n_foreign: 0, n_localizers: 0, n_others: 0, directories: Vec::new() }
+        Self { folder, n_foreign: 0, n_localizers: 0, n_captures: 0, n_others: 0, directories: Vec::new() }
     }
 }
 
@@ -106,6 +107,7 @@ impl Finding {
         match kind {
             Kind::Dicom(Ok(Content::Images(headers))) => self.folder.images.extend(headers),
             Kind::Dicom(Ok(Content::Localizer)) => self.n_localizers += 1,
+            Kind::Dicom(Ok(Content::SecondaryCapture)) => self.n_captures += 1,
             Kind::Dicom(Ok(Content::Other)) => self.n_others += 1,
             Kind::Dicom(Ok(Content::Directory(named))) => self.directories.push((path.to_owned(), named)),
             Kind::Dicom(Err(_)) if is_called_directory(path) => self.folder.warnings.push(Warning::new(
@@ -120,10 +122,10 @@ impl Finding {
     }
 
     const fn is_without_dicom(&self) -> bool {
-        let Self { folder, n_localizers, n_others, directories, .. } = self;
+        let Self { folder, n_localizers, n_captures, n_others, directories, .. } = self;
         folder.images.is_empty()
             && folder.faults.is_empty()
-            && *n_localizers + *n_others == 0
+            && *n_localizers + *n_captures + *n_others == 0
             && directories.is_empty()
     }
 
@@ -162,6 +164,7 @@ impl Finding {
         let mut warnings: Vec<Warning> = Vec::new();
         warnings.extend(left_out("ct.not_dicom", self.n_foreign, "file(s) that are not DICOM"));
         warnings.extend(left_out("ct.localizer", self.n_localizers, "localizer image(s)"));
+        warnings.extend(left_out("ct.secondary_capture", self.n_captures, "picture(s) of a screen"));
         warnings.extend(left_out(
             "ct.not_an_image_plane",
             self.n_others,

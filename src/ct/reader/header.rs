@@ -4,8 +4,10 @@
 //! differs between frames stands in per-frame functional groups, what does not in shared ones, the rest at the top.
 
 use super::super::Error;
+use super::super::axes::orthonormal;
 use super::super::encoding::{Frame, Loss, Packing};
 use super::super::series::{Header, PixelFormat, Shape};
+use super::super::traits::{Trait, Traits};
 use super::lengths::{self, Layout};
 use super::places;
 use super::stacks::{self, Dimensions};
@@ -25,6 +27,8 @@ pub(super) enum Content {
     Images(Vec<Header>),
     /// A scout view.
     Localizer,
+    /// A picture of a screen, or of paper.
+    SecondaryCapture,
     /// The files of a medium: of each the components of its path, from the directory's folder on.
     Directory(Vec<Vec<String>>),
     /// A report, an image without a place.
@@ -48,6 +52,9 @@ const ENHANCED_CLASSES: [&str; 8] = [
     uids::X_RAY3_D_CRANIOFACIAL_IMAGE_STORAGE,
 ];
 
+/// What makes images of planes (PS3.3 C.7.3.1.1.1), and "other".
+const MODALITIES: [&str; 12] = ["CT", "MR", "PT", "NM", "XA", "RF", "CR", "DX", "MG", "US", "OPT", "OT"];
+
 /// Reads a header, up to the pixels.
 pub(super) fn read(path: &Path) -> Result<Content, Error> {
     let layout = lengths::check(path)?;
@@ -70,6 +77,9 @@ const fn group_of(tag: Tag) -> Option<Tag> {
             tags::PIXEL_MEASURES_SEQUENCE
         }
         tags::RESCALE_SLOPE | tags::RESCALE_INTERCEPT => tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+        tags::CONVOLUTION_KERNEL => tags::CT_RECONSTRUCTION_SEQUENCE,
+        tags::KVP => tags::CTX_RAY_DETAILS_SEQUENCE,
+        tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE => tags::CARDIAC_SYNCHRONIZATION_SEQUENCE,
         tags::STACK_ID | tags::TEMPORAL_POSITION_INDEX | tags::DIMENSION_INDEX_VALUES => {
             tags::FRAME_CONTENT_SEQUENCE
         }
@@ -123,8 +133,12 @@ impl<'a> Attributes<'a> {
         if !is_image_class && self.object.get(tags::ROWS).is_none() {
             return Ok(Content::Other);
         }
-        if self.text(tags::IMAGE_TYPE).contains("LOCALIZER") {
+        let image_type = self.text(tags::IMAGE_TYPE);
+        if image_type.contains("LOCALIZER") {
             return Ok(Content::Localizer);
+        }
+        if class.starts_with(uids::SECONDARY_CAPTURE_IMAGE_STORAGE) || image_type.contains("SCREEN SAVE") {
+            return Ok(Content::SecondaryCapture);
         }
         let has_place = [tags::IMAGE_POSITION_PATIENT, tags::IMAGE_ORIENTATION_PATIENT]
             .into_iter()
@@ -218,7 +232,7 @@ impl<'a> Attributes<'a> {
             return Err(self.unsupported(format!("an image of {samples} samples per pixel (colour)")));
         }
         if self.text(tags::PHOTOMETRIC_INTERPRETATION) == "PALETTE COLOR" {
-            return Err(self.unsupported("an image in the colours of a palette".into()));
+            return Err(self.unsupported("an image of palette colours".into()));
         }
         if self.object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
             return Err(self.unsupported("an image with a modality look-up table".into()));
@@ -230,21 +244,39 @@ impl<'a> Attributes<'a> {
         self.refuse_unreadable_kinds()?;
         let (shape, pixels) = (self.shape()?, self.pixel_format()?);
         let syntax = syntax_of(self.object.meta().transfer_syntax(), pixels);
+        let frame = self.frame_of(layout, n_frames, &shape, pixels, syntax.packing)?;
         Ok(Header {
             path: self.path.to_owned(),
             identity: [tags::SERIES_INSTANCE_UID, tags::FRAME_OF_REFERENCE_UID].map(|t| self.text(t)),
+            instance: self.instance(),
+            number: self.number_in_series(),
+            traits: self.traits(),
             modality: self.modality(),
+            axes_fault: self.axes()?.1,
             position: self.position()?,
             slab_thickness_mm: self.positive(tags::SLICE_THICKNESS)?,
             spacing_between_mm: self.number(tags::SPACING_BETWEEN_SLICES)?,
             rescale: self.rescale()?,
             padding: self.padding()?,
+            is_inverted: self.text(tags::PHOTOMETRIC_INTERPRETATION) == "MONOCHROME1",
             loss: Loss::of(syntax.loss, self.said_loss()),
-            frame: self.frame_of(layout, n_frames, &shape, pixels, syntax.packing)?,
+            pixel_bytes: Some(frame.pieces.iter().map(|p| p.end - p.start).sum()),
+            frame,
             shape,
             pixels,
             syntax,
         })
+    }
+
+    /// The UID of the image; frames of one object add their number.
+    fn instance(&self) -> String {
+        let uid = self.text(tags::SOP_INSTANCE_UID);
+        self.frame.map_or(uid.clone(), |frame| format!("{uid}#{}", frame.number))
+    }
+
+    /// Its place in the series as the scanner counts; frames are in no order that a scanner made.
+    fn number_in_series(&self) -> Option<i32> {
+        if self.frame.is_some() { None } else { self.integer(tags::INSTANCE_NUMBER).unwrap_or(None) }
     }
 
     /// Whether LossyImageCompression says so; `None` where it says nothing.
@@ -310,22 +342,39 @@ impl<'a> Attributes<'a> {
             rows: side(tags::ROWS, "Rows")?,
             // The header states the distance between rows, along y, first.
             spacing_xy_mm: [spacing[1], spacing[0]],
-            axes: self.axes()?,
+            axes: self.axes()?.0,
         })
     }
 
-    fn axes(&self) -> Result<[Vector3; 2], Error> {
+    /// Directions of rows and columns, and how far the cosines are from orthonormal.
+    fn axes(&self) -> Result<([Vector3; 2], f64), Error> {
         const NAME: &str = "ImageOrientationPatient";
         let [a, b, c, d, e, f] = self.numbers::<6>(tags::IMAGE_ORIENTATION_PATIENT, NAME)?;
-        let (row, column) = (Vector3::new(a, b, c), Vector3::new(d, e, f));
-        // What three decimals may be off.
-        let fault = (row.norm() - 1.0).abs().max((column.norm() - 1.0).abs()).max(row.dot(&column).abs());
-        if fault > 2e-3 {
-            return Err(self.bad(NAME, &[a, b, c, d, e, f], "two orthogonal unit vectors"));
+        orthonormal(Vector3::new(a, b, c), Vector3::new(d, e, f)).map_err(|fault| {
+            let found = format!("{:?}, off by {fault:.4}", [a, b, c, d, e, f]);
+            // The figure is `axes::REFUSED`.
+            let expected = "two orthogonal unit vectors within 0.01";
+            Error::BadAttribute { path: self.path.to_owned(), attribute: NAME, found, expected }
+        })
+    }
+
+    /// What tells images of one place apart.
+    fn traits(&self) -> Traits {
+        let mut traits = Traits::default();
+        for (of, tag) in [
+            (Trait::ImageType, tags::IMAGE_TYPE),
+            (Trait::Kernel, tags::CONVOLUTION_KERNEL),
+            (Trait::EchoTime, tags::ECHO_TIME),
+            (Trait::TubeVoltage, tags::KVP),
+            (Trait::TemporalPosition, tags::TEMPORAL_POSITION_IDENTIFIER),
+            (Trait::CardiacPhase, tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE),
+            (Trait::TriggerTime, tags::TRIGGER_TIME),
+            (Trait::Acquisition, tags::ACQUISITION_NUMBER),
+            (Trait::AcquisitionTime, tags::ACQUISITION_TIME),
+        ] {
+            traits.0[of as usize] = self.text(tag);
         }
-        let row = row / row.norm();
-        let column = column - row * row.dot(&column);
-        Ok([row, column / column.norm()])
+        traits
     }
 
     fn position(&self) -> Result<Point3, Error> {
@@ -383,11 +432,10 @@ impl<'a> Attributes<'a> {
         Ok(Some([a.min(b), a.max(b)]))
     }
 
-    /// The modality, or OT where the header holds anything but a code.
+    /// The modality, or OT where the header holds anything but the code of one that makes planes.
     fn modality(&self) -> String {
         let code = self.text(tags::MODALITY);
-        let is_code = (2..=4).contains(&code.len()) && code.bytes().all(|b| b.is_ascii_uppercase());
-        if is_code { code } else { "OT".into() }
+        if MODALITIES.contains(&code.as_str()) { code } else { "OT".into() }
     }
 
     /// An attribute: of the frame, of all frames, or of the file.

@@ -19,9 +19,10 @@ mod syntax;
 
 pub use super::codec::is_decoding;
 
-use super::series::{Series, group, listing};
+use super::grouping::group;
+use super::series::{Header, Series, listing};
 use super::stack::{Stack, arrange};
-use super::{Error, Inspection, Loaded, SeriesChoice, SeriesReport, Volume, Warning};
+use super::{Error, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume, Warning};
 use crate::progress::{Cancelled, Task};
 use files::{Folder, scan};
 use pixels::Findings;
@@ -70,7 +71,38 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
     })
 }
 
-/// Says which series a folder holds and whether they can be used; reads all pixels to know.
+/// Finds a series among those of a folder and says what to keep of it. `salt` is the case's own, so that what is kept in two
+/// cases cannot be compared. Reads headers only.
+///
+/// # Errors
+/// [`Error::NoSuchSeries`], [`Error::NoSeriesOfUid`] or [`Error::SeriesGone`] where it is not there; as [`load`] for the folder.
+pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Result<SeriesMark, Error> {
+    let all = group(scan(path, task)?.images);
+    let position = match name {
+        SeriesName::Number(number) => number.checked_sub(1).filter(|&i| i < all.len()),
+        SeriesName::Uid(uid) => all.iter().position(|s| s.has_uid(uid)),
+        SeriesName::Mark(mark) => all.iter().position(|s| s.check(salt) == mark.check),
+    };
+    let missing = || {
+        let listing = listing(&all);
+        match name {
+            SeriesName::Number(number) => Error::NoSuchSeries { number: *number, listing },
+            SeriesName::Uid(_) => Error::NoSeriesOfUid { listing },
+            SeriesName::Mark(mark) => Error::SeriesGone { number: mark.number, listing },
+        }
+    };
+    let i = position.ok_or_else(missing)?;
+    if let SeriesName::Uid(uid) = name
+        && all.iter().filter(|s| s.has_uid(uid)).count() > 1
+    {
+        // One UID, several phases or reconstructions: only the number tells them apart.
+        return Err(Error::SeveralSeries { n: all.len(), listing: listing(&all) });
+    }
+    Ok(SeriesMark { number: i + 1, check: all[i].check(salt) })
+}
+
+/// Says which series a folder holds and whether they can be used. Headers are read and the sizes of all pixels checked; only the
+/// middle image of each series, images at the same place and those whose size is not known are decoded.
 ///
 /// # Errors
 /// [`Error`] where there is nothing to report on: no folder, no file, no image; or on interruption. What is wrong with a
@@ -81,29 +113,40 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
     if all.is_empty() {
         return Err(faults.into_iter().next().unwrap_or_else(|| Error::NoImages(path.to_owned())));
     }
-    let fault = faults.first().map(Error::to_string);
-    let report = |(i, series): (usize, &Series)| -> Result<SeriesReport, Error> {
-        let (stack, reason) = examine(series, task)?;
-        Ok(SeriesReport::new(i + 1, series, stack.as_ref(), fault.clone().or(reason)))
-    };
-    let series = all.iter().enumerate().map(report).collect::<Result<_, _>>()?;
-    Ok(Inspection { n_files, series, warnings })
+    let mut texts: Vec<String> = faults.iter().map(Error::to_string).collect();
+    let mut reports = Vec::with_capacity(all.len());
+    for (i, series) in all.iter().enumerate() {
+        let (stack, fault) = examine(series, task)?;
+        texts.extend(fault.as_ref().map(Error::to_string));
+        let fault = faults.first().or(fault.as_ref());
+        reports.push(SeriesReport::new(i + 1, series, stack.as_ref(), fault, all.len() > 1));
+    }
+    Ok(Inspection { n_files, series: reports, warnings, faults: texts })
 }
 
 /// The stack of a series, where it makes one, and what stands against its use.
-fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<String>), Error> {
-    let mut stack = match arrange(series, false) {
+fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<Error>), Error> {
+    let stack = match arrange(series, false) {
         Ok(stack) => stack,
-        Err(fault) => return Ok((arrange(series, true).ok(), Some(fault.to_string()))),
+        Err(fault) => return Ok((arrange(series, true).ok(), Some(fault))),
     };
-    match read_volume(series, &stack, task) {
-        Ok((_, findings)) => {
-            stack.warnings.append(&mut findings.warnings());
-            Ok((Some(stack), None))
-        }
+    match check_pixels(series, &stack, task) {
+        Ok(()) => Ok((Some(stack), None)),
         Err(Error::Cancelled(c)) => Err(c.into()),
-        Err(fault) => Ok((Some(stack), Some(fault.to_string()))),
+        Err(fault) => Ok((Some(stack), Some(fault))),
     }
+}
+
+/// Checks that the pixels can be read, decoding no more than is needed to know.
+fn check_pixels(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(), Error> {
+    series.images.iter().try_for_each(check_size)?;
+    let middle = stack.images[stack.images.len() / 2];
+    let is_unknown = |i: &usize| series.images[*i].pixel_bytes.is_none() && *i != middle;
+    let looked_at: Vec<usize> =
+        (0..series.images.len()).filter(is_unknown).chain(std::iter::once(middle)).collect();
+    let decode = |&i: &usize| stored_plane(&series.images[i], stack).map(drop);
+    in_parallel(&looked_at, task, decode)?.into_iter().collect::<Result<(), Error>>()?;
+    compare_duplicates(series, stack, task)
 }
 
 fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'a Series, Error> {
@@ -119,34 +162,77 @@ fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'
 }
 
 fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volume, Findings), Error> {
-    let shape = &series.images[0].shape;
-    let dims = [shape.columns, shape.rows, stack.images.len()];
+    series.images.iter().try_for_each(check_size)?;
+    let [columns, rows] = stack.size;
+    let dims = [columns, rows, stack.images.len()];
     let mut hu = zeroed(dims)?;
     let done = AtomicU64::new(0);
     let n_planes = stack.images.len() as u64;
     let results: Vec<Result<Findings, Error>> = hu
-        .par_chunks_exact_mut(dims[0] * dims[1])
-        .zip(&stack.images)
-        .map(|(plane, &image)| {
+        .par_chunks_exact_mut(columns * rows)
+        .enumerate()
+        .map(|(k, plane)| {
             task.check()?;
-            let findings = pixels::read_plane(&series.images[image], stack.reversed, plane)?;
+            let findings = read_plane(series, stack, k, plane)?;
             task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
             Ok(findings)
         })
         .collect();
     // The first error in the order of the planes, whichever thread met one first.
     let findings = results.into_iter().try_fold(Findings::default(), |sum, f| f.map(|f| sum.and(f)))?;
+    compare_duplicates(series, stack, task)?;
     let volume = Volume {
         dims,
         hu,
         origin_xy_mm: stack.origin_xy_mm,
-        pixel_spacing_xy_mm: shape.spacing_xy_mm,
+        pixel_spacing_xy_mm: series.images[0].shape.spacing_xy_mm,
         plane_z_mm: stack.plane_z_mm.clone(),
         slab_thickness_mm: stack.slab_thickness_mm,
         patient_from_stack: stack.patient_from_stack,
     };
-    compare_duplicates(series, stack, &volume, task)?;
     Ok((volume, findings))
+}
+
+/// Reads plane k onto the grid of the stack.
+fn read_plane(series: &Series, stack: &Stack, k: usize, plane: &mut [f32]) -> Result<Findings, Error> {
+    let header = &series.images[stack.images[k]];
+    let Some(shift) = stack.shifts.get(k) else {
+        return pixels::read_plane(header, stack.reversed, plane);
+    };
+    let (stored, findings) = stored_plane(header, stack)?;
+    let darkest = stored.iter().copied().fold(f32::INFINITY, f32::min);
+    shift.apply(&stored, [header.shape.columns, header.shape.rows], plane, stack.size, darkest);
+    Ok(findings)
+}
+
+/// The pixels of an image, turned over as the stack asks.
+fn stored_plane(header: &Header, stack: &Stack) -> Result<(Vec<f32>, Findings), Error> {
+    let mut plane = vec![0.0; header.shape.n_pixels()];
+    let findings = pixels::read_plane(header, stack.reversed, &mut plane)?;
+    Ok((plane, findings))
+}
+
+/// Most pixels that a byte of a compressed image is believed to hold: an empty image compresses to some hundred bytes.
+const MOST_PIXELS_A_BYTE: u64 = 10_000;
+
+/// Refuses an image whose file holds fewer pixels than its header claims, before memory is set aside for them.
+fn check_size(header: &Header) -> Result<(), Error> {
+    let Some(found) = header.pixel_bytes else { return Ok(()) };
+    let n_pixels = header.shape.n_pixels() as u64;
+    let needed = if header.syntax.is_plain() {
+        n_pixels * u64::from(header.pixels.bits_allocated / 8)
+    } else {
+        n_pixels / MOST_PIXELS_A_BYTE
+    };
+    if found >= needed {
+        return Ok(());
+    }
+    let bytes = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+    Err(Error::Truncated {
+        path: header.path.clone(),
+        found_bytes: bytes(found),
+        expected_bytes: bytes(needed),
+    })
 }
 
 /// The memory of a volume, asked for in a way that may fail: dimensions come from files.
@@ -159,17 +245,15 @@ fn zeroed(dims: [usize; 3]) -> Result<Vec<f32>, Error> {
 }
 
 /// Refuses images at one place that are not the same image.
-fn compare_duplicates(series: &Series, stack: &Stack, volume: &Volume, task: &Task<'_>) -> Result<(), Error> {
-    let mut other_pixels = vec![0.0; volume.dims[0] * volume.dims[1]];
+fn compare_duplicates(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(), Error> {
+    let pixels = |image: usize| stored_plane(&series.images[image], stack).map(|(plane, _)| plane);
     for &(kept, other) in &stack.duplicates {
         task.check()?;
-        let (first, second) = (&series.images[kept], &series.images[other]);
-        pixels::read_plane(second, stack.reversed, &mut other_pixels)?;
-        let plane = stack.images.iter().position(|&i| i == kept).expect("what is doubled was kept");
-        if other_pixels != volume.plane(plane) {
+        if pixels(kept)? != pixels(other)? {
+            let plane = stack.images.iter().position(|&i| i == kept).expect("what is doubled was kept");
             return Err(Error::ConflictingPlanes {
-                first: first.path.clone(),
-                second: second.path.clone(),
+                first: series.images[kept].path.clone(),
+                second: series.images[other].path.clone(),
                 z_mm: stack.plane_z_mm[plane],
             });
         }

@@ -1,0 +1,160 @@
+//! The distances between neighbouring planes: which are uneven, and where planes are missing. Pure; mm along the normal.
+//!
+//! Planes need not lie at equal distances: they are used where they are. A plane counts as missing where another one would fit
+//! in between: where a distance is at least twice the one that is usual in the series, or twice both its neighbours. Unless the
+//! slabs on both sides are so thick that they meet: then the scanner was set to it and nothing was left unseen.
+
+use super::super::{Error, Warning};
+use super::median;
+
+/// A plane, as far as distances go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slab {
+    pub(super) z_mm: f64,
+    /// As the header states it.
+    pub(super) thickness_mm: Option<f64>,
+}
+
+/// Checks the distances between planes, ascending in z and two at least, and returns their median.
+///
+/// # Errors
+/// [`Error::MissingPlanes`] where there are gaps and none are allowed.
+pub(super) fn check(slabs: &[Slab], allow_gaps: bool, warnings: &mut Vec<Warning>) -> Result<f64, Error> {
+    let steps: Vec<f64> = slabs.windows(2).map(|w| w[1].z_mm - w[0].z_mm).collect();
+    // What is missing only ever lengthens a distance: of two middle ones the lower.
+    let usual = median(steps.iter().copied());
+    let gaps: Vec<usize> = (0..steps.len()).filter(|&i| is_gap(slabs, &steps, i, usual)).collect();
+    if let Some(&first) = gaps.first() {
+        let gap = describe(slabs, &steps, first, usual, gaps.len());
+        if !allow_gaps {
+            return Err(gap);
+        }
+        let (below_mm, above_mm, n_gaps) = (slabs[first].z_mm, slabs[first + 1].z_mm, gaps.len());
+        let text = format!(
+            "{n_gaps} gap(s) in the stack, the first between z = {below_mm:.3} and {above_mm:.3} mm; the shape there is interpolated"
+        );
+        warnings.push(Warning::new("ct.missing_planes", text));
+    }
+    let is_uneven = |i: &usize| !gaps.contains(i) && (steps[*i] - usual).abs() > rounding(usual);
+    let n_uneven = (0..steps.len()).filter(is_uneven).count();
+    if n_uneven > 0 {
+        let text = format!(
+            "{n_uneven} distance(s) between planes differ from the usual {usual:.3} mm; the true ones were used"
+        );
+        warnings.push(Warning::new("ct.irregular_spacing", text));
+    }
+    Ok(usual)
+}
+
+/// How far a distance may be off because headers often round positions to a tenth of a millimetre.
+fn rounding(step_mm: f64) -> f64 {
+    (0.05 * step_mm).max(0.11)
+}
+
+fn is_gap(slabs: &[Slab], steps: &[f64], i: usize, usual: f64) -> bool {
+    let step = steps[i];
+    let fits_twice = |other: f64| step >= 2.0 * other - rounding(other).min(0.5 * other);
+    let neighbours = i.checked_sub(1).and_then(|below| Some(steps[below].max(*steps.get(i + 1)?)));
+    (fits_twice(usual) || neighbours.is_some_and(fits_twice)) && !slabs_meet(slabs, i, step)
+}
+
+/// Whether the slabs below and above a step leave nothing between them unseen.
+fn slabs_meet(slabs: &[Slab], i: usize, step: f64) -> bool {
+    let half = |slab: &Slab| 0.5 * slab.thickness_mm.unwrap_or(0.0);
+    half(&slabs[i]) + half(&slabs[i + 1]) >= step - rounding(step)
+}
+
+fn describe(slabs: &[Slab], steps: &[f64], i: usize, usual: f64, n_gaps: usize) -> Error {
+    let neighbours = i.checked_sub(1).map(|below| steps[below]).into_iter().chain(steps.get(i + 1).copied());
+    let local = neighbours.fold(usual, f64::min);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative, saturates")]
+    let n_missing = ((steps[i] / local).round() as usize).saturating_sub(1).max(1);
+    Error::MissingPlanes {
+        below_mm: slabs[i].z_mm,
+        above_mm: slabs[i + 1].z_mm,
+        n_missing,
+        step_mm: local,
+        n_gaps,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slabs(z: &[f64], thickness: f64) -> Vec<Slab> {
+        z.iter().map(|&z_mm| Slab { z_mm, thickness_mm: Some(thickness) }).collect()
+    }
+
+    /// z of planes at these distances.
+    fn at(steps: &[f64]) -> Vec<f64> {
+        let mut z = vec![0.0];
+        z.extend(steps.iter().scan(0.0, |at, s| {
+            *at += s;
+            Some(*at)
+        }));
+        z
+    }
+
+    /// Gaps found going up; checks that going down finds as many.
+    fn n_gaps(z: &[f64], thickness: f64) -> usize {
+        let count = |z: &[f64]| match check(&slabs(z, thickness), false, &mut Vec::new()) {
+            Ok(_) => 0,
+            Err(Error::MissingPlanes { n_gaps, .. }) => n_gaps,
+            Err(other) => panic!("{other}"),
+        };
+        let turned: Vec<f64> = z.iter().rev().map(|v| -v).collect();
+        assert_eq!(count(z), count(&turned));
+        count(z)
+    }
+
+    #[test]
+    fn a_plane_is_missing_where_another_would_fit() {
+        assert_eq!(n_gaps(&at(&[3.0, 3.0, 6.0, 3.0]), 2.0), 1);
+        assert_eq!(n_gaps(&at(&[3.0, 3.0, 9.0, 3.0, 6.0, 3.0]), 2.0), 2);
+        assert_eq!(n_gaps(&at(&[3.0, 6.0, 6.0, 3.0]), 2.0), 2);
+        assert_eq!(n_gaps(&at(&[3.0, 3.0, 7.4, 3.0]), 2.0), 1);
+        // Positions rounded to tenths.
+        assert_eq!(n_gaps(&at(&[0.6, 0.6, 1.2, 0.7, 0.6]), 0.6), 1);
+    }
+
+    #[test]
+    fn uneven_planes_are_not_missing() {
+        assert_eq!(n_gaps(&at(&[3.0, 3.0, 5.0, 5.0, 5.0]), 2.0), 0);
+        assert_eq!(n_gaps(&at(&[3.0, 3.4, 2.6, 3.0]), 2.0), 0);
+        assert_eq!(n_gaps(&at(&[1.0, 1.2, 1.4, 1.7, 2.0, 2.4, 2.9]), 1.0), 0);
+    }
+
+    #[test]
+    fn a_plane_missing_in_the_finer_part_is_found() {
+        let steps = [2.5, 2.5, 2.5, 5.0, 2.5, 2.5, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0];
+        let slabs: Vec<Slab> = at(&steps)
+            .into_iter()
+            .map(|z_mm| Slab { z_mm, thickness_mm: Some(if z_mm > 17.0 { 5.0 } else { 2.5 }) })
+            .collect();
+        let error = check(&slabs, false, &mut Vec::new()).unwrap_err();
+        let Error::MissingPlanes { below_mm, above_mm, n_missing, n_gaps, .. } = error else {
+            panic!("{error}")
+        };
+        assert_eq!((below_mm, above_mm, n_missing, n_gaps), (7.5, 12.5, 1, 1));
+    }
+
+    #[test]
+    fn slabs_that_grow_with_the_distance_are_a_protocol() {
+        let z = at(&[2.5, 2.5, 2.5, 2.5, 5.0, 5.0]);
+        let thickness = |z: f64| if z > 10.0 { 5.0 } else { 2.5 };
+        let grown: Vec<Slab> =
+            z.iter().map(|&z| Slab { z_mm: z, thickness_mm: Some(thickness(z)) }).collect();
+        let mut warnings = Vec::new();
+        assert!(
+            check(&grown, false, &mut warnings).is_err(),
+            "between the last thin slab and the first thick one"
+        );
+        let grown: Vec<Slab> = z
+            .iter()
+            .map(|&z| Slab { z_mm: z, thickness_mm: Some(if z >= 10.0 { 7.5 } else { 2.5 }) })
+            .collect();
+        assert_eq!(check(&grown, false, &mut warnings).unwrap(), 2.5);
+        assert_eq!(warnings[0].code, "ct.irregular_spacing");
+    }
+}
