@@ -238,7 +238,21 @@ fn the_whole_way_tells_nothing() {
     place.says_nothing(0, &["inspect", &ct, "--json"]);
     place.says_nothing(0, &["run", "--ct", &ct, &place.seed, "--out", "case"]);
     place.says_nothing(0, &["run", "case", "--json"]);
-    place.says_nothing(0, &["solid", "case", "--view", "view.png", "--matching", "matching.svg"]);
+    place.says_nothing(
+        0,
+        &[
+            "solid",
+            "case",
+            "--view",
+            "view.png",
+            "--size-px",
+            "200",
+            "--from",
+            "front",
+            "--matching",
+            "matching.svg",
+        ],
+    );
     place.says_nothing(0, &["export", "case", "--stl", "a.stl", "--3mf", "a.3mf", "--step", "a.step"]);
     place.says_nothing(0, &["slice", "case", "--out", "job.gcode"]);
     place.says_nothing(
