@@ -835,7 +835,7 @@ fn several_series() {
 #[test]
 fn a_file_that_may_not_be_read_is_named() {
     let folder = Folder::new();
-    fs::set_permissions(folder.file(3), fs::Permissions::from_mode(0)).unwrap();
+    fs::set_permissions(folder.file(3), fs::Permissions::from_mode(0o000)).unwrap();
     if fs::read(folder.file(3)).is_ok() {
         eprintln!("skipped: the system lets this user (root?) read every file");
         return;
