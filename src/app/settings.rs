@@ -5,6 +5,7 @@
 //! filled in and every value was checked. Keys are the flags' names with underscores, units included.
 
 use crate::phantom;
+use crate::sections::Boundary;
 use crate::segment::Polarity;
 use crate::solid::Correspondence;
 use crate::topology::Decisions;
@@ -58,13 +59,27 @@ pub const WALL_MM: Limits = Limits { min: 0.1, max: 20.0, unit: "mm" };
 /// Layer height; the profile's own limits are narrower.
 pub const LAYER_MM: Limits = Limits { min: 0.02, max: 1.0, unit: "mm" };
 /// Standard deviation of a phantom's noise.
-pub const NOISE_HU: Limits = Limits { min: 0.0, max: 500.0, unit: "HU" };
+pub const NOISE_HU: Limits = Limits::of(phantom::NOISE_HU, "HU");
+/// Standard deviation of a phantom's blur.
+pub const PSF_SIGMA_MM: Limits = Limits::of(phantom::PSF_SIGMA_MM, "mm");
+/// Thickness that a phantom's plane averages over.
+pub const SLAB_MM: Limits = Limits::of(phantom::SLAB_MM, "mm");
+/// Side of a phantom's pixel.
+pub const PIXEL_MM: Limits = Limits::of(phantom::PIXEL_MM, "mm");
+/// Distance of a phantom's planes.
+pub const PLANE_STEP_MM: Limits = Limits::of(phantom::PLANE_STEP_MM, "mm");
+/// Tilt of a phantom's planes.
+pub const TILT_DEG: Limits = Limits::of(phantom::TILT_DEG, "degrees");
 /// Deflection of a tessellation: below half a micrometre the file outgrows every memory.
 pub const DEFLECTION_MM: Limits = Limits { min: 0.0005, max: 5.0, unit: "mm" };
 /// The same as a fraction of the local radius: a fifth leaves eight corners to a circle.
 pub const DEFLECTION_RELATIVE: Limits = Limits { min: 0.0001, max: 0.2, unit: "of the local radius" };
 
 impl Limits {
+    const fn of([min, max]: [f64; 2], unit: &'static str) -> Self {
+        Self { min, max, unit }
+    }
+
     /// The number itself where it may be used.
     ///
     /// # Errors
@@ -199,6 +214,8 @@ pub struct SegmentSettings {
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
     pub polarity: Polarity,
+    /// Which grey value the boundary is.
+    pub boundary: Boundary,
     /// Heights along the stack's normal that are used; `None`: all.
     pub z_mm: Option<[f64; 2]>,
 }
@@ -276,6 +293,8 @@ pub struct CaseFile {
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
     pub polarity: Option<Polarity>,
+    /// Which grey value the boundary is.
+    pub boundary: Option<Boundary>,
     /// Heights that are used, mm.
     pub z_mm: Option<[f64; 2]>,
     /// Thickness of the wall, mm.
@@ -344,6 +363,7 @@ impl CaseFile {
             seed_mm: (!segment.seed_mm.is_empty()).then(|| segment.seed_mm.clone()),
             window_hu: segment.window_hu,
             polarity: Some(segment.polarity),
+            boundary: Some(segment.boundary),
             z_mm: segment.z_mm,
             wall_mm,
             cast: Some(cast),
@@ -374,6 +394,7 @@ impl CaseFile {
             seed_mm: self.seed_mm.or(below.seed_mm),
             window_hu: self.window_hu.or(below.window_hu),
             polarity: self.polarity.or(below.polarity),
+            boundary: self.boundary.or(below.boundary),
             z_mm: self.z_mm.or(below.z_mm),
             wall_mm,
             cast,
@@ -472,6 +493,7 @@ impl CaseFile {
             seed_mm,
             window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
             polarity: self.polarity.unwrap_or_default(),
+            boundary: self.boundary.unwrap_or_default(),
             z_mm: checked("z_mm", self.z_mm, Z_EXPECTED)?,
         })
     }

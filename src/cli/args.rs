@@ -6,6 +6,7 @@ use crate::app::settings::{
 };
 use crate::app::{Colouring, Skin, View};
 use crate::phantom::{self, Contrast, Kind};
+use crate::sections::Boundary;
 use crate::segment::Polarity;
 use crate::view::Direction;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -110,6 +111,12 @@ pub(crate) struct CtArgs {
     /// [default: auto]
     #[arg(long, value_parser = named([("bright", Polarity::Bright), ("dark", Polarity::Dark), ("auto", Polarity::Auto)]))]
     pub(crate) polarity: Option<Polarity>,
+    /// Which grey value the boundary is. model: the likeliest cause of the image; half-maximum: half-way between lumen
+    /// and wall; window-edge: the end of the window that faces the wall; auto: where a window is given its edge,
+    /// else the model's [default: auto]
+    #[arg(long, value_parser = named([("auto", Boundary::Auto), ("model", Boundary::Model),
+        ("half-maximum", Boundary::HalfMaximum), ("window-edge", Boundary::WindowEdge)]))]
+    pub(crate) boundary: Option<Boundary>,
     /// Planes to use: heights along the stack's normal, mm, A < B [default: all]
     #[arg(long, value_name = "A,B", value_parser = settings::parse_z_mm, allow_hyphen_values = true)]
     pub(crate) z_mm: Option<[f64; 2]>,
@@ -272,6 +279,35 @@ pub(crate) struct PhantomArgs {
           default_value_t = phantom::Params::default().noise_hu,
           help = range_help("Standard deviation of the noise", settings::NOISE_HU))]
     pub(crate) noise_hu: f64,
+    /// Seed of the noise
+    #[arg(long, value_name = "N", default_value_t = phantom::Params::default().seed)]
+    pub(crate) noise_seed: u64,
+    #[arg(long, value_name = "S", value_parser = |t: &str| settings::PSF_SIGMA_MM.parse(t), allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().psf_sigma_mm,
+          help = range_help("Standard deviation of the blur in the plane", settings::PSF_SIGMA_MM))]
+    pub(crate) psf_sigma_mm: f64,
+    #[arg(long, value_name = "T", value_parser = |t: &str| settings::SLAB_MM.parse(t), allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().slab_mm,
+          help = range_help("Thickness that a plane averages over", settings::SLAB_MM))]
+    pub(crate) slab_mm: f64,
+    #[arg(long, value_name = "P", value_parser = |t: &str| settings::PIXEL_MM.parse(t), allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().pixel_mm,
+          help = range_help("Side of a pixel", settings::PIXEL_MM))]
+    pub(crate) pixel_mm: f64,
+    /// Pixels along each side of the image, 8 to 2048
+    #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(8..=2048))]
+    pub(crate) pixels: u32,
+    #[arg(long, value_name = "D", value_parser = |t: &str| settings::PLANE_STEP_MM.parse(t), allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().plane_step_mm,
+          help = range_help("Distance of the planes", settings::PLANE_STEP_MM))]
+    pub(crate) plane_step_mm: f64,
+    /// Number of planes, 2 to 2000
+    #[arg(long, value_name = "N", default_value = "46", value_parser = clap::value_parser!(u32).range(2..=2000))]
+    pub(crate) planes: u32,
+    #[arg(long, value_name = "A", value_parser = |t: &str| settings::TILT_DEG.parse(t), allow_hyphen_values = true,
+          default_value_t = phantom::Params::default().tilt_deg,
+          help = range_help("Tilt of the gantry: planes lean, positions advance along z", settings::TILT_DEG))]
+    pub(crate) tilt_deg: f64,
 }
 
 #[derive(Debug, Subcommand)]
@@ -343,6 +379,7 @@ impl CtArgs {
             seed_mm: (!self.seed_mm.is_empty()).then(|| self.seed_mm.clone()),
             window_hu: self.window_hu,
             polarity: self.polarity,
+            boundary: self.boundary,
             z_mm: self.z_mm,
             ..CaseFile::default()
         }

@@ -255,6 +255,14 @@ fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Resul
         kind: args.kind,
         polarity: args.polarity,
         noise_hu: args.noise_hu,
+        seed: args.noise_seed,
+        psf_sigma_mm: args.psf_sigma_mm,
+        slab_mm: args.slab_mm,
+        pixel_mm: args.pixel_mm,
+        n_pixels: args.pixels as usize,
+        plane_step_mm: args.plane_step_mm,
+        n_planes: args.planes as usize,
+        tilt_deg: args.tilt_deg,
         ..phantom::Params::default()
     };
     let task = Task::new(&|_, _| {}, context.cancel.clone());

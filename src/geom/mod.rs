@@ -7,6 +7,7 @@ pub mod contour;
 pub mod distance;
 pub mod frame;
 mod offset;
+pub(crate) mod raster;
 pub mod region;
 
 pub use contour::{Bounds2, Contour};

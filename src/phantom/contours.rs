@@ -6,7 +6,7 @@
 //!
 //! Cost: about 4000 evaluations of the field a contour at the coarse step, 15 000 at the fine one.
 
-use super::vessel::Section;
+use super::vessel::Field;
 use crate::geom::{Contour, Point2};
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ const MIN_LOOP_EDGES: usize = 4;
 type EdgeId = (i32, i32, bool);
 
 /// All closed lines of `level`, `n_points` vertices each; lower values lie on the left.
-pub(super) fn trace(section: &Section, level: f64, step_mm: f64, n_points: usize) -> Vec<Contour> {
+pub(super) fn trace(section: &impl Field, level: f64, step_mm: f64, n_points: usize) -> Vec<Contour> {
     let grid = Grid::new(section, level, step_mm);
     let mut contours: Vec<Contour> = link(grid.segments())
         .into_iter()
@@ -41,7 +41,7 @@ fn mean_x(contour: &Contour) -> f64 {
 }
 
 /// The line through raw crossings as evenly spaced exact points, from the one of least x.
-fn spaced(section: &Section, level: f64, raw: &[Point2], n_points: usize) -> Contour {
+fn spaced(section: &impl Field, level: f64, raw: &[Point2], n_points: usize) -> Contour {
     let mut exact: Vec<Point2> = raw.iter().map(|&p| snap(section, level, p)).collect();
     let least_x = (0..exact.len()).min_by(|&a, &b| exact[a].x.total_cmp(&exact[b].x)).unwrap_or(0);
     exact.rotate_left(least_x);
@@ -50,7 +50,7 @@ fn spaced(section: &Section, level: f64, raw: &[Point2], n_points: usize) -> Con
 }
 
 /// Moves a point onto the line.
-fn snap(section: &Section, level: f64, mut p: Point2) -> Point2 {
+fn snap(section: &impl Field, level: f64, mut p: Point2) -> Point2 {
     // A step of more than a cell would mean that the gradient vanishes nearby: creep then.
     const MAX_STEP_MM: f64 = 0.05;
     for _ in 0..20 {
@@ -91,16 +91,16 @@ fn link(segments: Vec<Segment>) -> Vec<Vec<Point2>> {
     loops
 }
 
-struct Grid<'a> {
-    section: &'a Section,
+struct Grid<'a, F> {
+    section: &'a F,
     level: f64,
     step: f64,
     origin: Point2,
     n_blocks: [i32; 2],
 }
 
-impl<'a> Grid<'a> {
-    fn new(section: &'a Section, level: f64, step: f64) -> Self {
+impl<'a, F: Field> Grid<'a, F> {
+    fn new(section: &'a F, level: f64, step: f64) -> Self {
         let bounds = section.bounds(level);
         #[expect(clippy::cast_possible_truncation, reason = "some hundred blocks; a float cast saturates")]
         let blocks = |size: f64| (size / (step * f64::from(BLOCK_CELLS))).ceil() as i32;

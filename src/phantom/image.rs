@@ -1,9 +1,9 @@
 //! A vessel to the intensities of a synthetic CT.
 
-use super::raster::{Canvas, PixelGrid, Window, blur_reach};
-use super::vessel::Section;
+use super::vessel::Field;
 use super::{Error, Params, Tissue, Vessel, contours, to_nanometre};
 use crate::ct::Volume;
+use crate::geom::raster::{Canvas, PixelGrid, Window, blur_reach};
 use crate::geom::{Bounds2, Contour, Point2, RigidTransform, Vector2};
 use crate::progress::{Cancelled, Task};
 use rayon::prelude::*;
@@ -35,6 +35,24 @@ pub fn volume(params: &Params, task: &Task<'_>) -> Volume {
 /// # Errors
 /// [`Error::OutOfRange`] where a parameter is outside its range, [`Error::Cancelled`] on request.
 pub fn try_volume(params: &Params, task: &Task<'_>) -> Result<Volume, Error> {
+    if params.tilt_deg.abs() > 0.0 {
+        return Err(Error::Tilted(params.tilt_deg));
+    }
+    let (hu, origin) = pixels(params, task)?;
+    let n = params.n_pixels;
+    Ok(Volume {
+        dims: [n, n, params.n_planes],
+        hu,
+        origin_xy_mm: [origin.x, origin.y],
+        pixel_spacing_xy_mm: [params.pixel_mm; 2],
+        plane_z_mm: params.plane_z_mm(),
+        slab_thickness_mm: params.slab_mm,
+        patient_from_stack: RigidTransform::identity(),
+    })
+}
+
+/// The pixels of all planes in whole HU, and the place of the first pixel: along the plane, as if it were not tilted.
+pub(super) fn pixels(params: &Params, task: &Task<'_>) -> Result<(Vec<f32>, Point2), Error> {
     params.check()?;
     let scan = Scan::new(params);
     let n = params.n_pixels;
@@ -47,15 +65,7 @@ pub fn try_volume(params: &Params, task: &Task<'_>) -> Result<Volume, Error> {
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, params.n_planes as u64);
         Ok::<(), Cancelled>(())
     })?;
-    Ok(Volume {
-        dims: [n, n, params.n_planes],
-        hu,
-        origin_xy_mm: [scan.grid.origin.x, scan.grid.origin.y],
-        pixel_spacing_xy_mm: [params.pixel_mm; 2],
-        plane_z_mm,
-        slab_thickness_mm: params.slab_mm,
-        patient_from_stack: RigidTransform::identity(),
-    })
+    Ok((hu, scan.grid.origin))
 }
 
 /// What all planes of a scan share.
@@ -74,7 +84,7 @@ impl<'a> Scan<'a> {
         let tissue = params.polarity.tissue();
         let corner = vessel.middle - Vector2::repeat(0.5 * (params.n_pixels - 1) as f64 * params.pixel_mm);
         let origin = Point2::new(to_nanometre(corner.x), to_nanometre(corner.y));
-        let grid = PixelGrid { origin, pixel_mm: params.pixel_mm };
+        let grid = PixelGrid { origin, pixel_mm: [params.pixel_mm; 2] };
         let body = body_image(params, grid, vessel.middle, tissue.around_hu);
         Self { params, vessel, tissue, grid, body }
     }
@@ -98,7 +108,19 @@ impl<'a> Scan<'a> {
 
     /// Adds what the vessel changes in the image of the plane at height z.
     fn add_vessel(&self, z: f64, image: &mut [f64]) {
-        let sections = self.slab_sections(z);
+        let heights = self.slab_heights();
+        if self.params.tilt_deg.abs() > 0.0 {
+            let plane = self.vessel.oblique(z, self.params.tilt_deg.to_radians());
+            self.add_sections(&heights.iter().map(|&h| plane.raised(h)).collect::<Vec<_>>(), image);
+        } else {
+            self.add_sections(
+                &heights.iter().map(|&h| self.vessel.section(z + h)).collect::<Vec<_>>(),
+                image,
+            );
+        }
+    }
+
+    fn add_sections(&self, sections: &[impl Field], image: &mut [f64]) {
         let wall = self.params.wall_mm;
         let reach = sections.iter().map(|s| s.bounds(wall)).reduce(Bounds2::union);
         let Some(window) = reach.and_then(|b| self.window(b)) else { return };
@@ -106,7 +128,7 @@ impl<'a> Scan<'a> {
         let share = 1.0 / sections.len() as f64;
         let Tissue { lumen_hu, wall_hu, around_hu } = self.tissue;
         let mut add = |level: f64, step_hu: f64| {
-            for section in &sections {
+            for section in sections {
                 let lines = contours::trace(section, level, contours::IMAGE_STEP_MM, CONTOUR_POINTS);
                 canvas.add(&lines, step_hu * share);
             }
@@ -120,24 +142,23 @@ impl<'a> Scan<'a> {
         add_patch(image, self.params.n_pixels, &patch, window);
     }
 
-    /// The vessel cut at the middles of equal parts of the slab.
-    fn slab_sections(&self, z: f64) -> Vec<Section> {
+    /// The middles of equal parts of the slab, above the plane.
+    fn slab_heights(&self) -> Vec<f64> {
         let slab = self.params.slab_mm;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "80 at most")]
         let n = ((slab / SLAB_STEP_MM).ceil() as usize).max(1);
-        (0..n).map(|i| self.vessel.section(z + slab * ((i as f64 + 0.5) / n as f64 - 0.5))).collect()
+        (0..n).map(|i| slab * ((i as f64 + 0.5) / n as f64 - 0.5)).collect()
     }
 
     /// The pixels that something within the bounds can reach through the blur; `None` where the image holds none.
     fn window(&self, bounds: Bounds2) -> Option<Window> {
         let reach = blur_reach(self.params.psf_sigma_mm, self.params.pixel_mm) as f64 + 1.0;
         let limit = self.params.n_pixels as f64 + reach;
-        let pixel = |p: Point2| (p - self.grid.origin) / self.grid.pixel_mm;
-        let (low, high) = (pixel(bounds.min), pixel(bounds.max));
+        let (low, high) = (self.grid.position(bounds.min), self.grid.position(bounds.max));
         #[expect(clippy::cast_possible_truncation, reason = "clamped to the image and the blur's reach")]
-        let first = [low.x, low.y].map(|v| (v.floor() - reach).clamp(-reach, limit) as i64);
+        let first = low.map(|v| (v.floor() - reach).clamp(-reach, limit) as i64);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to the image and the blur's reach")]
-        let end = [high.x, high.y].map(|v| (v.ceil() + reach).clamp(-reach, limit) as i64);
+        let end = high.map(|v| (v.ceil() + reach).clamp(-reach, limit) as i64);
         let size = [0, 1].map(|a| usize::try_from(end[a] - first[a]).unwrap_or(0));
         (size[0] > 0 && size[1] > 0).then_some(Window { first, size })
     }
@@ -151,6 +172,8 @@ fn body_image(params: &Params, grid: PixelGrid, middle: Point2, tissue_hu: f64) 
     let mut canvas = Canvas::new(grid, window);
     let unit = Contour::circle(Point2::origin(), 1.0, 2048);
     let [a, b] = BODY_HALF_AXES_MM;
+    // A cylinder along z, longer where a tilted plane cuts it.
+    let b = b / params.tilt_deg.to_radians().cos();
     let ellipse = unit.points.iter().map(|p| middle + Vector2::new(a * p.x, b * p.y)).collect();
     canvas.add(&[Contour::new(ellipse)], tissue_hu - AIR_HU);
     let mut image = vec![AIR_HU; params.n_pixels * params.n_pixels];

@@ -23,7 +23,6 @@
 mod anatomy;
 mod contours;
 mod image;
-mod raster;
 pub mod series;
 mod spline;
 mod vessel;
@@ -45,7 +44,7 @@ pub enum Kind {
     Carotid,
     /// One vessel into three at one level.
     Trifurcation,
-    /// Two vessels into one (vertebral arteries into the basilar).
+    /// One vessel that splits in two, which join again (a fenestrated artery).
     Merge,
     /// The carotid with a 70 % stenosis (NASCET) of the internal artery.
     Stenosis,
@@ -134,6 +133,9 @@ pub struct Params {
     pub psf_sigma_mm: f64,
     /// Thickness of the wall around a dark lumen, mm, 0..=5.
     pub wall_mm: f64,
+    /// Tilt of the gantry about the x axis, degrees, -30..=30: the planes lean towards the head at the back while the
+    /// table advances along z.
+    pub tilt_deg: f64,
 }
 
 impl Default for Params {
@@ -151,6 +153,7 @@ impl Default for Params {
             n_pixels: 512,
             psf_sigma_mm: 0.35,
             wall_mm: 1.0,
+            tilt_deg: 0.0,
         }
     }
 }
@@ -169,19 +172,33 @@ impl Params {
     /// # Errors
     /// [`Error::OutOfRange`] naming the first field that is outside.
     pub fn check(&self) -> Result<(), Error> {
-        check("noise_hu", self.noise_hu, 0.0, 500.0)?;
-        check("n_planes", self.n_planes as f64, 1.0, 2000.0)?;
-        check("first_plane_z_mm", self.first_plane_z_mm, -1e4, 1e4)?;
-        check("plane_step_mm", self.plane_step_mm, 0.05, 50.0)?;
-        check("slab_mm", self.slab_mm, 0.0, 20.0)?;
-        check("pixel_mm", self.pixel_mm, 0.02, 10.0)?;
-        check("n_pixels", self.n_pixels as f64, 8.0, 2048.0)?;
-        check("psf_sigma_mm", self.psf_sigma_mm, 0.0, 5.0)?;
-        check("wall_mm", self.wall_mm, 0.0, 5.0)
+        check("noise_hu", self.noise_hu, NOISE_HU)?;
+        check("n_planes", self.n_planes as f64, [1.0, 2000.0])?;
+        check("first_plane_z_mm", self.first_plane_z_mm, [-1e4, 1e4])?;
+        check("plane_step_mm", self.plane_step_mm, PLANE_STEP_MM)?;
+        check("slab_mm", self.slab_mm, SLAB_MM)?;
+        check("pixel_mm", self.pixel_mm, PIXEL_MM)?;
+        check("n_pixels", self.n_pixels as f64, [8.0, 2048.0])?;
+        check("psf_sigma_mm", self.psf_sigma_mm, PSF_SIGMA_MM)?;
+        check("wall_mm", self.wall_mm, [0.0, 5.0])?;
+        check("tilt_deg", self.tilt_deg, TILT_DEG)
     }
 }
 
-fn check(field: &'static str, found: f64, least: f64, most: f64) -> Result<(), Error> {
+/// Least and largest noise of a pixel, HU.
+pub const NOISE_HU: [f64; 2] = [0.0, 500.0];
+/// Least and largest distance of planes, mm.
+pub const PLANE_STEP_MM: [f64; 2] = [0.05, 50.0];
+/// Least and largest thickness of the slab, mm.
+pub const SLAB_MM: [f64; 2] = [0.0, 20.0];
+/// Least and largest side of a pixel, mm.
+pub const PIXEL_MM: [f64; 2] = [0.02, 10.0];
+/// Least and largest standard deviation of the blur, mm.
+pub const PSF_SIGMA_MM: [f64; 2] = [0.0, 5.0];
+/// Least and largest tilt of the gantry, degrees: what scanners can do.
+pub const TILT_DEG: [f64; 2] = [-30.0, 30.0];
+
+fn check(field: &'static str, found: f64, [least, most]: [f64; 2]) -> Result<(), Error> {
     // Written so that NaN is refused too.
     if (least..=most).contains(&found) {
         Ok(())
@@ -217,6 +234,9 @@ pub enum Error {
         /// The largest allowed.
         most: f64,
     },
+    /// Tilted planes make no rectangular volume.
+    #[error("planes tilted by {0} degrees are sheared against each other and make no volume: write a series")]
+    Tilted(f64),
     /// There is no vessel of that name.
     #[error("there is no phantom named {0:?}: choose carotid, trifurcation, merge, stenosis or tube")]
     UnknownKind(String),

@@ -5,7 +5,7 @@
 //!
 //! | field | meaning |
 //! |---|---|
-//! | `units`, `frame` | `"mm"`, `"LPS"` |
+//! | `units`, `frame` | `"mm"`, `"LPS"`; of tilted planes `"stack"`, with `patient_from_stack` |
 //! | `kind` | the vessel: `carotid`, `trifurcation`, `merge`, `stenosis`, `tube` |
 //! | `params` | the fields of [`Params`] |
 //! | `seed_mm` | [`default_seed`]: a point in the lumen |
@@ -18,9 +18,10 @@
 //! give the same files, byte for byte.
 
 use super::image::STORED_HU;
-use super::{Error, Params, Vessel, default_seed, try_volume};
-use crate::ct::{PHANTOM_TRUTH_FILE, Volume};
-use crate::geom::{Contour, Point2};
+use super::image::pixels;
+use super::{Error, Params, Vessel, contours, default_seed};
+use crate::ct::PHANTOM_TRUTH_FILE;
+use crate::geom::{Contour, Point2, Point3, RigidTransform, Vector3};
 use crate::progress::{Cancelled, Task};
 use dicom_core::value::{C, PrimitiveValue};
 use dicom_core::{DataElement, Tag, VR};
@@ -47,7 +48,7 @@ const TRUTH_POINTS: usize = 256;
 pub fn write(dir: &Path, params: &Params, task: &Task<'_>) -> Result<(), Error> {
     params.check()?;
     let dir = free_place(dir)?;
-    let volume = try_volume(params, task)?;
+    let scan = Scan::new(params, pixels(params, task)?);
     let parent = dir.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(|e| failed(parent, e))?;
     let beside =
@@ -56,7 +57,7 @@ pub fn write(dir: &Path, params: &Params, task: &Task<'_>) -> Result<(), Error> 
     let making = beside.path().join("series");
     fs::create_dir(&making).map_err(|e| failed(&making, e))?;
     write_truth(&making.join(TRUTH_FILE), params, task)?;
-    write_images(&making, params, &volume, task)?;
+    write_images(&making, &scan, task)?;
     fs::rename(&making, &dir).map_err(|e| match e.kind() {
         io::ErrorKind::DirectoryNotEmpty => Error::NotEmpty(dir.clone()),
         _ => failed(&dir, e),
@@ -79,10 +80,71 @@ fn free_place(dir: &Path) -> Result<PathBuf, Error> {
     }
 }
 
+/// What is written.
+struct Scan<'a> {
+    params: &'a Params,
+    hu: Vec<f32>,
+    /// First pixel, along the plane, as if it were not tilted.
+    origin: Point2,
+    planes: Planes,
+}
+
+impl<'a> Scan<'a> {
+    fn new(params: &'a Params, (hu, origin): (Vec<f32>, Point2)) -> Self {
+        Self { params, hu, origin, planes: Planes::of(params) }
+    }
+
+    fn plane(&self, k: usize) -> &[f32] {
+        let n = self.params.n_pixels * self.params.n_pixels;
+        &self.hu[k * n..(k + 1) * n]
+    }
+}
+
+/// Where the planes of a scan lie: all through the line of the vessel's middle, tilted about it.
+struct Planes {
+    middle_y: f64,
+    sin: f64,
+    cos: f64,
+}
+
+impl Planes {
+    fn of(params: &Params) -> Self {
+        let (sin, cos) = params.tilt_deg.to_radians().sin_cos();
+        Self { middle_y: Vessel::new(params.kind).middle.y, sin, cos }
+    }
+
+    fn is_tilted(&self) -> bool {
+        self.sin.abs() > 0.0
+    }
+
+    /// Patient coordinates of a point of the plane at height z.
+    fn patient(&self, p: Point2, z: f64) -> Point3 {
+        let along = p.y - self.middle_y;
+        Point3::new(p.x, self.middle_y + along * self.cos, z + along * self.sin)
+    }
+
+    /// The planes' axes, through the patient's origin.
+    fn patient_from_stack(&self) -> RigidTransform {
+        let (y, z) = (Vector3::new(0.0, self.cos, self.sin), Vector3::new(0.0, -self.sin, self.cos));
+        RigidTransform::from_axes(Point3::origin(), Vector3::x(), y, z)
+    }
+
+    /// Stack coordinates of a point of the plane at height z.
+    fn stack(&self, p: Point2, z: f64) -> Point3 {
+        if self.is_tilted() {
+            self.patient_from_stack().inverse().apply(self.patient(p, z))
+        } else {
+            Point3::new(p.x, p.y, z)
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct Truth<'a> {
     units: &'static str,
     frame: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    patient_from_stack: Option<RigidTransform>,
     kind: &'static str,
     params: &'a Params,
     seed_mm: [f64; 3],
@@ -97,15 +159,23 @@ struct TruthPlane {
 }
 
 fn write_truth(path: &Path, params: &Params, task: &Task<'_>) -> Result<(), Error> {
-    let vessel = Vessel::new(params.kind);
-    let planes = truth_heights(params).into_par_iter().map(|(z_mm, ct_plane)| {
+    let (vessel, place) = (Vessel::new(params.kind), Planes::of(params));
+    let planes = truth_heights(params).into_par_iter().map(|(z, ct_plane)| {
         task.check()?;
-        let contours = vessel.region_at(z_mm, TRUTH_POINTS).contours.iter().map(rounded).collect();
-        Ok(TruthPlane { z_mm, ct_plane, contours })
+        let exact = if place.is_tilted() {
+            let plane = vessel.oblique(z, params.tilt_deg.to_radians());
+            contours::trace(&plane.raised(0.0), 0.0, contours::EXACT_STEP_MM, TRUTH_POINTS)
+        } else {
+            vessel.region_at(z, TRUTH_POINTS).contours
+        };
+        let in_stack = |c: &Contour| rounded(c.points.iter().map(|&p| place.stack(p, z).xy()));
+        let z_mm = place.stack(Point2::new(0.0, place.middle_y), z).z;
+        Ok(TruthPlane { z_mm, ct_plane, contours: exact.iter().map(in_stack).collect() })
     });
     let truth = Truth {
         units: "mm",
-        frame: "LPS",
+        frame: if place.is_tilted() { "stack" } else { "LPS" },
+        patient_from_stack: place.is_tilted().then(|| place.patient_from_stack()),
         kind: params.kind.name(),
         params,
         seed_mm: default_seed(params).coords.into(),
@@ -124,20 +194,20 @@ fn truth_heights(params: &Params) -> Vec<(f64, Option<usize>)> {
     heights
 }
 
-fn rounded(contour: &Contour) -> Contour {
+fn rounded(points: impl Iterator<Item = Point2>) -> Contour {
     let round = |v: f64| (v * 1e9).round() / 1e9;
-    Contour::new(contour.points.iter().map(|p| Point2::new(round(p.x), round(p.y))).collect())
+    Contour::new(points.map(|p| Point2::new(round(p.x), round(p.y))).collect())
 }
 
-fn write_images(dir: &Path, params: &Params, volume: &Volume, task: &Task<'_>) -> Result<(), Error> {
+fn write_images(dir: &Path, scan: &Scan<'_>, task: &Task<'_>) -> Result<(), Error> {
     let stored: Vec<Vec<u16>> =
-        (0..volume.dims[2]).into_par_iter().map(|k| stored_plane(volume.plane(k))).collect();
-    let uids = Uids::of(params, &stored);
+        (0..scan.params.n_planes).into_par_iter().map(|k| stored_plane(scan.plane(k))).collect();
+    let uids = Uids::of(scan.params, &stored);
     let pixels = stored.into_par_iter().enumerate();
     pixels.try_for_each(|(k, pixels)| {
         task.check()?;
         let path = dir.join(format!("IM{:04}.dcm", k + 1));
-        let bytes = dicom_bytes(volume, &uids, k, pixels).map_err(|e| failed(&path, e))?;
+        let bytes = dicom_bytes(scan, &uids, k, pixels).map_err(|e| failed(&path, e))?;
         fs::write(&path, bytes).map_err(|e| failed(&path, e))
     })
 }
@@ -182,8 +252,9 @@ impl Uids {
 }
 
 /// One image as a DICOM file.
-fn dicom_bytes(volume: &Volume, uids: &Uids, k: usize, pixels: Vec<u16>) -> io::Result<Vec<u8>> {
-    let elements = identity(uids, k).into_iter().chain(geometry(volume, k)).chain(image(volume, pixels));
+fn dicom_bytes(scan: &Scan<'_>, uids: &Uids, k: usize, pixels: Vec<u16>) -> io::Result<Vec<u8>> {
+    let elements =
+        identity(uids, k).into_iter().chain(geometry(scan, k)).chain(image(scan.params.n_pixels, pixels));
     let meta = FileMetaTableBuilder::new().transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN);
     let object = InMemDicomObject::from_element_iter(elements).with_meta(meta).map_err(io::Error::other)?;
     let mut bytes = Vec::new();
@@ -243,28 +314,32 @@ fn identity(uids: &Uids, k: usize) -> Vec<InMemElement> {
     ]
 }
 
-fn geometry(volume: &Volume, k: usize) -> Vec<InMemElement> {
-    let [x, y] = volume.origin_xy_mm;
-    let [dx, dy] = volume.pixel_spacing_xy_mm;
-    let z = volume.plane_z_mm[k];
-    vec![
-        decimals(tags::SLICE_THICKNESS, &[volume.slab_thickness_mm]),
-        decimals(tags::SPACING_BETWEEN_SLICES, &[volume.plane_interval_mm(k)]),
-        decimals(tags::IMAGE_POSITION_PATIENT, &[x, y, z]),
-        decimals(tags::IMAGE_ORIENTATION_PATIENT, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]),
+fn geometry(scan: &Scan<'_>, k: usize) -> Vec<InMemElement> {
+    let Scan { params, planes, origin, .. } = scan;
+    let z = params.plane_z_mm()[k];
+    let place =
+        if planes.is_tilted() { planes.patient(*origin, z) } else { Point3::new(origin.x, origin.y, z) };
+    let tilt = planes.is_tilted().then(|| decimals(tags::GANTRY_DETECTOR_TILT, &[params.tilt_deg]));
+    let distance = if params.n_planes > 1 { params.plane_step_mm * planes.cos } else { params.slab_mm };
+    let mut elements = vec![
+        decimals(tags::SLICE_THICKNESS, &[params.slab_mm]),
+        decimals(tags::SPACING_BETWEEN_SLICES, &[distance]),
+        decimals(tags::IMAGE_POSITION_PATIENT, &[place.x, place.y, place.z]),
+        decimals(tags::IMAGE_ORIENTATION_PATIENT, &[1.0, 0.0, 0.0, 0.0, planes.cos, planes.sin]),
         decimals(tags::SLICE_LOCATION, &[z]),
-        // Row spacing first: the distance along y.
-        decimals(tags::PIXEL_SPACING, &[dy, dx]),
-    ]
+        decimals(tags::PIXEL_SPACING, &[params.pixel_mm; 2]),
+    ];
+    elements.extend(tilt);
+    elements
 }
 
-fn image(volume: &Volume, pixels: Vec<u16>) -> Vec<InMemElement> {
-    let side = |n: usize| u16::try_from(n).expect("parameters are checked: 2048 at most");
+fn image(n_pixels: usize, pixels: Vec<u16>) -> Vec<InMemElement> {
+    let side = u16::try_from(n_pixels).expect("parameters are checked: 2048 at most");
     vec![
         number(tags::SAMPLES_PER_PIXEL, 1),
         text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "MONOCHROME2"),
-        number(tags::ROWS, side(volume.dims[1])),
-        number(tags::COLUMNS, side(volume.dims[0])),
+        number(tags::ROWS, side),
+        number(tags::COLUMNS, side),
         number(tags::BITS_ALLOCATED, 16),
         number(tags::BITS_STORED, 12),
         number(tags::HIGH_BIT, 11),

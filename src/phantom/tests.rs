@@ -64,7 +64,7 @@ fn each_kind_splits_and_merges_as_its_name_says() {
     assert_eq!(runs(Kind::Carotid), [1, 2]);
     assert_eq!(runs(Kind::Stenosis), [1, 2]);
     assert_eq!(runs(Kind::Trifurcation), [1, 3]);
-    assert_eq!(runs(Kind::Merge), [2, 1]);
+    assert_eq!(runs(Kind::Merge), [1, 2, 1]);
     assert_eq!(runs(Kind::Tube), [1]);
 }
 

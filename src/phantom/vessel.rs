@@ -98,6 +98,12 @@ impl Vessel {
         Point3::new(trunk.x.at(z_mm), trunk.y.at(z_mm), z_mm)
     }
 
+    /// The vessel cut by a plane that is tilted about the x axis, through y of the middle at height `z`.
+    pub(super) fn oblique(&self, z: f64, tilt_rad: f64) -> Oblique<'_> {
+        let (sin, cos) = tilt_rad.sin_cos();
+        Oblique { vessel: self, z, sin, cos }
+    }
+
     /// The vessel cut at a height.
     pub(super) fn section(&self, z: f64) -> Section {
         Section { tubes: self.tubes.iter().map(|t| t.section(z)).collect(), blend: self.blend_radius_mm }
@@ -153,20 +159,88 @@ pub(super) struct Section {
     blend: f64,
 }
 
-impl Section {
+/// The implicit function in a plane.
+pub(super) trait Field {
     /// F at a point of the plane.
-    pub(super) fn value(&self, p: Point2) -> f64 {
+    fn value(&self, p: Point2) -> f64;
+    /// F and its gradient in the plane.
+    fn jet(&self, p: Point2) -> (f64, Vector2);
+    /// A box outside of which F exceeds `level`.
+    fn bounds(&self, level: f64) -> Bounds2;
+}
+
+/// A vessel cut by a tilted plane; its second coordinate runs along the plane and is y where the plane has height z.
+#[derive(Debug, Clone)]
+pub(super) struct Oblique<'a> {
+    vessel: &'a Vessel,
+    z: f64,
+    sin: f64,
+    cos: f64,
+}
+
+/// How far from its middle a tilted plane is looked at, mm.
+const OBLIQUE_REACH_MM: f64 = 60.0;
+
+impl Oblique<'_> {
+    /// The same plane, `h` further along its normal.
+    pub(super) fn raised(&self, h: f64) -> RaisedOblique<'_> {
+        RaisedOblique { plane: self, h }
+    }
+}
+
+/// A tilted plane's neighbour at a distance.
+#[derive(Debug, Clone)]
+pub(super) struct RaisedOblique<'a> {
+    plane: &'a Oblique<'a>,
+    h: f64,
+}
+
+impl RaisedOblique<'_> {
+    /// Patient coordinates of a point of the plane.
+    fn place(&self, p: Point2) -> Point3 {
+        let (Oblique { vessel, z, sin, cos }, middle) = (self.plane, self.plane.vessel.middle.y);
+        let along = p.y - vessel.middle.y;
+        Point3::new(p.x, middle + along * cos - self.h * sin, z + along * sin + self.h * cos)
+    }
+}
+
+impl Field for RaisedOblique<'_> {
+    fn value(&self, p: Point2) -> f64 {
+        self.plane.vessel.value(self.place(p))
+    }
+
+    fn jet(&self, p: Point2) -> (f64, Vector2) {
+        const STEP_MM: f64 = 1e-5;
+        let slope = |d: Vector2| (self.value(p + d) - self.value(p - d)) / (2.0 * STEP_MM);
+        (self.value(p), Vector2::new(slope(Vector2::x() * STEP_MM), slope(Vector2::y() * STEP_MM)))
+    }
+
+    fn bounds(&self, level: f64) -> Bounds2 {
+        let middle = self.plane.vessel.middle.y;
+        let stretched = |y: f64| middle + (y - middle + self.h * self.plane.sin) / self.plane.cos;
+        let heights = (-20..=20).map(|i| {
+            self.plane.z + self.h * self.plane.cos + f64::from(i) / 20.0 * OBLIQUE_REACH_MM * self.plane.sin
+        });
+        let boxes = heights.map(|z| self.plane.vessel.section(z).bounds(level));
+        let all = boxes.reduce(Bounds2::union).expect("there are heights").grown(0.5);
+        Bounds2 {
+            min: Point2::new(all.min.x, stretched(all.min.y)),
+            max: Point2::new(all.max.x, stretched(all.max.y)),
+        }
+    }
+}
+
+impl Field for Section {
+    fn value(&self, p: Point2) -> f64 {
         self.jet(p).0
     }
 
-    /// F and its gradient in the plane.
-    pub(super) fn jet(&self, p: Point2) -> (f64, Vector2) {
+    fn jet(&self, p: Point2) -> (f64, Vector2) {
         let fields = self.tubes.iter().map(|t| t.jet(p));
         fields.reduce(|a, b| smooth_min(a, b, self.blend)).expect("a vessel has at least one tube")
     }
 
-    /// A box outside of which F exceeds `level`.
-    pub(super) fn bounds(&self, level: f64) -> Bounds2 {
+    fn bounds(&self, level: f64) -> Bounds2 {
         // Each join lowers F by k/4 at most, so its zero set moves outwards by hardly more; twice that is safe.
         let margin = level.max(0.0) + 0.5 * self.blend * self.tubes.len() as f64 + 0.1;
         let of_tube = |t: &TubeSection| Bounds2 { min: t.centre, max: t.centre }.grown(t.reach() + margin);

@@ -325,7 +325,7 @@ fn split(plane: &mut Plane, o: &Outer, pixel_mm2: f64, warnings: &mut SectionWar
 }
 
 /// The outer contours left of a region after slits across the shortest way between any two cores.
-fn cut(region: &Region, cores: &[Contour], half_length_mm: f64, width_mm: f64) -> Vec<Contour> {
+pub(super) fn cut(region: &Region, cores: &[Contour], half_length_mm: f64, width_mm: f64) -> Vec<Contour> {
     let pairs = (0..cores.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
     let slits: Vec<Region> =
         pairs.filter_map(|(a, b)| slit(&cores[a], &cores[b], half_length_mm, width_mm)).collect();

@@ -40,6 +40,10 @@ pub(super) struct Edge {
     pub(super) lumen: f64,
     /// Level of the wall.
     pub(super) wall: f64,
+    /// Level of what lies beyond the wall.
+    pub(super) tissue: f64,
+    /// Thickness of the wall, mm; anything where nothing else lies beyond it.
+    pub(super) wall_mm: f64,
     /// Standard deviation of the blur, mm.
     pub(super) blur_mm: f64,
 }
@@ -68,7 +72,13 @@ struct Fit {
 
 impl Fit {
     fn edge(&self) -> Edge {
-        Edge { lumen: self.levels[0], wall: self.levels[1], blur_mm: self.shape.blur }
+        Edge {
+            lumen: self.levels[0],
+            wall: self.levels[1],
+            tissue: self.levels[2],
+            wall_mm: self.shape.wall,
+            blur_mm: self.shape.blur,
+        }
     }
 
     fn is_close(&self) -> bool {

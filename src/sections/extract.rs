@@ -3,11 +3,12 @@
 //! 1. The window's edge as an iso-line of the grey values inside the mask: the topology of every plane.
 //! 2. The topology over the planes: fragments, islands, pinholes and one-plane flicker go, and are reported.
 //! 3. The contours move to the half level between lumen and wall, measured on either side of them, and are
-//!    corrected for what blur does to curved edges.
+//!    corrected for what blur does to curved edges; unless a window's edge or the half level was asked for, they go on
+//!    from there to the likeliest cause of the image, smoothed along the vessel as far as the noise asks for.
 //! 4. Evenly spaced points from the leftmost one, outer contours counter-clockwise, holes clockwise.
 //!
-//! What it does not do: it does not smooth along the vessel; each plane is fitted for itself, only the levels
-//! and the blur are medians over more than the plane.
+//! What it does not do: the half level and the window's edge are not smoothed along the vessel; there each plane is fitted
+//! for itself, only the levels and the blur are medians over more than the plane.
 //!
 //! Limits: a structure narrower than about twice the blur has no half level of its own; its contour keeps to
 //! the window's edge by at most three pixels.
@@ -28,11 +29,13 @@ pub(super) const MOST_POINTS: usize = 1024;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Boundary {
-    /// As the window was chosen: where the operator gave one, its edge, else the half level.
+    /// As the window was chosen: where the operator gave one, its edge, else the model's.
     #[default]
     Auto,
-    /// Half-way between lumen and wall, measured along each contour.
-    HalfLevel,
+    /// The likeliest cause of the image under a model of it, smoothed as far as the noise asks for.
+    Model,
+    /// Half-way between lumen and wall, measured along each contour, corrected for the blur of curved edges.
+    HalfMaximum,
     /// The end of the window that faces the wall.
     WindowEdge,
 }
@@ -123,9 +126,12 @@ pub fn extract(
     let planes = topology(volume, segmentation, task, &mut warnings)?;
     let fitted = Stack { volume, segmentation, params, planes: &planes, task }.fit()?;
     let mut sections = Vec::with_capacity(planes.len());
-    for (plane, Fitted { contours, n_crossing }) in planes.iter().zip(fitted) {
+    for (plane, Fitted { contours, n_crossing, n_parted }) in planes.iter().zip(fitted) {
         if n_crossing > 0 {
             warnings.not_fitted(plane.z_mm, n_crossing);
+        }
+        if n_parted > 0 {
+            warnings.parted(plane.z_mm, n_parted);
         }
         sections.push(PlaneSections { z_mm: plane.z_mm, contours });
     }

@@ -9,9 +9,10 @@ use super::curve::{evenly_spaced, n_points_for};
 use super::denoise::Spectrum;
 use super::edge::Edge;
 use super::extract::{Boundary, MOST_POINTS, Params};
+use super::model::{Levels, Optics};
 use super::refine::{self, Curve, Image, Target};
 use crate::ct::Volume;
-use crate::geom::{Contour, Region};
+use crate::geom::{Contour, Point2, Region};
 use crate::progress::{Cancelled, Task};
 use crate::segment::{Segmentation, WindowSource};
 use rayon::prelude::*;
@@ -26,6 +27,8 @@ const LIKE_SIZE: f64 = 1.5;
 pub(super) struct Fitted {
     pub(super) contours: Vec<Contour>,
     pub(super) n_crossing: usize,
+    /// How many were told apart where the level between lumen and wall shows one.
+    pub(super) n_parted: usize,
 }
 
 /// Everything that the fit of a stack needs.
@@ -43,27 +46,39 @@ type Aimed = (Curve, Option<Target>);
 impl<'a> Stack<'a> {
     /// Fits the contours of all planes.
     pub(super) fn fit(&self) -> Result<Vec<Fitted>, Cancelled> {
-        let targets = if self.wants_half_level() { self.half_levels()? } else { self.window_edges() };
+        let boundary = self.boundary();
+        let half = if boundary == Boundary::WindowEdge { None } else { self.half_levels()? };
+        let targets = match &half {
+            Some(half) => half.targets.clone(),
+            None if boundary == Boundary::WindowEdge => self.window_edges(),
+            None => self.planes.iter().map(|p| vec![None; p.loops.len()]).collect(),
+        };
         let jobs: Vec<(&Plane, Vec<Option<Target>>)> = self.planes.iter().zip(targets).collect();
         let moved =
-            self.over(&jobs, [40, 80], |(plane, targets)| moved(plane, &self.image(plane), targets))?;
+            self.over(&jobs, [40, 60], |(plane, targets)| moved(plane, &self.image(plane), targets))?;
         // Contours without a target are no measurements: they show no noise.
         let noise = moved.iter().flatten().filter_map(|(curve, target)| {
             target.and_then(|_| Spectrum::of(&curve.points).noise_mm3(curve.smoothing_mm))
         });
         let noise_mm3 = quantile(noise.collect(), 0.5).unwrap_or(0.0);
         let jobs: Vec<(&Plane, Vec<Aimed>)> = self.planes.iter().zip(moved).collect();
-        self.over(&jobs, [80, 100], |(plane, curves)| self.finish_plane(plane, curves, noise_mm3))
+        let first =
+            self.over(&jobs, [60, 70], |(plane, curves)| self.finish_plane(plane, curves, noise_mm3))?;
+        match half {
+            Some(half) if boundary == Boundary::Model => self.modelled(&half, first),
+            _ => Ok(first),
+        }
     }
 
     fn image(&self, plane: &Plane) -> Image<'a> {
         Image::new(self.volume, plane.k, self.segmentation.sign())
     }
 
-    fn wants_half_level(&self) -> bool {
+    fn boundary(&self) -> Boundary {
         match (self.params.boundary, self.segmentation.window_source) {
-            (Boundary::HalfLevel, _) | (Boundary::Auto, WindowSource::Found(_)) => true,
-            (Boundary::WindowEdge, _) | (Boundary::Auto, WindowSource::Given) => false,
+            (Boundary::Auto, WindowSource::Found(_)) => Boundary::Model,
+            (Boundary::Auto, WindowSource::Given) => Boundary::WindowEdge,
+            (chosen, _) => chosen,
         }
     }
 
@@ -74,13 +89,15 @@ impl<'a> Stack<'a> {
         self.planes.iter().map(|p| vec![Some(target); p.loops.len()]).collect()
     }
 
-    fn half_levels(&self) -> Result<Vec<Vec<Option<Target>>>, Cancelled> {
+    /// `None` where no contour shows an edge.
+    fn half_levels(&self) -> Result<Option<HalfLevels>, Cancelled> {
         let edges = self.over(self.planes, [10, 40], |plane| plane_edges(plane, &self.image(plane)))?;
-        Ok(targets(&edges))
+        let pixel_mm = self.planes.first().map_or(0.0, |p| self.image(p).pixel_mm());
+        Ok(HalfLevels::of(&edges, pixel_mm))
     }
 
     /// Runs `work` over all jobs in parallel; the order of the results is that of the jobs.
-    fn over<J: Sync, T: Send>(
+    pub(super) fn over<J: Sync, T: Send>(
         &self,
         jobs: &[J],
         [from, to]: [u64; 2],
@@ -105,24 +122,28 @@ impl<'a> Stack<'a> {
         };
         let fitted: Vec<Contour> = curves.iter().map(clean).collect();
         if are_simple(&fitted) {
-            return Fitted { contours: ordered(fitted), n_crossing: 0 };
+            return Fitted { contours: ordered(fitted), n_crossing: 0, n_parted: 0 };
         }
         let pixel_mm = self.image(plane).pixel_mm();
         let first = |l: &Loop| self.finished(&Curve::new(&l.contour, pixel_mm));
         let smooth: Vec<Contour> = plane.loops.iter().map(first).collect();
         let raw = || plane.loops.iter().map(|l| self.unsmoothed(&l.contour)).collect();
         let contours = if are_simple(&smooth) { smooth } else { raw() };
-        Fitted { contours: ordered(contours), n_crossing: plane.loops.len() }
+        Fitted { contours: ordered(contours), n_crossing: plane.loops.len(), n_parted: 0 }
     }
 
     fn finished(&self, curve: &Curve) -> Contour {
+        self.spaced(&curve.points)
+    }
+
+    pub(super) fn spaced(&self, points: &[Point2]) -> Contour {
         let Params { chord_tolerance_mm, least_points, .. } = *self.params;
-        let n = n_points_for(&curve.points, chord_tolerance_mm, least_points, MOST_POINTS);
-        evenly_spaced(&curve.points, n)
+        let n = n_points_for(points, chord_tolerance_mm, least_points, MOST_POINTS);
+        evenly_spaced(points, n)
     }
 
     /// The iso-line itself, its points spread evenly: never crosses another.
-    fn unsmoothed(&self, contour: &Contour) -> Contour {
+    pub(super) fn unsmoothed(&self, contour: &Contour) -> Contour {
         let n = contour.len().clamp(self.params.least_points, MOST_POINTS);
         let leftmost =
             (0..contour.len()).min_by(|&a, &b| contour.points[a].x.total_cmp(&contour.points[b].x));
@@ -145,6 +166,31 @@ fn plane_edges(plane: &Plane, image: &Image<'_>) -> Vec<Measured> {
         edge: (l.origin != Origin::Made).then(|| refine::edge_of(&l.contour, image)).flatten(),
     };
     plane.loops.iter().map(of).collect()
+}
+
+/// What the contours' edges tell of levels and blur.
+pub(super) struct HalfLevels {
+    targets: Vec<Vec<Option<Target>>>,
+    pub(super) levels: Levels,
+    pub(super) optics: Optics,
+}
+
+impl HalfLevels {
+    fn of(edges: &[Vec<Measured>], pixel_mm: f64) -> Option<Self> {
+        let all: Vec<&Edge> = edges.iter().flatten().filter_map(|m| m.edge.as_ref()).collect();
+        let pick =
+            |value: fn(&Edge) -> f64, share: f64| quantile(all.iter().map(|e| value(e)).collect(), share);
+        let levels = Levels {
+            lumen: pick(|e| e.lumen, 0.5)?,
+            wall: pick(|e| e.wall, 0.5)?,
+            tissue: pick(|e| e.tissue, 0.5)?,
+        };
+        let measured_mm = Pooled::of(all.iter().copied())?.blur_mm;
+        // What the model calls blur comes on top of the pixel's own extent.
+        let blur_mm = (measured_mm.powi(2) - pixel_mm.powi(2) / 12.0).max(0.1 * measured_mm.powi(2)).sqrt();
+        let optics = Optics { blur_mm, wall_mm: pick(|e| e.wall_mm, 0.5)?.max(2.0 * blur_mm) };
+        Some(Self { targets: targets(edges), levels, optics })
+    }
 }
 
 /// Levels and blur for every contour: medians over contours of like size in the planes around it, because the
@@ -186,7 +232,7 @@ impl Pooled {
     }
 }
 
-fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
@@ -207,7 +253,7 @@ fn moved(plane: &Plane, image: &Image<'_>, targets: &[Option<Target>]) -> Vec<Ai
 }
 
 /// Whether no contour crosses itself or another: then their even-odd region has just these contours.
-fn are_simple(contours: &[Contour]) -> bool {
+pub(super) fn are_simple(contours: &[Contour]) -> bool {
     let region = Region::from_even_odd(contours);
     let area: f64 = contours.iter().map(Contour::signed_area_mm2).sum();
     let length: f64 = contours.iter().map(Contour::perimeter_mm).sum();
@@ -216,7 +262,7 @@ fn are_simple(contours: &[Contour]) -> bool {
 }
 
 /// Outer contours and holes from left to right.
-fn ordered(mut contours: Vec<Contour>) -> Vec<Contour> {
+pub(super) fn ordered(mut contours: Vec<Contour>) -> Vec<Contour> {
     let key = |c: &Contour| c.points.first().map_or((0.0, 0.0), |p| (p.x, p.y));
     contours.sort_by(|a, b| key(a).0.total_cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1)));
     contours

@@ -9,6 +9,9 @@ pub mod extract;
 mod fit;
 pub mod format;
 pub(crate) mod march;
+mod model;
+mod modelled;
+mod parting;
 mod refine;
 #[cfg(test)]
 mod tests;

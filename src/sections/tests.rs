@@ -127,7 +127,7 @@ fn a_given_window_is_the_boundary() {
     // Three quarters of the way up a Gaussian edge: 0.674 standard deviations inward, and the blur's own shift.
     let (mean, _) = errors(&edge.stack.planes[0].contours[0], 3.0 - 0.674 * 0.3);
     assert!(mean.abs() < 0.03, "{mean}");
-    let params = Params { boundary: Boundary::HalfLevel, ..Params::default() };
+    let params = Params { boundary: Boundary::HalfMaximum, ..Params::default() };
     let half = extract(&volume, &segmentation, &params, &Task::quiet()).unwrap();
     let (mean, worst) = errors(&half.stack.planes[0].contours[0], 3.0);
     assert!(mean.abs() < 0.01 && worst < 0.02, "{mean} {worst}");

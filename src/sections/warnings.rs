@@ -13,11 +13,12 @@ enum Kind {
     Split,
     Unsplit,
     NotFitted,
+    Parted,
     Gap,
 }
 
 impl Kind {
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 11] = [
         Self::Fragment,
         Self::Hole,
         Self::Island,
@@ -27,6 +28,7 @@ impl Kind {
         Self::Split,
         Self::Unsplit,
         Self::NotFitted,
+        Self::Parted,
         Self::Gap,
     ];
 
@@ -54,6 +56,10 @@ impl Kind {
             Self::NotFitted => (
                 "sections.not_fitted",
                 "contours crossed when moved to the grey values' edge: the window's edge was kept there",
+            ),
+            Self::Parted => (
+                "sections.parted",
+                "contours that the level between lumen and wall shows as one were told apart by the model of the image",
             ),
             Self::Gap => ("sections.gap", "no contour was left; the vessel is interrupted there"),
         }
@@ -107,6 +113,10 @@ impl SectionWarnings {
 
     pub(super) fn not_fitted(&mut self, z_mm: f64, n: usize) {
         self.count(Kind::NotFitted, z_mm, n);
+    }
+
+    pub(super) fn parted(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::Parted, z_mm, n);
     }
 
     pub(super) fn gap(&mut self, z_mm: f64) {

@@ -128,7 +128,8 @@ impl Session<'_> {
         let params = segment_params(&settings.segment, &settings.source);
         let found = segment::segment(&volume, &params, task)?;
         self.note(Stage::Segment, "drawing its contours");
-        let extracted = sections::extract(&volume, &found, &sections::Params::default(), task)?;
+        let contours = sections::Params { boundary: settings.segment.boundary, ..Default::default() };
+        let extracted = sections::extract(&volume, &found, &contours, task)?;
         warnings.extend(found.warnings.iter().chain(&extracted.warnings).cloned());
         // Kept under the number that was asked for, whatever number it has by now.
         let asked = self.settings().segment.series;

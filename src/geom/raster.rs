@@ -5,25 +5,33 @@
 //! linear, so any number of polygons with weights go into one canvas. The blur is a separable Gaussian, cut off at
 //! four standard deviations and normalised.
 
-use crate::geom::{Contour, Point2};
+use super::{Contour, Point2};
 
 /// Where the pixels of an image lie, mm. Pixel (0, 0) is centred on `origin`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PixelGrid {
-    pub(super) origin: Point2,
-    pub(super) pixel_mm: f64,
+pub(crate) struct PixelGrid {
+    pub(crate) origin: Point2,
+    /// Size of a pixel along x and y.
+    pub(crate) pixel_mm: [f64; 2],
+}
+
+impl PixelGrid {
+    /// Column and row of a point, whole numbers at the pixels' centres.
+    pub(crate) fn position(&self, p: Point2) -> [f64; 2] {
+        [(p.x - self.origin.x) / self.pixel_mm[0], (p.y - self.origin.y) / self.pixel_mm[1]]
+    }
 }
 
 /// A rectangle of pixels: first column, first row, columns, rows; may reach beyond the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Window {
-    pub(super) first: [i64; 2],
-    pub(super) size: [usize; 2],
+pub(crate) struct Window {
+    pub(crate) first: [i64; 2],
+    pub(crate) size: [usize; 2],
 }
 
 /// Weighted area coverage, in the making.
 #[derive(Debug)]
-pub(super) struct Canvas {
+pub(crate) struct Canvas {
     window: Window,
     grid: PixelGrid,
     /// Per row one column more than the window: what lies beyond its right border goes there.
@@ -31,12 +39,12 @@ pub(super) struct Canvas {
 }
 
 impl Canvas {
-    pub(super) fn new(grid: PixelGrid, window: Window) -> Self {
+    pub(crate) fn new(grid: PixelGrid, window: Window) -> Self {
         Self { window, grid, sums: vec![0.0; (window.size[0] + 2) * window.size[1]] }
     }
 
     /// Adds `weight` times the share of each pixel that the contours enclose (holes run clockwise).
-    pub(super) fn add(&mut self, contours: &[Contour], weight: f64) {
+    pub(crate) fn add(&mut self, contours: &[Contour], weight: f64) {
         for contour in contours {
             for (a, b) in contour.edges() {
                 let (a, b) = (self.pixel(a), self.pixel(b));
@@ -47,8 +55,8 @@ impl Canvas {
 
     /// Position on the canvas in pixels, 0 at the window's outer corner.
     fn pixel(&self, p: Point2) -> Point2 {
-        let d = (p - self.grid.origin) / self.grid.pixel_mm;
-        Point2::new(d.x + 0.5 - self.window.first[0] as f64, d.y + 0.5 - self.window.first[1] as f64)
+        let [x, y] = self.grid.position(p);
+        Point2::new(x + 0.5 - self.window.first[0] as f64, y + 0.5 - self.window.first[1] as f64)
     }
 
     fn add_edge(&mut self, a: Point2, b: Point2, weight: f64) {
@@ -106,24 +114,35 @@ impl Canvas {
         }
     }
 
-    /// The blurred image of the window, row by row.
-    pub(super) fn into_image(mut self, blur_sigma_mm: f64) -> Vec<f64> {
+    /// The window's image without blur, row by row.
+    pub(crate) fn into_coverage(self) -> Vec<f64> {
         let [width, height] = self.window.size;
         let mut image = Vec::with_capacity(width * height);
-        for row in self.sums.chunks_exact_mut(width + 2) {
+        for row in self.sums.chunks_exact(width + 2) {
             let mut sum = 0.0;
             image.extend(row[..width].iter().map(|d| {
                 sum += d;
                 sum
             }));
         }
-        let kernel = gaussian(blur_sigma_mm / self.grid.pixel_mm);
-        blur_columns(&blur_rows(&image, width, &kernel), width, &kernel)
+        image
+    }
+
+    /// The blurred image of the window, row by row.
+    pub(crate) fn into_image(self, blur_sigma_mm: f64) -> Vec<f64> {
+        let (width, pixel_mm) = (self.window.size[0], self.grid.pixel_mm);
+        blurred(&self.into_coverage(), width, pixel_mm.map(|p| blur_sigma_mm / p))
     }
 }
 
+/// An image under a Gaussian with the given standard deviations along x and y, pixels; black beyond its border.
+pub(crate) fn blurred(image: &[f64], width: usize, sigma_pixels: [f64; 2]) -> Vec<f64> {
+    let [kx, ky] = sigma_pixels.map(gaussian);
+    blur_columns(&blur_rows(image, width, &kx), width, &ky)
+}
+
 /// Pixels that the blur reaches beyond an edge.
-pub(super) fn blur_reach(blur_sigma_mm: f64, pixel_mm: f64) -> usize {
+pub(crate) fn blur_reach(blur_sigma_mm: f64, pixel_mm: f64) -> usize {
     gaussian(blur_sigma_mm / pixel_mm).len() / 2
 }
 
@@ -143,11 +162,13 @@ fn blur_rows(image: &[f64], width: usize, kernel: &[f64]) -> Vec<f64> {
     let reach = kernel.len() / 2;
     let mut out = vec![0.0; image.len()];
     for (row, out) in image.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
-        for (i, o) in out.iter_mut().enumerate() {
-            let first = i.saturating_sub(reach);
-            let last = (i + reach + 1).min(width);
-            let weights = &kernel[first + reach - i..];
-            *o = row[first..last].iter().zip(weights).map(|(v, w)| v * w).sum();
+        for (tap, w) in kernel.iter().enumerate() {
+            // Value i + tap - reach goes to i, as far as both are in the row.
+            let (to, from) = (reach.saturating_sub(tap), tap.saturating_sub(reach));
+            let n = width.saturating_sub(to + from);
+            if n > 0 {
+                out[to..to + n].iter_mut().zip(&row[from..from + n]).for_each(|(o, v)| *o += v * w);
+            }
         }
     }
     out
@@ -174,7 +195,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn canvas(size: [usize; 2]) -> Canvas {
-        let grid = PixelGrid { origin: Point2::new(0.5, 0.5), pixel_mm: 1.0 };
+        let grid = PixelGrid { origin: Point2::new(0.5, 0.5), pixel_mm: [1.0; 2] };
         Canvas::new(grid, Window { first: [0, 0], size })
     }
 
