@@ -114,7 +114,7 @@ impl Coarse {
         // An ellipse reaches twice its standard deviations to either side, however it is turned.
         let reach = |[a, b]: [usize; 2], s: f64, variance: f64| {
             let pixels = (b + 1 - a) as f64;
-            ((s * pixels / (4.0 * variance.sqrt()) - 1.0).abs() - 0.5 / pixels).max(0.0)
+            ((s * pixels / (4.0 * variance.sqrt()) - 1.0).abs() - 1.0 / pixels).max(0.0)
         };
         let corners = reach(sums.x, sx, xx).max(reach(sums.y, sy, yy));
         (fill >= LEAST_FILL && step >= LEAST_STEP).then(|| Blob {
@@ -166,7 +166,7 @@ pub(super) struct Blob {
     pub(super) radius_mm: f64,
     /// Its area over that of the ellipse with its moments: 1 for an ellipse, less for all else.
     pub(super) fill: f64,
-    /// By how much it reaches farther or less far than that ellipse, beyond what half a pixel explains: 0 for an ellipse.
+    /// By how much it reaches farther or less far than that ellipse, beyond what a pixel explains: 0 for an ellipse.
     pub(super) corners: f64,
     /// Shorter over longer axis of that ellipse.
     pub(super) round: f64,
