@@ -389,7 +389,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
     for (args, line) in [
         (
             vec!["run", "--seed-mm", "1,nan,3"],
-            "--seed-mm: found \"1,nan,3\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            "--seed-mm: found \"1,nan,3\", expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
         ),
         (vec!["run", "--wall-mm", "0"], "--wall-mm: found 0, expected a number from 0.1 to 20 mm"),
         (vec!["run", "--layer-mm", "nan"], "--layer-mm: found NaN, expected a number from 0.02 to 1 mm"),
@@ -403,7 +403,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         ),
         (
             vec!["segment", "--ct", ".", "--out", "case"],
-            "--seed-mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+            "--seed-mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
         ),
         (
             vec!["run", "--seed-mm", "1,2,3", "--out", "case"],
@@ -464,6 +464,44 @@ fn case_files_are_run_one_after_the_other_and_each_is_answered_for() {
     assert_eq!(answer["cases"][0]["report"]["passed"], true, "{answer}");
     assert!(answer["cases"][1]["error"].as_str().unwrap().starts_with("--ct: found nothing"), "{answer}");
     assert!(place.path("cases/a/report/index.html").is_file() && !place.path("cases/b").exists());
+}
+
+#[test]
+fn a_folder_of_case_files_is_run_whole_and_ends_with_a_table() {
+    let place = Place::new();
+    fs::create_dir(place.path("cases")).unwrap();
+    let tube = "[phantom]\nkind = \"tube\"\nn_planes = 3\nn_pixels = 128\npixel_mm = 0.4\n";
+    fs::write(place.path("cases/a.toml"), "ct = \"nothing\"\nseed_mm = \"auto\"\n").unwrap();
+    fs::write(place.path("cases/b.toml"), tube).unwrap();
+    let answer = place.json(2, &["run", "cases"]);
+    assert!(answer["cases"][0]["error"].as_str().unwrap().starts_with("--ct: found nothing"), "{answer}");
+    assert_eq!(answer["cases"][0]["case"], "cases/a.toml");
+    assert_eq!(answer["cases"][1]["report"]["passed"], true, "{answer}");
+    assert!(place.path("cases/b/report/index.html").is_file() && !place.path("cases/a").exists());
+}
+
+#[test]
+fn a_vessel_is_found_without_a_seed_and_again_the_same() {
+    let place = Place::new();
+    place.json(0, &["phantom", "--out", "ct", "--kind", "tube"]);
+    let first = place.json(0, &["segment", "--ct", "ct", "--seed-mm", "auto", "--out", "one"]);
+    assert_eq!(first["candidates"][0]["polarity"], "bright", "{first}");
+    place.json(0, &["segment", "--ct", "ct", "--seed-mm", "auto", "--out", "two"]);
+    for file in ["sections.json", "segmentation.json"] {
+        assert_eq!(
+            fs::read(place.path("one").join(file)).unwrap(),
+            fs::read(place.path("two").join(file)).unwrap()
+        );
+    }
+    let parameters = fs::read_to_string(place.path("one/case.toml")).unwrap();
+    assert!(parameters.contains("seed_mm = \"auto\""), "{parameters}");
+    // A correction does the stage again; the same one does not.
+    let blocked = format!("{parameters}\n[[segment.block]]\nz_mm = [100.0, 200.0]\n");
+    fs::write(place.path("one/case.toml"), blocked).unwrap();
+    let again = place.json(0, &["segment", "one"]);
+    assert_eq!(again["stages"][0]["done"], true, "{again}");
+    let kept = place.json(0, &["segment", "one"]);
+    assert_eq!((&kept["stages"][0]["done"], &kept["candidates"]), (&false.into(), &again["candidates"]));
 }
 
 #[test]

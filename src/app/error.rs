@@ -18,7 +18,7 @@ pub enum Error {
     #[error(transparent)]
     Interrupted(#[from] progress::Cancelled),
     /// A parameter cannot be used; as the flag that gives it.
-    #[error("--{}: {}", .0.name.replace('_', "-"), .0.fault)]
+    #[error("{}: {}", shown(&.0.name), .0.fault)]
     Setting(#[from] SettingError),
     /// A case file cannot be used.
     #[error("{}: {problem}", path.display())]
@@ -108,6 +108,11 @@ pub enum Error {
     Mesh(#[from] mesh::Error),
 }
 
+/// A parameter as it is given: on the command line a flag; a key of a table in the case file only.
+fn shown(name: &str) -> String {
+    if name.contains('.') { name.to_owned() } else { format!("--{}", name.replace('_', "-")) }
+}
+
 impl Error {
     /// Whether the work ended because the operator asked it to, in whatever words a stage says so. A fault that shows
     /// itself meanwhile is none of these: a printer that vanished may still be hot.
@@ -160,6 +165,7 @@ impl Error {
             | Self::CtUnknown(_)
             | Self::NoRecord(_)
             | Self::Profile(_)
+            | Self::Segment(segment::Error::Correction(_))
             | Self::Solid(solid::Error::Topology(topology::Error::Decision { .. }))
             | Self::Case(
                 CaseError::Missing(_)

@@ -25,7 +25,7 @@ pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};
 
-use settings::{CaseFile, Settings};
+use settings::{CaseFile, Seed, Seeds, Settings};
 use std::path::{Path, PathBuf};
 
 /// Reads an input case file; a relative `ct` in it is taken from the file's own directory.
@@ -45,7 +45,7 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
         return Err(problem("this is the copy inside a case: name its directory instead".into()));
     }
     // What flags may still add is no fault of the file; what it says has to be right.
-    let seed_mm = file.seed_mm.clone().or_else(|| Some(vec![[0.0; 3]]));
+    let seed_mm = file.seed_mm.clone().or_else(|| Some(Seeds(vec![Seed::Point([0.0; 3])])));
     let ct = file.ct.clone().or_else(|| file.phantom.is_none().then(PathBuf::new));
     Settings::try_from(CaseFile { ct, seed_mm, ..file.clone() }).map_err(|e| problem(e.to_string()))?;
     file.ct = file.ct.map(|ct| atomic::parent(path).join(ct));

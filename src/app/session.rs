@@ -11,6 +11,7 @@ use super::stages::slice::Sliced;
 use crate::ct::{self, SeriesName, Volume, Warning};
 use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
+use crate::segment::Candidate;
 use crate::solid::Solid;
 use crate::topology;
 use serde::Serialize;
@@ -44,6 +45,9 @@ pub struct Outcome {
     pub id: String,
     /// The stages that were asked for, in order.
     pub stages: Vec<StageOutcome>,
+    /// Vessels that were found by themselves, the one that was taken first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<Candidate>,
     /// How many branches, splits, merges, births, deaths and holes the solid has, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topology: Option<topology::Summary>,
@@ -93,6 +97,7 @@ pub struct Session<'a> {
     pub(crate) ct_hash: OnceCell<String>,
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
+    pub(crate) candidates: Vec<Candidate>,
     pub(crate) topology: Option<topology::Summary>,
     pub(crate) report: Option<ReportPlace>,
     /// The picture of the solid that was written.
@@ -167,6 +172,7 @@ impl<'a> Session<'a> {
             ct_hash: OnceCell::new(),
             context,
             held: Held::default(),
+            candidates: Vec::new(),
             topology: None,
             report: None,
             view: None,
@@ -213,6 +219,7 @@ impl<'a> Session<'a> {
             case: self.case.dir().to_owned(),
             id: self.case.id().to_owned(),
             stages: self.outcomes,
+            candidates: self.candidates,
             topology: self.topology,
             report: self.report,
             view: self.view,

@@ -6,10 +6,11 @@
 
 use crate::phantom;
 use crate::sections::Boundary;
-use crate::segment::Polarity;
+use crate::segment::{Corrections, Polarity};
 use crate::solid::Correspondence;
 use crate::topology::Decisions;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// The number of the format that `case.toml` is written in.
@@ -38,7 +39,7 @@ pub struct Fault {
 #[error("{name}: {fault}")]
 pub struct SettingError {
     /// The key in `case.toml`; the flag has hyphens instead of underscores.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// What is wrong with its value.
     pub fault: Fault,
 }
@@ -110,16 +111,77 @@ fn parse_numbers<const N: usize>(text: &str, expected: &str) -> Result<[f64; N],
     if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(fault()) }
 }
 
-const SEED_EXPECTED: &str = "X,Y,Z: three numbers in mm (LPS) separated by commas";
+const SEED_EXPECTED: &str = "X,Y,Z: three numbers in mm (LPS) separated by commas; or auto";
 const WINDOW_EXPECTED: &str = "LO,HI: two numbers in HU separated by a comma, LO less than HI";
 const Z_EXPECTED: &str = "A,B: two heights in mm separated by a comma, A less than B";
 
-/// `X,Y,Z` of a seed, mm.
+/// Where growing begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Seed {
+    /// In the vessel that is found by itself.
+    Auto,
+    /// At this point, LPS, mm.
+    Point([f64; 3]),
+}
+
+/// The `seed_mm` key: points, or the word `auto`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "SeedsText", into = "SeedsText")]
+pub struct Seeds(pub Vec<Seed>);
+
+/// How seeds are written.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected [[X, Y, Z], ...]: points in mm (LPS), or \"auto\"")]
+enum SeedsText {
+    Word(AutoWord),
+    Points(Vec<[f64; 3]>),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum AutoWord {
+    Auto,
+}
+
+impl From<SeedsText> for Seeds {
+    fn from(text: SeedsText) -> Self {
+        match text {
+            SeedsText::Word(AutoWord::Auto) => Self(vec![Seed::Auto]),
+            SeedsText::Points(points) => Self(points.into_iter().map(Seed::Point).collect()),
+        }
+    }
+}
+
+impl From<Seeds> for SeedsText {
+    fn from(seeds: Seeds) -> Self {
+        if seeds.is_auto() { Self::Word(AutoWord::Auto) } else { Self::Points(seeds.points_mm()) }
+    }
+}
+
+impl Seeds {
+    /// Whether the vessel is to be found.
+    #[must_use]
+    pub fn is_auto(&self) -> bool {
+        self.0.contains(&Seed::Auto)
+    }
+
+    /// The points, LPS, mm.
+    #[must_use]
+    pub fn points_mm(&self) -> Vec<[f64; 3]> {
+        let point = |seed: &Seed| if let Seed::Point(p) = seed { Some(*p) } else { None };
+        self.0.iter().filter_map(point).collect()
+    }
+}
+
+/// `X,Y,Z` of a seed, mm, or `auto`.
 ///
 /// # Errors
-/// [`Fault`] unless these are three finite numbers.
-pub fn parse_seed_mm(text: &str) -> Result<[f64; 3], Fault> {
-    parse_numbers(text, SEED_EXPECTED)
+/// [`Fault`] unless these are three finite numbers or that word.
+pub fn parse_seed_mm(text: &str) -> Result<Seed, Fault> {
+    if text.trim() == "auto" {
+        return Ok(Seed::Auto);
+    }
+    parse_numbers(text, SEED_EXPECTED).map(Seed::Point)
 }
 
 /// `LO,HI` of a window, HU.
@@ -208,8 +270,10 @@ pub struct SegmentSettings {
     pub series: Option<usize>,
     /// Whether a stack with missing planes is used.
     pub allow_gaps: bool,
-    /// Points inside the lumen, LPS, mm; none for a phantom, which knows its own.
+    /// Points inside the lumen, LPS, mm; none for a phantom, which knows its own, or where the vessel is found.
     pub seed_mm: Vec<[f64; 3]>,
+    /// Whether the vessel is found by itself.
+    pub auto_seed: bool,
     /// Intensities of the lumen; `None`: found from the seed's neighbourhood.
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
@@ -218,6 +282,8 @@ pub struct SegmentSettings {
     pub boundary: Boundary,
     /// Heights along the stack's normal that are used; `None`: all.
     pub z_mm: Option<[f64; 2]>,
+    /// What the operator has corrected.
+    pub corrections: Corrections,
 }
 
 /// What is printed.
@@ -287,8 +353,8 @@ pub struct CaseFile {
     pub series: Option<SeriesKey>,
     /// Use a stack with missing planes, with a warning.
     pub allow_gaps: Option<bool>,
-    /// Points inside the lumen, LPS, mm.
-    pub seed_mm: Option<Vec<[f64; 3]>>,
+    /// Points inside the lumen, LPS, mm, or `auto`.
+    pub seed_mm: Option<Seeds>,
     /// Intensities of the lumen, HU.
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
@@ -309,6 +375,8 @@ pub struct CaseFile {
     pub port: Option<String>,
     /// A synthetic CT instead of a real one.
     pub phantom: Option<phantom::Params>,
+    /// What the operator has corrected about the lumen.
+    pub segment: Option<Corrections>,
     /// How the solid is put together.
     pub solid: Option<SolidKeys>,
     /// What the operator has decided about the topology.
@@ -360,7 +428,7 @@ impl CaseFile {
             ct: None,
             series: segment.series.map(SeriesKey::Number),
             allow_gaps: segment.allow_gaps.then_some(true),
-            seed_mm: (!segment.seed_mm.is_empty()).then(|| segment.seed_mm.clone()),
+            seed_mm: segment.seeds(),
             window_hu: segment.window_hu,
             polarity: Some(segment.polarity),
             boundary: Some(segment.boundary),
@@ -371,6 +439,7 @@ impl CaseFile {
             profile: Some(settings.profile.clone()),
             port: Some(settings.port.clone()),
             phantom,
+            segment: (!segment.corrections.is_empty()).then(|| segment.corrections.clone()),
             solid: Some(SolidKeys { correspondence: Some(settings.correspondence) }),
             topology: (!settings.decisions.is_empty()).then(|| settings.decisions.clone()),
         }
@@ -402,6 +471,7 @@ impl CaseFile {
             profile: self.profile.or(below.profile),
             port: self.port.or(below.port),
             phantom: self.phantom.or(below.phantom),
+            segment: self.segment.or(below.segment),
             solid: self.solid.or(below.solid),
             topology: self.topology.or(below.topology),
         }
@@ -424,7 +494,7 @@ impl CaseFile {
             }
             SourceName::Ct if self.phantom.is_some() => {
                 let fault = Fault { found: "a CT and a phantom".into(), expected: "one of the two".into() };
-                Err(SettingError { name: "phantom", fault })
+                Err(SettingError { name: "phantom".into(), fault })
             }
             SourceName::Ct => Ok(Source::Ct),
         }
@@ -434,6 +504,7 @@ impl CaseFile {
     fn default_phantom(&self) -> Result<Source, SettingError> {
         let meant_for_a_ct = [
             ("seed_mm", self.seed_mm.is_some()),
+            ("segment", self.segment.is_some()),
             ("window_hu", self.window_hu.is_some()),
             ("z_mm", self.z_mm.is_some()),
             ("series", self.series.is_some()),
@@ -443,7 +514,10 @@ impl CaseFile {
             return Ok(Source::Phantom(phantom::Params::default()));
         };
         let expected = "the folder with the DICOM files that it is meant for".to_owned();
-        Err(SettingError { name: "ct", fault: Fault { found: format!("none, but {given}"), expected } })
+        Err(SettingError {
+            name: "ct".into(),
+            fault: Fault { found: format!("none, but {given}"), expected },
+        })
     }
 
     /// The number of the series; a UID has to have been looked up before.
@@ -462,7 +536,7 @@ impl CaseFile {
         match (self.wall_mm, self.cast.unwrap_or(false)) {
             (Some(t), true) => {
                 let fault = Fault { found: t.to_string(), expected: "none together with cast".into() };
-                Err(SettingError { name: "wall_mm", fault })
+                Err(SettingError { name: "wall_mm".into(), fault })
             }
             (None, true) => Ok(Body::Cast),
             (wall, false) => {
@@ -473,24 +547,32 @@ impl CaseFile {
     }
 
     fn segment(&self, source: &Source) -> Result<SegmentSettings, SettingError> {
-        let seed_mm = self.seed_mm.clone().unwrap_or_default();
+        let seeds = self.seed_mm.clone().unwrap_or(Seeds(Vec::new()));
+        let (seed_mm, auto_seed) = (seeds.points_mm(), seeds.is_auto());
         let fault = |found: String| SettingError {
-            name: "seed_mm",
+            name: "seed_mm".into(),
             fault: Fault { found, expected: SEED_EXPECTED.to_owned() },
         };
+        if auto_seed && !seed_mm.is_empty() {
+            return Err(fault("auto and points".into()));
+        }
         if let Some(seed) = seed_mm.iter().find(|seed| seed.iter().any(|c| !c.is_finite())) {
             return Err(fault(format!("{},{},{}", seed[0], seed[1], seed[2])));
         }
-        if matches!(source, Source::Ct) && seed_mm.is_empty() {
+        if matches!(source, Source::Ct) && seeds.0.is_empty() {
             return Err(fault("none".into()));
         }
         let checked = |name, range: Option<[f64; 2]>, expected| {
             range.map(|r| ascending(r, expected)).transpose().map_err(in_setting(name))
         };
+        let corrections = self.segment.clone().unwrap_or_default();
+        corrections.check().map_err(in_correction)?;
         Ok(SegmentSettings {
             series: self.series_number().map_err(in_setting("series"))?,
             allow_gaps: self.allow_gaps.unwrap_or(false),
             seed_mm,
+            auto_seed,
+            corrections,
             window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
             polarity: self.polarity.unwrap_or_default(),
             boundary: self.boundary.unwrap_or_default(),
@@ -500,7 +582,23 @@ impl CaseFile {
 }
 
 fn in_setting(name: &'static str) -> impl FnOnce(Fault) -> SettingError {
-    move |fault| SettingError { name, fault }
+    move |fault| SettingError { name: name.into(), fault }
+}
+
+fn in_correction(fault: crate::segment::corrections::Fault) -> SettingError {
+    let (found, expected) = (fault.found, fault.expected);
+    SettingError { name: fault.key.into(), fault: Fault { found, expected } }
+}
+
+impl SegmentSettings {
+    /// The seeds as they are written.
+    fn seeds(&self) -> Option<Seeds> {
+        if self.auto_seed {
+            return Some(Seeds(vec![Seed::Auto]));
+        }
+        let points = self.seed_mm.iter().copied().map(Seed::Point).collect();
+        (!self.seed_mm.is_empty()).then_some(Seeds(points))
+    }
 }
 
 impl TryFrom<CaseFile> for Settings {
@@ -589,11 +687,11 @@ mod tests {
             ),
             (
                 "ct = \"d\"",
-                "seed_mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+                "seed_mm: found none, expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
             ),
             (
                 "ct = \"d\"\nseed_mm = [[1, inf, 2]]",
-                "seed_mm: found 1,inf,2, expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+                "seed_mm: found 1,inf,2, expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
             ),
             ("profile = \"\"", "profile: found \"\", expected a name or a path"),
             (
@@ -615,7 +713,7 @@ mod tests {
 
     #[test]
     fn texts_of_flags_are_checked_the_same_way() {
-        assert_eq!(parse_seed_mm("-221.4, 22.5,165").unwrap(), [-221.4, 22.5, 165.0]);
+        assert_eq!(parse_seed_mm("-221.4, 22.5,165").unwrap(), Seed::Point([-221.4, 22.5, 165.0]));
         for bad in ["1,2", "1,2,3,4", "1,2,x", "1,2,nan", ""] {
             assert!(parse_seed_mm(bad).is_err(), "{bad}");
         }
@@ -639,6 +737,36 @@ mod tests {
         assert_eq!(unresolved, "series: found a UID, expected a CT in whose folder it can be looked up");
         let s = settings("ct = \"d\"\nseed_mm = [[1, 2, 3]]\nseries = 2").unwrap();
         assert_eq!(settings(&CaseFile::of_case("i", &s).to_toml()).unwrap(), s);
+    }
+
+    #[test]
+    fn seeds_are_points_or_the_word_auto() {
+        let auto = settings("ct = \"d\"\nseed_mm = \"auto\"\n").unwrap();
+        assert!(auto.segment.auto_seed && auto.segment.seed_mm.is_empty());
+        let copy = CaseFile::of_case("i", &auto).to_toml();
+        assert!(copy.contains("seed_mm = \"auto\""), "{copy}");
+        assert_eq!(settings(&copy).unwrap(), auto);
+        assert_eq!(parse_seed_mm(" auto").unwrap(), Seed::Auto);
+        let wrong = settings("ct = \"d\"\nseed_mm = \"best\"\n").unwrap_err();
+        assert!(wrong.starts_with("line 2: expected [[X, Y, Z], ...]"), "{wrong}");
+        let both = Seeds(vec![Seed::Auto, Seed::Point([1.0, 2.0, 3.0])]);
+        let file = CaseFile { ct: Some("d".into()), seed_mm: Some(both), ..CaseFile::default() };
+        let refused = Settings::try_from(file).unwrap_err().to_string();
+        assert!(refused.starts_with("seed_mm: found auto and points, expected X,Y,Z"), "{refused}");
+    }
+
+    #[test]
+    fn corrections_are_kept_as_they_were_written_and_checked() {
+        let text = "ct = \"d\"\nseed_mm = [[1, 2, 3]]\n[[segment.block]]\nz_mm = [1, 2]\n[[segment.window]]\nz_mm = [3, 4]\n\
+                    window_hu = [100, 300]\n[[segment.contour]]\nz_mm = 5\npoints_mm = [[0, 0], [4, 0], [4, 4]]\n";
+        let s = settings(text).unwrap();
+        assert_eq!((s.segment.corrections.block.len(), s.segment.corrections.contour.len()), (1, 1));
+        assert_eq!(settings(&CaseFile::of_case("i", &s).to_toml()).unwrap(), s);
+        let wrong = settings(&text.replace("[1, 2]\n[[segment.w", "[2, 1]\n[[segment.w")).unwrap_err();
+        assert_eq!(
+            wrong,
+            "segment.block[1].z_mm: found 2,1, expected two finite heights in mm, the first not above the second"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::app::settings::{
     self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, Fault, LAYER_MM, Limits,
-    SIMULATED_PORT, SeriesKey, WALL_MM,
+    SIMULATED_PORT, Seed, Seeds, SeriesKey, WALL_MM,
 };
 use crate::app::{Colouring, Skin, View};
 use crate::phantom::{self, Contrast, Kind};
@@ -71,7 +71,8 @@ pub(crate) enum Command {
 
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
-    /// Case directories, or case files (TOML; `ct = PATH` and any of the flags below with underscores)
+    /// Case directories, case files (TOML; `ct = PATH` and any of the flags below with underscores), or folders of
+    /// case files
     #[arg(value_name = "CASE.toml|DIR")]
     pub(crate) cases: Vec<PathBuf>,
     #[command(flatten)]
@@ -101,9 +102,10 @@ pub(crate) struct CtArgs {
     /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap
     #[arg(long)]
     pub(crate) allow_gaps: bool,
-    /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once
-    #[arg(long, value_name = "X,Y,Z", value_parser = settings::parse_seed_mm, allow_hyphen_values = true)]
-    pub(crate) seed_mm: Vec<[f64; 3]>,
+    /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once; or auto: the vessel
+    /// is found by itself, and ends where it leaks or fades
+    #[arg(long, value_name = "X,Y,Z|auto", value_parser = settings::parse_seed_mm, allow_hyphen_values = true)]
+    pub(crate) seed_mm: Vec<Seed>,
     /// Intensities of the lumen, HU, LO < HI [default: found from the seed's neighbourhood]
     #[arg(long, value_name = "LO,HI", value_parser = settings::parse_window_hu, allow_hyphen_values = true)]
     pub(crate) window_hu: Option<[f64; 2]>,
@@ -376,7 +378,7 @@ impl CtArgs {
             ct: self.ct.clone(),
             series: self.series.clone(),
             allow_gaps: self.allow_gaps.then_some(true),
-            seed_mm: (!self.seed_mm.is_empty()).then(|| self.seed_mm.clone()),
+            seed_mm: (!self.seed_mm.is_empty()).then(|| Seeds(self.seed_mm.clone())),
             window_hu: self.window_hu,
             polarity: self.polarity,
             boundary: self.boundary,
@@ -461,7 +463,7 @@ mod tests {
         for args in [vec!["--seed-mm=-221.4,22.5,165.2"], vec!["--seed-mm", "-221.4,22.5,165.2"]] {
             let cli = Cli::try_parse_from([vec!["lumenfab", "run"], args].concat()).unwrap();
             let Some(Command::Run(run)) = cli.command else { panic!("not run") };
-            assert_eq!(run.ct.seed_mm, [[-221.4, 22.5, 165.2]]);
+            assert_eq!(run.ct.seed_mm, [Seed::Point([-221.4, 22.5, 165.2])]);
         }
     }
 
@@ -486,11 +488,11 @@ mod tests {
         for (args, line) in [
             (
                 vec!["run", "--seed-mm", "1,2"],
-                "--seed-mm: found \"1,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+                "--seed-mm: found \"1,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
             ),
             (
                 vec!["run", "--seed-mm", "1,NaN,2"],
-                "--seed-mm: found \"1,NaN,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas",
+                "--seed-mm: found \"1,NaN,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
             ),
             (
                 vec!["run", "--window-hu", "300,200"],

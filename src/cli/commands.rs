@@ -75,30 +75,62 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
         Ok(jobs) => jobs,
         Err(line) => return face.usage_error(&line),
     };
-    let mut documents = Vec::new();
+    let several = jobs.len() > 1;
+    let (mut documents, mut rows) = (Vec::new(), Vec::new());
     let mut text = String::new();
     let mut exit_code = 0;
     let mut jobs = jobs.into_iter();
-    while let Some(job) = jobs.next() {
-        match job.and_then(|job| run_case(job, context.clone())) {
+    while let Some(Named { name, job }) = jobs.next() {
+        let code = match job.and_then(|job| run_case(job, context.clone())) {
             Ok(outcome) => {
                 text += &case_text(&outcome);
                 documents.push(json!(outcome));
-                exit_code = worse(exit_code, if outcome.gate_failed() { GATE_FAILED } else { 0 });
+                let code = if outcome.gate_failed() { GATE_FAILED } else { 0 };
+                rows.push((name, code, result_line(&outcome)));
+                code
             }
             Err(e) => {
                 face.error(&e);
-                documents.push(error_document(&e));
-                exit_code = worse(exit_code, e.exit_code());
+                let mut document = error_document(&e);
+                document["case"] = json!(name);
+                documents.push(document);
+                rows.push((name, e.exit_code(), e.to_string()));
+                e.exit_code()
             }
-        }
+        };
+        exit_code = worse(exit_code, code);
         if context.cancel.is_cancelled() {
             exit_code = if jobs.len() > 0 { INTERRUPTED } else { exit_code };
             break;
         }
     }
+    rows.extend(jobs.map(|j| (j.name, INTERRUPTED, "not begun".to_owned())));
+    if several {
+        text += &table(&rows);
+    }
     face.result(&json!({"cases": documents, "exit_code": exit_code}), &text);
     exit_code
+}
+
+/// What became of a case, in a few words.
+fn result_line(outcome: &Outcome) -> String {
+    match (&outcome.report, outcome.no_report) {
+        (Some(report), _) if report.passed => format!("done: {}", report.index_html.display()),
+        (Some(report), _) => format!("the quality gate failed: {}", report.index_html.display()),
+        (None, why) => why.map_or_else(|| "done".to_owned(), |why| format!("done, no report: {why}")),
+    }
+}
+
+/// All cases, one a line: name, exit code, result.
+fn table(rows: &[(PathBuf, u8, String)]) -> String {
+    let names: Vec<String> = rows.iter().map(|(name, ..)| name.display().to_string()).collect();
+    let width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max("case".len());
+    let mut text = format!("\n{:<width$}  exit  result\n", "case");
+    for (name, (_, code, result)) in names.iter().zip(rows) {
+        let result = result.split_whitespace().collect::<Vec<_>>().join(" ");
+        writeln!(text, "{name:<width$}  {code:>4}  {result}").expect("a string takes every line");
+    }
+    text
 }
 
 /// Of several cases the gravest counts: interrupted, wrong usage, failed, gate failed, done.
@@ -114,7 +146,13 @@ fn run_case(job: Job, context: Context<'_>) -> Result<Outcome, Error> {
     Ok(session.into_outcome())
 }
 
-type Jobs = Vec<Result<Job, Error>>;
+/// A case as it was named, and what is to be done for it.
+struct Named {
+    name: PathBuf,
+    job: Result<Job, Error>,
+}
+
+type Jobs = Vec<Named>;
 
 fn jobs(args: &RunArgs) -> Result<Jobs, String> {
     if args.cases.is_empty() {
@@ -123,21 +161,33 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
         if parameters.ct.is_none() && !(args.out.is_some() && case::is_case(&dir)) {
             parameters.source = Some(SourceName::Phantom);
         }
-        return Ok(vec![Ok(Job { dir, parameters })]);
+        return Ok(vec![Named { name: dir.clone(), job: Ok(Job { dir, parameters }) }]);
     }
-    if args.ct.ct.is_some() && args.cases.len() > 1 {
+    let cases: Vec<PathBuf> = args.cases.iter().flat_map(|case| case_files(case)).collect();
+    if args.ct.ct.is_some() && cases.len() > 1 {
         return Err("--ct: found several cases, expected one".into());
     }
-    let several = args.cases.len() > 1;
-    let jobs: Jobs = args.cases.iter().map(|case| job(case, args, several)).collect::<Result<_, _>>()?;
+    let several = cases.len() > 1 || cases != args.cases;
+    let named = |name: PathBuf| Ok(Named { job: job(&name, args, several)?, name });
+    let jobs: Jobs = cases.into_iter().map(named).collect::<Result<_, String>>()?;
     refuse_shared_directory(&jobs)?;
     Ok(jobs)
+}
+
+/// The case files of a folder that is no case, in the order of their names; anything else as it is.
+fn case_files(path: &Path) -> Vec<PathBuf> {
+    let entries = if case::is_case(path) { None } else { std::fs::read_dir(path).ok() };
+    let is_file = |p: &PathBuf| p.extension().is_some_and(|e| e == "toml") && p.is_file();
+    let mut files: Vec<PathBuf> =
+        entries.into_iter().flatten().filter_map(|e| Some(e.ok()?.path())).filter(is_file).collect();
+    files.sort();
+    if files.is_empty() { vec![path.to_owned()] } else { files }
 }
 
 /// Two cases in one directory would be two patients in one case.
 fn refuse_shared_directory(jobs: &Jobs) -> Result<(), String> {
     let mut seen = BTreeSet::new();
-    for Job { dir, .. } in jobs.iter().flatten() {
+    for Job { dir, .. } in jobs.iter().filter_map(|j| j.job.as_ref().ok()) {
         let place = dir.canonicalize().or_else(|_absent| std::path::absolute(dir));
         if !seen.insert(place.unwrap_or_else(|_unknown| dir.clone())) {
             let shown = dir.display();
@@ -332,6 +382,10 @@ fn case_text(outcome: &Outcome) -> String {
     if !times.is_empty() {
         lines.push(format!("time    {}; {all_s:.2} s in all", times.join(", ")));
     }
+    if !outcome.candidates.is_empty() {
+        lines.push(format!("found   {} vessels, the first one taken:", outcome.candidates.len()));
+        lines.extend(outcome.candidates.iter().map(|c| format!("        {c}")));
+    }
     if let Some(topology) = &outcome.topology {
         lines.push(format!("vessel  {topology}"));
     }
@@ -356,9 +410,37 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_of_case_files_stands_for_them() {
+        let place = tempfile::tempdir().unwrap();
+        let file = |name: &str| {
+            let path = place.path().join(name);
+            std::fs::write(&path, "").unwrap();
+            path
+        };
+        let (b, a) = (file("b.toml"), file("a.toml"));
+        file("notes.txt");
+        assert_eq!(case_files(place.path()), [a.clone(), b]);
+        assert_eq!(case_files(&a), [a]);
+        // One that is a case is that case.
+        let own = file(case::CASE_FILE);
+        assert_eq!(case_files(own.parent().unwrap()), [place.path()]);
+    }
+
+    #[test]
+    fn the_table_has_a_line_for_every_case() {
+        let rows =
+            [("a.toml".into(), 0, "done".to_owned()), ("longer.toml".into(), 1, "no\n vessel".to_owned())];
+        let text = table(&rows);
+        assert_eq!(
+            text,
+            "\ncase         exit  result\na.toml          0  done\nlonger.toml     1  no vessel\n"
+        );
+    }
+
+    #[test]
     fn without_arguments_the_phantom_is_run() {
         let jobs = jobs(&default_run()).unwrap();
-        let job = jobs.into_iter().next().unwrap().unwrap();
+        let job = jobs.into_iter().next().unwrap().job.unwrap();
         assert_eq!(
             (job.dir.as_path(), job.parameters.source),
             (Path::new(DEFAULT_OUT), Some(SourceName::Phantom))

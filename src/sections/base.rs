@@ -12,7 +12,7 @@ use crate::segment::Segmentation;
 /// Contours of plane k in the stack frame, mm: outer ones counter-clockwise, holes clockwise.
 pub(super) fn contours(volume: &Volume, segmentation: &Segmentation, k: usize) -> Vec<Contour> {
     let Some((columns, rows)) = segmentation.mask.plane_box(k) else { return Vec::new() };
-    let (sign, edge_hu) = (segmentation.sign(), segmentation.edge_hu());
+    let (sign, edge_hu) = (segmentation.sign(), segmentation.edge_hu_at(k));
     let above = |i: usize, j: usize| sign * (f64::from(volume.at(i, j, k)) - edge_hu);
     let inside = |i: usize, j: usize| segmentation.mask.contains(i, j, k);
     let depth = typical_depth(

@@ -83,10 +83,10 @@ impl<'a> Stack<'a> {
     }
 
     fn window_edges(&self) -> Vec<Vec<Option<Target>>> {
-        let level = self.segmentation.sign() * self.segmentation.edge_hu();
         // No correction for blur: the operator has said which grey value the boundary is.
-        let target = Target { level, blur_mm: 0.0 };
-        self.planes.iter().map(|p| vec![Some(target); p.loops.len()]).collect()
+        let level = |k: usize| self.segmentation.sign() * self.segmentation.edge_hu_at(k);
+        let target = |p: &Plane| Some(Target { level: level(p.k), blur_mm: 0.0 });
+        self.planes.iter().map(|p| vec![target(p); p.loops.len()]).collect()
     }
 
     /// `None` where no contour shows an edge.

@@ -2,8 +2,9 @@
 //!
 //! A run of voxels along x is filled at once and the four neighbouring rows (two in the plane, one below, one
 //! above) are searched for runs to go on with (scan-line seed fill: Heckbert, "A seed fill algorithm", Graphics
-//! Gems, 1990, here in 3-D). The fill stops at once where it meets the border of the image.
+//! Gems, 1990, here in 3-D). The fill goes on where it meets the border of the image, and remembers the place.
 
+use super::corrections::Rules;
 use super::{Mask, Polarity};
 use crate::ct::Volume;
 use crate::progress::{Cancelled, Task};
@@ -22,25 +23,50 @@ pub struct Slab<'a> {
     pub volume: &'a Volume,
     /// The planes that may be used.
     pub planes: Range<usize>,
-    /// Lowest and highest intensity, HU.
-    pub window_hu: [f64; 2],
+    /// Lowest and highest intensity of each of these planes, HU.
+    pub windows_hu: Vec<[f64; 2]>,
+    /// What the operator has corrected.
+    pub rules: &'a Rules,
 }
 
 impl Slab<'_> {
+    /// The window of a plane, HU.
+    #[must_use]
+    pub fn window_hu(&self, k: usize) -> [f64; 2] {
+        self.windows_hu[k - self.planes.start]
+    }
+
     /// Value of a voxel, HU.
     #[must_use]
     pub fn hu(&self, [i, j, k]: Voxel) -> f64 {
         f64::from(self.volume.at(i, j, k))
     }
 
-    /// Whether the voxel's value lies in the window.
+    /// Whether the voxel may be lumen: its value lies in the window and no correction says otherwise; where the
+    /// plane's contour was drawn, whether it lies inside.
     #[must_use]
     pub fn selects(&self, voxel: Voxel) -> bool {
-        self.in_window(self.hu(voxel))
+        let [i, j, k] = voxel;
+        match self.rules.drawn.get(&k) {
+            Some(drawn) => drawn.mask.contains(i, j, k),
+            None => self.in_window(k, self.hu(voxel)) && !self.rules.blocks(self.volume, voxel),
+        }
     }
 
-    fn in_window(&self, hu: f64) -> bool {
-        hu >= self.window_hu[0] && hu <= self.window_hu[1]
+    fn in_window(&self, k: usize, hu: f64) -> bool {
+        let [lo, hi] = self.window_hu(k);
+        hu >= lo && hu <= hi
+    }
+
+    /// The voxels of all contours that were drawn.
+    #[must_use]
+    pub fn drawn(&self) -> Vec<Voxel> {
+        let masks = self.rules.drawn.range(self.planes.clone()).map(|(&k, drawn)| (k, &drawn.mask));
+        let inside = |(k, mask): (usize, &Mask)| {
+            let all = mask.rows().flat_map(|j| mask.columns().map(move |i| [i, j, k]));
+            all.filter(|&[i, j, k]| mask.contains(i, j, k)).collect::<Vec<Voxel>>()
+        };
+        masks.flat_map(inside).collect()
     }
 
     /// The voxel, or the first of its eight neighbours in the plane that lies in the window.
@@ -59,7 +85,7 @@ impl Slab<'_> {
         for k in self.planes.clone() {
             for &hu in self.volume.plane(k) {
                 let hu = f64::from(hu);
-                if self.in_window(hu) {
+                if self.in_window(k, hu) {
                     return None;
                 }
                 range = [range[0].min(hu), range[1].max(hu)];
@@ -78,10 +104,6 @@ impl Slab<'_> {
     }
 }
 
-/// The region met the border of the image at this voxel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Leak(pub Voxel);
-
 /// Voxels of a slab: one byte each, and the box they fill.
 #[derive(Debug, Clone)]
 pub struct Grown {
@@ -89,11 +111,89 @@ pub struct Grown {
     first_plane: usize,
     /// Columns, rows and planes that the voxels span; `None` where there is none.
     extent: Option<[Range<usize>; 3]>,
+    /// The first voxel at the border of the image.
+    pub leak: Option<Voxel>,
 }
 
 impl Grown {
     fn empty(slab: &Slab<'_>) -> Self {
-        Self { inside: vec![0; slab.n_voxels()], first_plane: slab.planes.start, extent: None }
+        Self { inside: vec![0; slab.n_voxels()], first_plane: slab.planes.start, extent: None, leak: None }
+    }
+
+    /// Columns, rows and planes that the voxels span.
+    #[must_use]
+    pub fn extent(&self) -> [Range<usize>; 3] {
+        self.extent.clone().unwrap_or([0..0, 0..0, 0..0])
+    }
+
+    /// Takes voxels out for which `keep` does not hold.
+    pub fn retain(&mut self, slab: &Slab<'_>, keep: impl Fn(Voxel) -> bool) {
+        let [columns, rows, planes] = self.extent();
+        self.extent = None;
+        for k in planes {
+            for j in rows.clone() {
+                let start = slab.index([columns.start, j, k]);
+                let mut ends: Option<[usize; 2]> = None;
+                for (i, inside) in columns.clone().zip(&mut self.inside[start..]).filter(|(_, v)| **v != 0) {
+                    if keep([i, j, k]) {
+                        ends = Some([ends.map_or(i, |e| e[0]), i + 1]);
+                    } else {
+                        *inside = 0;
+                    }
+                }
+                if let Some([start, end]) = ends {
+                    self.widen(&[start..end, j..j + 1, k..k + 1]);
+                }
+            }
+        }
+    }
+
+    /// The smallest box of columns and rows, within the given one, around the voxels of plane k.
+    #[must_use]
+    pub fn plane_box(
+        &self,
+        slab: &Slab<'_>,
+        k: usize,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+    ) -> (Range<usize>, Range<usize>) {
+        let mut found: Option<[usize; 4]> = None;
+        for j in rows.clone() {
+            let start = slab.index([columns.start, j, k]);
+            let row = &self.inside[start..start + columns.len()];
+            let Some(first) = row.iter().position(|&v| v != 0) else { continue };
+            let last = row.iter().rposition(|&v| v != 0).unwrap_or(first);
+            let [a, b, top, _] = found.unwrap_or([first, last, j, j]);
+            found = Some([a.min(first), b.max(last), top, j]);
+        }
+        let [a, b, top, bottom] = found.map_or([0, 0, 0, 0], |f| [f[0], f[1] + 1, f[2], f[3] + 1]);
+        (columns.start + a..columns.start + b, top..bottom)
+    }
+
+    /// Adds the voxels of another set of the same slab.
+    pub fn add(&mut self, other: &Self) {
+        for (own, more) in self.inside.iter_mut().zip(&other.inside) {
+            *own |= *more;
+        }
+        if let Some(extent) = &other.extent {
+            self.widen(&extent.clone());
+        }
+    }
+
+    /// All voxels of plane k.
+    #[must_use]
+    pub fn plane(&self, slab: &Slab<'_>, k: usize) -> Vec<Voxel> {
+        let [columns, rows, _] = self.extent();
+        let all = rows.flat_map(|j| columns.clone().map(move |i| [i, j, k]));
+        all.filter(|&v| self.holds(slab, v)).collect()
+    }
+
+    fn widen(&mut self, by: &[Range<usize>; 3]) {
+        let union = |a: Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
+        self.extent = Some(match self.extent.take() {
+            None => by.clone(),
+            Some([i, j, k]) => [union(i, &by[0]), union(j, &by[1]), union(k, &by[2])],
+        });
     }
 
     /// Whether the voxel belongs to the region.
@@ -105,25 +205,19 @@ impl Grown {
     fn fill(&mut self, slab: &Slab<'_>, run: &Range<usize>, j: usize, k: usize) {
         let start = slab.index([run.start, j, k]);
         self.inside[start..start + run.len()].fill(1);
-        let filled = [run.clone(), j..j + 1, k..k + 1];
-        let union = |a: Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
-        self.extent = Some(match self.extent.take() {
-            None => filled,
-            Some([i, j, k]) => [union(i, &filled[0]), union(j, &filled[1]), union(k, &filled[2])],
-        });
+        self.widen(&[run.clone(), j..j + 1, k..k + 1]);
     }
 
     /// The region cut down to its box.
     #[must_use]
     pub fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
         let at = |i: usize, j: usize, k: usize| self.inside[((k - self.first_plane) * ny + j) * nx + i] != 0;
-        let [columns, rows, planes] = self.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+        let [columns, rows, planes] = self.extent();
         Mask::from_fn(columns, rows, planes, at)
     }
 }
 
-/// Grows from the seeds through voxel faces, around what is `blocked`. The inner result says where the region
-/// met the border of the image, if it did.
+/// Grows from the seeds through voxel faces, around what is `blocked`.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -132,7 +226,7 @@ pub fn grow(
     seeds: &[Voxel],
     blocked: Option<&Grown>,
     task: &Task<'_>,
-) -> Result<Result<Grown, Leak>, Cancelled> {
+) -> Result<Grown, Cancelled> {
     let [nx, ny, _] = slab.volume.dims;
     let mut grown = Grown::empty(slab);
     let mut todo: Vec<Voxel> = seeds.to_vec();
@@ -142,7 +236,7 @@ pub fn grow(
         let [_, j, k] = voxel;
         if run.start == 0 || run.end == nx || j == 0 || j + 1 == ny {
             let i = if run.end == nx { nx - 1 } else { run.start };
-            return Ok(Err(Leak([i, j, k])));
+            grown.leak = grown.leak.or(Some([i, j, k]));
         }
         grown.fill(slab, &run, j, k);
         push_neighbours(slab, &grown, blocked, &run, [j, k], &mut todo);
@@ -152,7 +246,7 @@ pub fn grow(
         }
     }
     task.check()?;
-    Ok(Ok(grown))
+    Ok(grown)
 }
 
 fn is_free(slab: &Slab<'_>, grown: &Grown, blocked: Option<&Grown>, voxel: Voxel) -> bool {
@@ -230,14 +324,16 @@ pub fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled>
 #[must_use]
 pub fn polarity_at_rim(slab: &Slab<'_>, grown: &Grown) -> Polarity {
     let (mut below, mut above) = (0_usize, 0_usize);
-    let [columns, rows, planes] = grown.extent.clone().unwrap_or([0..0, 0..0, 0..0]);
+    let [columns, rows, planes] = grown.extent();
+    let [nx, ny, _] = slab.volume.dims;
+    let inner = |&i: &usize, j: usize| i > 0 && j > 0 && i + 1 < nx && j + 1 < ny;
     for k in planes {
+        let [lo, hi] = slab.window_hu(k);
         for j in rows.clone() {
-            for i in columns.clone().filter(|&i| grown.holds(slab, [i, j, k])) {
-                // The region never touches the border: all four neighbours exist.
+            for i in columns.clone().filter(|i| inner(i, j)).filter(|&i| grown.holds(slab, [i, j, k])) {
                 for v in [[i - 1, j, k], [i + 1, j, k], [i, j - 1, k], [i, j + 1, k]] {
-                    below += usize::from(slab.hu(v) < slab.window_hu[0]);
-                    above += usize::from(slab.hu(v) > slab.window_hu[1]);
+                    below += usize::from(slab.hu(v) < lo);
+                    above += usize::from(slab.hu(v) > hi);
                 }
             }
         }

@@ -1,14 +1,16 @@
 //! A [`Volume`] to the [`Mask`] of the vessel's lumen.
 //!
 //! Region growing: every voxel inside an intensity window that is connected through voxel faces (6-neighbours)
-//! to a seed, between two heights along the stack's normal. Where no window is given, one is put half-way
-//! between the lumen's level around the seed and the level of the wall around it ([`levels`]). A lumen may be
-//! brighter or darker than its wall; for a dark one the air around the specimen is kept out ([`grow`]).
+//! to a seed, between two heights along the stack's normal. Where no window is given, every plane gets its own,
+//! half-way between the level of the lumen and that of the wall around it, followed along the vessel from the seed
+//! ([`levels`], [`follow`]). A lumen may be brighter or darker than its wall; for a dark one the air around the
+//! specimen is kept out ([`grow`]). What was grown is looked at before it counts as lumen: where it leaves the vessel,
+//! it is refused with the place named, or, where nobody attends, cut off there with a warning ([`guard`]). The
+//! operator's corrections are data ([`corrections`]). Without any seed, vessels are looked for ([`candidates`]).
 //!
-//! What it does not do: it does not close gaps in a wall. A region that runs out to the border of the image is
-//! refused with the place named, because such a mask is never a lumen.
+//! What it does not do: it does not close gaps in a wall.
 //!
-//! Cost: one visit per voxel of the region, plus one byte per voxel of the planes between the heights.
+//! Cost: some visits per voxel of the region, plus two bytes per voxel of the planes between the heights.
 //!
 //! ```
 //! use lumenfab::{ct::Volume, geom::{Point3, RigidTransform}, progress::Task, segment};
@@ -24,22 +26,35 @@
 //! assert!(found.mask.contains(16, 16, 0) && !found.mask.contains(25, 16, 0));
 //! ```
 
+pub mod candidates;
+pub mod corrections;
+mod error;
+pub mod follow;
+mod graph;
 pub mod grow;
+pub mod guard;
 pub mod levels;
+mod lobes;
 pub mod mask;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 
+pub use candidates::{Candidate, Found, find_unattended};
+pub use corrections::Corrections;
+pub use error::{Error, Place};
 pub use levels::Levels;
 pub use mask::Mask;
 
 use crate::ct::{Volume, Warning};
-use crate::geom::Point3;
-use crate::progress::{Cancelled, Task};
-use grow::{Grown, Leak, Slab, Voxel};
+use crate::geom::{Contour, Point3};
+use crate::progress::Task;
+use corrections::Rules;
+use grow::{Grown, Slab, Voxel};
+use guard::Site;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Heights that are written with three decimals still meet their plane.
@@ -69,6 +84,21 @@ pub struct Params {
     pub polarity: Polarity,
     /// Lowest and highest plane along the stack's normal, mm, both included; `None`: all planes.
     pub z_mm: Option<[f64; 2]>,
+    /// What the operator has corrected.
+    pub corrections: Corrections,
+    /// What is done where the region leaves the vessel.
+    pub on_leak: OnLeak,
+}
+
+/// What is done where the region leaves the vessel or the vessel fades.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnLeak {
+    /// It is an error: the operator corrects it.
+    #[default]
+    Refuse,
+    /// The vessel ends there, with a warning: nobody attends.
+    Cut,
 }
 
 /// Where the window came from.
@@ -85,14 +115,18 @@ pub enum WindowSource {
 pub struct Segmentation {
     /// The voxels of the lumen.
     pub mask: Mask,
-    /// The window that was used, HU, both ends included.
+    /// The window at the first seed's plane, HU, both ends included.
     pub window_hu: [f64; 2],
+    /// The window of each of the planes in which the lumen was found, HU.
+    pub plane_windows_hu: Vec<[f64; 2]>,
     /// Where that window came from.
     pub window_source: WindowSource,
     /// [`Polarity::Bright`] or [`Polarity::Dark`], never `Auto`.
     pub polarity: Polarity,
     /// The planes in which the lumen was found.
     pub planes: Range<usize>,
+    /// Contours that the operator has drawn, by plane: they stand for what would be found there.
+    pub drawn: BTreeMap<usize, Vec<Contour>>,
     /// What was odd but could be dealt with.
     pub warnings: Vec<Warning>,
 }
@@ -104,190 +138,67 @@ impl Segmentation {
         if self.polarity == Polarity::Dark { -1.0 } else { 1.0 }
     }
 
-    /// The end of the window that faces the wall, HU: where the lumen ends.
+    /// The end of the window that faces the wall, HU, at the first seed's plane: where the lumen ends.
     #[must_use]
     pub fn edge_hu(&self) -> f64 {
-        if self.polarity == Polarity::Dark { self.window_hu[1] } else { self.window_hu[0] }
+        self.edge_of(self.window_hu)
     }
-}
 
-/// Why there is no mask. Coordinates are patient LPS, mm, unless they say otherwise.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum Error {
-    /// No seed at all.
-    #[error("no seed was given: give a point inside the lumen with --seed-mm X,Y,Z (patient LPS, mm)")]
-    NoSeed,
-    /// The window is empty or not a number.
-    #[error("window {lo} to {hi} HU is empty: give --window-hu LOW,HIGH with LOW below HIGH")]
-    BadWindow {
-        /// Lower end.
-        lo: f64,
-        /// Upper end.
-        hi: f64,
-    },
-    /// The z range is empty or not a number.
-    #[error("z range {lo} to {hi} mm is empty: give --z-mm LOW,HIGH with LOW below HIGH")]
-    BadZRange {
-        /// Lower end.
-        lo: f64,
-        /// Upper end.
-        hi: f64,
-    },
-    /// The seed is not in the image.
-    #[error(
-        "seed {seed} lies outside the volume, which extends from {lo} to {hi} mm (patient LPS): give a seed inside the lumen"
-    )]
-    SeedOutsideVolume {
-        /// The seed.
-        seed: Place,
-        /// Smallest coordinates of the volume's box.
-        lo: Place,
-        /// Largest coordinates of the volume's box.
-        hi: Place,
-    },
-    /// The seed's plane is not between the heights.
-    #[error(
-        "seed {seed} lies at z {z_mm:.3} mm along the stack, outside the z range {lo} to {hi} mm: move the seed or widen --z-mm"
-    )]
-    SeedOutsideZRange {
-        /// The seed.
-        seed: Place,
-        /// Its height in the stack frame, mm.
-        z_mm: f64,
-        /// Lower end of the range, mm.
-        lo: f64,
-        /// Upper end of the range, mm.
-        hi: f64,
-    },
-    /// The seed is not lumen by the window.
-    #[error(
-        "seed {seed} has {hu:.0} HU, outside the window {lo:.0} to {hi:.0} HU: put the seed inside the lumen or widen --window-hu"
-    )]
-    SeedOutsideWindow {
-        /// The seed.
-        seed: Place,
-        /// Value of its voxel, HU.
-        hu: f64,
-        /// Lower end of the window.
-        lo: f64,
-        /// Upper end of the window.
-        hi: f64,
-    },
-    /// No voxel of the planes lies in the window.
-    #[error(
-        "window {lo:.0} to {hi:.0} HU selects nothing: the planes hold values from {least:.0} to {most:.0} HU, change --window-hu"
-    )]
-    WindowSelectsNothing {
-        /// Lower end of the window.
-        lo: f64,
-        /// Upper end of the window.
-        hi: f64,
-        /// Smallest value of the planes, HU.
-        least: f64,
-        /// Largest value of the planes, HU.
-        most: f64,
-    },
-    /// No window was given and none could be found.
-    #[error(
-        "no wall was found within {reach_mm:.0} mm of seed {seed}: put the seed inside the lumen or give --window-hu LOW,HIGH"
-    )]
-    NoContrast {
-        /// The first seed.
-        seed: Place,
-        /// How far was searched, mm.
-        reach_mm: f64,
-    },
-    /// The region runs out of the image.
-    #[error(
-        "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): narrow --window-hu or --z-mm, or move the seed"
-    )]
-    LeaksToBorder {
-        /// Index of the plane, from 0.
-        plane: usize,
-        /// Height of the plane in the stack frame, mm.
-        z_mm: f64,
-        /// The voxel at the border.
-        place: Place,
-        /// Lower end of the window.
-        lo: f64,
-        /// Upper end of the window.
-        hi: f64,
-    },
-    /// The z range misses every plane.
-    #[error(
-        "no plane lies between z {lo} and {hi} mm: the planes reach from {first:.3} to {last:.3} mm, change --z-mm"
-    )]
-    NoPlaneInRange {
-        /// Lower end of the range, mm.
-        lo: f64,
-        /// Upper end of the range, mm.
-        hi: f64,
-        /// Lowest plane, mm.
-        first: f64,
-        /// Highest plane, mm.
-        last: f64,
-    },
-    /// The z range holds one plane only.
-    #[error("only {found} plane lies in the z range, at least 2 are needed: widen --z-mm")]
-    TooFewPlanes {
-        /// How many were found.
-        found: usize,
-    },
-    /// The region does not leave the seed's plane.
-    #[error(
-        "the region covers only {found} plane (z {z_mm:.3} mm), at least 2 are needed: widen --window-hu or move the seed"
-    )]
-    RegionTooFlat {
-        /// How many planes it covers.
-        found: usize,
-        /// Height of the lowest of them, mm.
-        z_mm: f64,
-    },
-    /// Interrupted on request.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-}
+    /// The same at plane k.
+    #[must_use]
+    pub fn edge_hu_at(&self, k: usize) -> f64 {
+        let own = k.checked_sub(self.planes.start).and_then(|n| self.plane_windows_hu.get(n));
+        self.edge_of(own.copied().unwrap_or(self.window_hu))
+    }
 
-/// A point in patient coordinates (LPS, mm), printed with one micrometre's digits.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place(pub Point3);
-
-impl std::fmt::Display for Place {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "({:.3}, {:.3}, {:.3})", self.0.x, self.0.y, self.0.z)
+    const fn edge_of(&self, [lo, hi]: [f64; 2]) -> f64 {
+        if matches!(self.polarity, Polarity::Dark) { hi } else { lo }
     }
 }
 
 /// Grows the lumen from its seeds.
 ///
 /// # Errors
-/// [`Error`]: seeds or z range outside the volume, a window that selects nothing or not the seed, a region that
-/// leaks to the border of the image or covers fewer than two planes, cancellation.
+/// [`Error`]: seeds or z range outside the volume, a window that selects nothing or not the seed, a correction that
+/// does not fit the volume, a region that leaves the vessel (where that is refused) or covers fewer than two planes,
+/// cancellation.
 pub fn segment(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Segmentation, Error> {
     check_ranges(params)?;
-    let planes = planes_in_range(volume, params.z_mm)?;
-    let seeds = seed_voxels(volume, params, &planes)?;
-    task.report(0, 3);
-    let chosen = choose_window(volume, params, &seeds)?;
-    let slab = Slab { volume, planes: planes.clone(), window_hu: chosen.window_hu };
-    let seeds = checked_seeds(&slab, params, &seeds, chosen.source)?;
-    task.report(1, 3);
-    let (grown, polarity, mut warnings) = grow_lumen(&slab, params, &seeds, &chosen, task)?;
-    task.report(2, 3);
+    let rules = params.corrections.resolve(volume)?;
+    let asked = planes_in_range(volume, params.z_mm)?;
+    let seeds = seed_voxels(volume, params, &asked)?;
+    task.report(0, 4);
+    let Chosen { windows_hu, planes, source, mut warnings } =
+        choose_windows(volume, params, &rules, &asked, &seeds, task)?;
+    let slab = Slab { volume, planes, windows_hu, rules: &rules };
+    let seeds = checked_seeds(&slab, params, &seeds, source)?;
+    task.report(1, 4);
+    let mut lumen = grow_lumen(&slab, params, &seeds, source, task)?;
+    task.report(2, 4);
+    warnings.append(&mut lumen.warnings);
+    let (grown, cut) =
+        without_leaks(&slab, params, &seeds, lumen.grown, lumen.air.as_ref(), lumen.polarity, task)?;
+    warnings.extend(cut);
     let mask = grown.into_mask(volume.dims);
     let covered = mask.planes();
     if covered.len() < 2 {
         let z_mm = volume.plane_z_mm[covered.start];
         return Err(Error::RegionTooFlat { found: covered.len(), z_mm });
     }
-    warnings.extend(range_not_reached(volume, &planes, &covered));
-    task.report(3, 3);
+    warnings.extend(range_not_reached(volume, &asked, &covered));
+    task.report(4, 4);
     Ok(Segmentation {
+        window_hu: slab.window_hu(seeds[0][2]),
+        plane_windows_hu: covered.clone().map(|k| slab.window_hu(k)).collect(),
         mask,
-        window_hu: chosen.window_hu,
-        window_source: chosen.source,
-        polarity,
+        window_source: source,
+        polarity: lumen.polarity,
+        drawn: rules
+            .drawn
+            .into_iter()
+            .filter(|(k, _)| covered.contains(k))
+            .map(|(k, d)| (k, d.contours))
+            .collect(),
         planes: covered,
         warnings,
     })
@@ -297,6 +208,10 @@ fn check_ranges(params: &Params) -> Result<(), Error> {
     if params.seeds_patient_mm.is_empty() {
         return Err(Error::NoSeed);
     }
+    check_windows(params)
+}
+
+fn check_windows(params: &Params) -> Result<(), Error> {
     if let Some([lo, hi]) = params.window_hu.filter(is_empty) {
         return Err(Error::BadWindow { lo, hi });
     }
@@ -359,17 +274,51 @@ fn extent_patient(volume: &Volume) -> (Point3, Point3) {
 }
 
 struct Chosen {
-    window_hu: [f64; 2],
+    windows_hu: Vec<[f64; 2]>,
+    /// The planes that are used.
+    planes: Range<usize>,
     source: WindowSource,
+    warnings: Vec<Warning>,
 }
 
-fn choose_window(volume: &Volume, params: &Params, seeds: &[Voxel]) -> Result<Chosen, Error> {
+fn choose_windows(
+    volume: &Volume,
+    params: &Params,
+    rules: &Rules,
+    asked: &Range<usize>,
+    seeds: &[Voxel],
+    task: &Task<'_>,
+) -> Result<Chosen, Error> {
+    let corrected = |k: usize, found: [f64; 2]| rules.window_hu(k).unwrap_or(found);
     if let Some(window_hu) = params.window_hu {
-        return Ok(Chosen { window_hu, source: WindowSource::Given });
+        let windows_hu = asked.clone().map(|k| corrected(k, window_hu)).collect();
+        return Ok(Chosen {
+            windows_hu,
+            planes: asked.clone(),
+            source: WindowSource::Given,
+            warnings: Vec::new(),
+        });
     }
     let levels = levels::find(volume, seeds, params.polarity)
         .ok_or(Error::NoContrast { seed: Place(params.seeds_patient_mm[0]), reach_mm: levels::REACH_MM })?;
-    Ok(Chosen { window_hu: levels.window_hu(), source: WindowSource::Found(levels) })
+    let followed = follow::follow(volume, asked, rules, seeds, levels, task)?;
+    // Where somebody attends, or has said which planes, the lumen is looked for in all of them.
+    let may_shorten = params.on_leak == OnLeak::Cut && params.z_mm.is_none() && followed.clear.len() > 1;
+    let planes = if may_shorten { followed.clear.clone() } else { asked.clone() };
+    let windows_hu =
+        planes.clone().map(|k| corrected(k, followed.levels[k - asked.start].window_hu())).collect();
+    let warnings = faded(volume, asked, &planes).into_iter().collect();
+    Ok(Chosen { windows_hu, planes, source: WindowSource::Found(levels), warnings })
+}
+
+/// Says where the vessel has faded.
+fn faded(volume: &Volume, asked: &Range<usize>, used: &Range<usize>) -> Option<Warning> {
+    let z = |k: usize| format!("z {:.3} mm", volume.plane_z_mm[k]);
+    let below = (used.start > asked.start).then(|| format!("below {}", z(used.start)));
+    let above = (used.end < asked.end).then(|| format!("above {}", z(used.end - 1)));
+    let places: Vec<String> = below.into_iter().chain(above).collect();
+    let text = format!("the vessel's contrast fades {}: it ends there", places.join(" and "));
+    (!places.is_empty()).then(|| Warning::new("segment.faded", text))
 }
 
 /// The seeds as voxels inside the window. With a found window a neighbour may stand in for a seed that noise
@@ -384,8 +333,8 @@ fn checked_seeds(
         WindowSource::Given => slab.selects(seed).then_some(seed),
         WindowSource::Found(_) => slab.selected_near(seed),
     };
-    let [lo, hi] = slab.window_hu;
     let checked = |(seed, &place): (&Voxel, &Point3)| {
+        let [lo, hi] = slab.window_hu(seed[2]);
         stand_in(seed).ok_or_else(|| match slab.value_range_unless_selected() {
             Some([least, most]) => Error::WindowSelectsNothing { lo, hi, least, most },
             None => Error::SeedOutsideWindow { seed: Place(place), hu: slab.hu(*seed), lo, hi },
@@ -394,46 +343,127 @@ fn checked_seeds(
     seeds.iter().zip(&params.seeds_patient_mm).map(checked).collect()
 }
 
+/// A grown region before it was looked at.
+struct Lumen {
+    grown: Grown,
+    /// The air around a specimen.
+    air: Option<Grown>,
+    polarity: Polarity,
+    warnings: Vec<Warning>,
+}
+
 fn grow_lumen(
     slab: &Slab<'_>,
     params: &Params,
     seeds: &[Voxel],
-    chosen: &Chosen,
+    source: WindowSource,
     task: &Task<'_>,
-) -> Result<(Grown, Polarity, Vec<Warning>), Error> {
-    let known = match (params.polarity, chosen.source) {
+) -> Result<Lumen, Error> {
+    let known = match (params.polarity, source) {
         (Polarity::Auto, WindowSource::Found(levels)) => levels.polarity(),
         (polarity, _) => polarity,
     };
-    let leak = match grow::grow(slab, seeds, None, task)? {
-        Ok(grown) => {
-            let polarity = if known == Polarity::Auto { grow::polarity_at_rim(slab, &grown) } else { known };
-            return Ok((grown, polarity, Vec::new()));
-        }
-        Err(leak) => leak,
+    let from = [seeds, &slab.drawn()].concat();
+    let grown = grow::grow(slab, &from, None, task)?;
+    let Some(leak) = grown.leak else {
+        let polarity = if known == Polarity::Auto { grow::polarity_at_rim(slab, &grown) } else { known };
+        return Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() });
     };
     let around_seed = || levels::find(slab.volume, seeds, Polarity::Auto).map(Levels::polarity);
     let polarity = if known == Polarity::Auto { around_seed().unwrap_or(known) } else { known };
     if polarity != Polarity::Dark {
-        return Err(leak_error(slab, leak));
+        // A lumen that is neither brighter nor darker than anything is the background.
+        let is_cut = params.on_leak == OnLeak::Cut && polarity == Polarity::Bright;
+        return if is_cut {
+            Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() })
+        } else {
+            Err(border_error(slab, leak))
+        };
     }
     let air = grow::outside_air(slab, task)?;
     if seeds.iter().any(|&s| air.holds(slab, s)) {
-        return Err(leak_error(slab, leak));
+        return Err(border_error(slab, leak));
     }
-    let grown = grow::grow(slab, seeds, Some(&air), task)?.map_err(|leak| leak_error(slab, leak))?;
+    let grown = grow::grow(slab, &from, Some(&air), task)?;
+    if let Some(leak) = grown.leak {
+        return Err(border_error(slab, leak));
+    }
     let text = format!(
         "the lumen is open to the air around the specimen (reached in plane {}, z {:.3} mm); what is connected to the image border within its plane was taken as outside",
-        leak.0[2], slab.volume.plane_z_mm[leak.0[2]]
+        leak[2], slab.volume.plane_z_mm[leak[2]]
     );
-    Ok((grown, polarity, vec![Warning { code: "segment.outside_air".into(), text }]))
+    Ok(Lumen { grown, air: Some(air), polarity, warnings: vec![Warning::new("segment.outside_air", text)] })
 }
 
-fn leak_error(slab: &Slab<'_>, Leak([i, j, k]): Leak) -> Error {
+/// Refuses a region that leaves the vessel, or cuts off what lies beyond.
+fn without_leaks(
+    slab: &Slab<'_>,
+    params: &Params,
+    seeds: &[Voxel],
+    grown: Grown,
+    air: Option<&Grown>,
+    polarity: Polarity,
+    task: &Task<'_>,
+) -> Result<(Grown, Option<Warning>), Error> {
+    let sign = if polarity == Polarity::Dark { -1.0 } else { 1.0 };
+    let guard::Inspected { leaks, mut removed } = guard::inspect(slab, &grown, seeds, sign);
+    task.check()?;
+    let widest = leaks.iter().max_by(|a, b| a.neck_mm.total_cmp(&b.neck_mm));
+    let Some(widest) = widest else { return Ok((grown, None)) };
+    if params.on_leak == OnLeak::Refuse || seeds.iter().any(|&s| removed.holds(slab, s)) {
+        return Err(leak_error(slab, widest));
+    }
+    if let Some(air) = air {
+        removed.add(air);
+    }
+    let kept = grow::grow(slab, &[seeds, &slab.drawn()].concat(), Some(&removed), task)?;
+    if let Some(leak) = kept.leak {
+        return Err(border_error(slab, leak));
+    }
+    Ok((kept, Some(cut_off(slab, &leaks))))
+}
+
+/// Of many leaks so many are named.
+const NAMED_LEAKS: usize = 6;
+
+fn cut_off(slab: &Slab<'_>, leaks: &[Site]) -> Warning {
+    let place = |leak: &Site| {
+        let (z_mm, place) = place_of(slab, leak.at);
+        format!(
+            "plane {} (z {z_mm:.3} mm) at {place} into {}, {:.1} mm wide",
+            leak.at[2], leak.into, leak.neck_mm
+        )
+    };
+    let mut by_width: Vec<&Site> = leaks.iter().collect();
+    by_width.sort_by(|a, b| b.neck_mm.total_cmp(&a.neck_mm));
+    let mut named: Vec<String> = by_width.iter().take(NAMED_LEAKS).map(|l| place(l)).collect();
+    if leaks.len() > NAMED_LEAKS {
+        named.push(format!("and {} narrower ones", leaks.len() - NAMED_LEAKS));
+    }
+    Warning::new(
+        "segment.leak_cut",
+        format!("the region was cut off where it left the vessel: {}", named.join("; ")),
+    )
+}
+
+fn place_of(slab: &Slab<'_>, [i, j, k]: Voxel) -> (f64, Place) {
     let in_stack = slab.volume.stack_from_voxel(i as f64, j as f64, k);
-    let [lo, hi] = slab.window_hu;
-    let place = Place(slab.volume.patient_from_stack.apply(in_stack));
-    Error::LeaksToBorder { plane: k, z_mm: in_stack.z, place, lo, hi }
+    (in_stack.z, Place(slab.volume.patient_from_stack.apply(in_stack)))
+}
+
+fn leak_error(slab: &Slab<'_>, leak: &Site) -> Error {
+    if leak.into == guard::Into::Border {
+        return border_error(slab, leak.at);
+    }
+    let (z_mm, place) = place_of(slab, leak.at);
+    let [lo, hi] = slab.window_hu(leak.at[2]);
+    Error::Leaks { plane: leak.at[2], z_mm, place, into: leak.into, neck_mm: leak.neck_mm, lo, hi }
+}
+
+fn border_error(slab: &Slab<'_>, at: Voxel) -> Error {
+    let (z_mm, place) = place_of(slab, at);
+    let [lo, hi] = slab.window_hu(at[2]);
+    Error::LeaksToBorder { plane: at[2], z_mm, place, lo, hi }
 }
 
 fn range_not_reached(volume: &Volume, asked: &Range<usize>, covered: &Range<usize>) -> Option<Warning> {

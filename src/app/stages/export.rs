@@ -165,7 +165,7 @@ impl Export {
             if let Some((other, _)) = seen.iter().find(|(_, p)| *p == path) {
                 let (found, expected) =
                     (path.display().to_string(), format!("another file than for --{other}"));
-                return Err(SettingError { name, fault: Fault { found, expected } }.into());
+                return Err(SettingError { name: name.into(), fault: Fault { found, expected } }.into());
             }
             atomic::check_export(&path)?;
             seen.push((name, path));

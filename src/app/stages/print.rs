@@ -186,7 +186,10 @@ fn check_printer(profile: &Profile, named: &str, port: &str, baud: Option<u32>) 
 /// The simulated printer has its own copies of the built-in profiles, knows no others, and has no wire.
 fn check_simulated(profile: &Profile, named: &str, baud: Option<u32>) -> Result<(), SettingError> {
     let refused = |name, found, expected: &str| {
-        Err(SettingError { name, fault: Fault { found, expected: expected.into() } })
+        Err(SettingError {
+            name: std::borrow::Cow::Borrowed(name),
+            fault: Fault { found, expected: expected.into() },
+        })
     };
     if profile.name != named {
         let found = format!("the file {named} with the simulated printer");

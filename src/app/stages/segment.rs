@@ -12,11 +12,12 @@ use crate::ct::{self, Loaded, SeriesChoice, SeriesMark, SeriesName, Volume, Warn
 use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
-use crate::sections::{self, SectionStack};
-use crate::segment::{self, Polarity, Segmentation};
+use crate::sections::{self, PlaneSections, SectionStack};
+use crate::segment::{self, Candidate, OnLeak, Polarity, Segmentation};
 use crate::topology;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Contours per CT plane.
@@ -42,6 +43,15 @@ pub(crate) struct SegmentationNote {
     /// The series, where one of several was chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) series: Option<SeriesMark>,
+    /// Where growing began, LPS.
+    #[serde(default)]
+    pub(crate) seed_mm: Vec<[f64; 3]>,
+    /// The window of each of these planes.
+    #[serde(default)]
+    pub(crate) plane_windows_hu: Vec<[f64; 2]>,
+    /// Vessels that were found by themselves, the one that was taken first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) candidates: Vec<Candidate>,
     /// What was odd about CT, lumen and contours.
     pub(crate) warnings: Vec<Warning>,
 }
@@ -64,7 +74,11 @@ impl Session<'_> {
             self.require_contours()?;
             return self.skip(Stage::Segment);
         }
-        self.stage(Stage::Segment, Self::find_contours)
+        self.stage(Stage::Segment, Self::find_contours)?;
+        if self.settings().segment.auto_seed {
+            self.candidates = self.segmentation_note()?.map(|n| n.candidates).unwrap_or_default();
+        }
+        Ok(())
     }
 
     /// Refuses to go on without the ready contours that a case was started from.
@@ -125,17 +139,20 @@ impl Session<'_> {
         let Image { volume, mut warnings, series } = self.load_image(task)?;
         self.note(Stage::Segment, "finding the lumen");
         let settings = self.settings();
-        let params = segment_params(&settings.segment, &settings.source);
-        let found = segment::segment(&volume, &params, task)?;
+        let seeds_mm = seeds_mm(&settings.segment, &settings.source);
+        let lumen = find_lumen(&volume, &settings.segment, &seeds_mm, task)?;
+        let found = &lumen.segmentation;
         self.note(Stage::Segment, "drawing its contours");
         let contours = sections::Params { boundary: settings.segment.boundary, ..Default::default() };
-        let extracted = sections::extract(&volume, &found, &contours, task)?;
+        let mut extracted = sections::extract(&volume, found, &contours, task)?;
+        put_drawn(&mut extracted.stack, &volume, &found.drawn);
         warnings.extend(found.warnings.iter().chain(&extracted.warnings).cloned());
         // Kept under the number that was asked for, whatever number it has by now.
         let asked = self.settings().segment.series;
         let series = series.zip(asked).map(|(mark, number)| SeriesMark { number, ..mark });
-        let note = note(&volume, &found, series, warnings);
-        let kept = volume_file::crop(&volume, lumen_bounds(&extracted.stack), found.planes);
+        let planes = found.planes.clone();
+        let note = note(&volume, lumen, series, warnings);
+        let kept = volume_file::crop(&volume, lumen_bounds(&extracted.stack), planes);
         self.keep(extracted.stack, kept, note)
     }
 
@@ -229,26 +246,70 @@ impl Session<'_> {
     }
 }
 
-fn segment_params(settings: &SegmentSettings, source: &Source) -> segment::Params {
-    let given = settings.seed_mm.iter().map(|&[x, y, z]| Point3::new(x, y, z));
-    let seeds_patient_mm = match source {
-        Source::Phantom(params) if settings.seed_mm.is_empty() => vec![phantom::default_seed(params)],
-        _ => given.collect(),
-    };
-    segment::Params {
-        seeds_patient_mm,
+/// The points that growing begins at; none where the vessel is to be found.
+fn seeds_mm(settings: &SegmentSettings, source: &Source) -> Vec<[f64; 3]> {
+    match source {
+        Source::Phantom(params) if settings.seed_mm.is_empty() && !settings.auto_seed => {
+            let seed = phantom::default_seed(params);
+            vec![[seed.x, seed.y, seed.z]]
+        }
+        _ => settings.seed_mm.clone(),
+    }
+}
+
+fn find_lumen(
+    volume: &Volume,
+    settings: &SegmentSettings,
+    seeds_mm: &[[f64; 3]],
+    task: &Task<'_>,
+) -> Result<Lumen, segment::Error> {
+    let params = segment::Params {
+        seeds_patient_mm: seeds_mm.iter().map(|&p| Point3::from(p)).collect(),
         window_hu: settings.window_hu,
         polarity: settings.polarity,
         z_mm: settings.z_mm,
+        corrections: settings.corrections.clone(),
+        on_leak: OnLeak::Refuse,
+    };
+    if !settings.auto_seed {
+        let segmentation = segment::segment(volume, &params, task)?;
+        return Ok(Lumen { segmentation, seed_mm: seeds_mm.to_vec(), candidates: Vec::new() });
+    }
+    let segment::Found { segmentation, mut candidates, chosen } =
+        segment::find_unattended(volume, &params, task)?;
+    // The one that was taken stands first.
+    candidates[..=chosen].rotate_right(1);
+    let seed_mm = candidates.first().map(|c| c.seed_mm).into_iter().collect();
+    Ok(Lumen { segmentation, seed_mm, candidates })
+}
+
+/// The lumen, and what it was grown from.
+struct Lumen {
+    segmentation: Segmentation,
+    seed_mm: Vec<[f64; 3]>,
+    candidates: Vec<Candidate>,
+}
+
+/// Puts the contours that the operator has drawn in the place of those that were found.
+fn put_drawn(stack: &mut SectionStack, volume: &Volume, drawn: &BTreeMap<usize, Vec<Contour>>) {
+    for (&k, contours) in drawn {
+        let z_mm = volume.plane_z_mm[k];
+        let at = stack.planes.partition_point(|p| p.z_mm < z_mm);
+        let plane = PlaneSections { z_mm, contours: contours.clone() };
+        match stack.planes.get_mut(at).filter(|p| p.z_mm <= z_mm) {
+            Some(found) => *found = plane,
+            None => stack.planes.insert(at, plane),
+        }
     }
 }
 
 fn note(
     volume: &Volume,
-    found: &Segmentation,
+    lumen: Lumen,
     series: Option<SeriesMark>,
     warnings: Vec<Warning>,
 ) -> SegmentationNote {
+    let found = lumen.segmentation;
     let z = &volume.plane_z_mm[found.planes.clone()];
     SegmentationNote {
         window_hu: found.window_hu,
@@ -257,6 +318,9 @@ fn note(
         z_mm: [z.first().copied().unwrap_or_default(), z.last().copied().unwrap_or_default()],
         n_voxels: found.mask.n_voxels(),
         series,
+        seed_mm: lumen.seed_mm,
+        plane_windows_hu: found.plane_windows_hu,
+        candidates: lumen.candidates,
         warnings,
     }
 }

@@ -1,7 +1,10 @@
+mod corrected;
+mod unattended;
+
 use super::testing::Scene;
 use super::*;
 use crate::geom::{RigidTransform, Vector3};
-use crate::progress::CancelToken;
+use crate::progress::{CancelToken, Cancelled};
 
 /// A bright (300) or dark (-900) disk of 3 mm at (8, 7), in a wall of 50 HU.
 fn disk(lumen_hu: f64) -> Volume {

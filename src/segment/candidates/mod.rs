@@ -1,0 +1,180 @@
+//! Vessels found without an operator.
+//!
+//! On a coarse picture of the volume, every plane is cut at many levels, brighter and darker than each; what is
+//! round there (fills the ellipse of its moments, has a clear edge, keeps off the border) is linked over the planes
+//! by overlap into tracks. A track is a candidate by how far it runs along z, how round its sections are, how clear
+//! its edge, how smooth its course and its size; a vessel may branch. Bone, heart and body are larger or not round,
+//! a table is flat, noise is short. Of candidates that are the same vessel at different levels the best one stays.
+//! Where bright and dark ones compete, bright ones count more: a lumen filled with contrast medium is what a
+//! patient's CT shows, and a windpipe is round and long as well.
+//!
+//! What it does not do: it does not tell an artery from a vein, nor one vessel from another: the others are listed.
+//!
+//! Cost: two passes over the coarse picture for each of [`N_LEVELS`] levels.
+
+mod blobs;
+mod tracks;
+
+use super::error::{Error, Place};
+use super::{OnLeak, Params, Polarity, Segmentation};
+use crate::ct::{Volume, Warning};
+use crate::geom::Point3;
+use crate::progress::Task;
+use blobs::Coarse;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use tracks::Track;
+
+/// How many levels are looked at.
+const N_LEVELS: usize = 24;
+/// How many candidates are named.
+const MOST_CANDIDATES: usize = 8;
+/// Below this score, of 1, nothing is taken for a vessel.
+const LEAST_SCORE: f64 = 0.02;
+
+/// A vessel that was found by itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// A point in its lumen, LPS, mm.
+    pub seed_mm: [f64; 3],
+    /// Brighter or darker than what surrounds it.
+    pub polarity: Polarity,
+    /// How much it looks like a vessel, 0 to 1.
+    pub score: f64,
+    /// Heights that it was seen between, along the stack's normal, mm.
+    pub z_mm: [f64; 2],
+    /// Diameter of the disc with its median section's area, mm.
+    pub diameter_mm: f64,
+    /// Whether it has branches.
+    pub branches: bool,
+    /// Level of its lumen, HU.
+    pub level_hu: f64,
+}
+
+impl std::fmt::Display for Candidate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let ([x, y, z], [lo, hi]) = (self.seed_mm, self.z_mm);
+        let kind = if self.polarity == Polarity::Dark { "dark" } else { "bright" };
+        let branches = if self.branches { ", branches" } else { "" };
+        let (width, score) = (self.diameter_mm, self.score);
+        write!(
+            f,
+            "--seed-mm={x:.3},{y:.3},{z:.3}  {kind}, z {lo:.3} to {hi:.3} mm, {width:.1} mm wide{branches}, score {score:.2}"
+        )
+    }
+}
+
+/// The lumen of the best candidate, and all of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The lumen.
+    pub segmentation: Segmentation,
+    /// All candidates, the best first.
+    pub candidates: Vec<Candidate>,
+    /// Which one the lumen was grown from.
+    pub chosen: usize,
+}
+
+/// Finds candidates, and the lumen of the best one that can be grown; leaks are cut off, seeds are not looked at.
+///
+/// # Errors
+/// [`Error::NoCandidate`] where nothing looks like a vessel; that of the best candidate where none can be grown;
+/// those of [`super::segment`] for ranges and corrections.
+pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Found, Error> {
+    super::check_windows(params)?;
+    let candidates = find(volume, params, task)?;
+    let mut refused: Option<Error> = None;
+    let mut passed_over = Vec::new();
+    for (chosen, candidate) in candidates.iter().enumerate() {
+        let own = Params {
+            seeds_patient_mm: vec![Point3::from(candidate.seed_mm)],
+            polarity: candidate.polarity,
+            on_leak: OnLeak::Cut,
+            ..params.clone()
+        };
+        match super::segment(volume, &own, task) {
+            Ok(mut segmentation) => {
+                segmentation.warnings.splice(0..0, passed_over);
+                return Ok(Found { segmentation, candidates, chosen });
+            }
+            Err(Error::Cancelled(c)) => return Err(c.into()),
+            Err(e) => {
+                let text = format!(
+                    "the candidate at {} was passed over: {e}",
+                    Place(Point3::from(candidate.seed_mm))
+                );
+                passed_over.push(Warning::new("segment.candidate_passed_over", text));
+                refused = refused.or(Some(e));
+            }
+        }
+    }
+    Err(refused.unwrap_or(Error::NoCandidate { planes: volume.dims[2] }))
+}
+
+/// Finds what looks like a vessel, the best first.
+///
+/// # Errors
+/// [`Error`] for a z range without planes, or cancellation.
+pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Candidate>, Error> {
+    let planes = super::planes_in_range(volume, params.z_mm)?;
+    let coarse = Coarse::of(volume, &planes);
+    task.check()?;
+    let signs = match params.polarity {
+        Polarity::Bright => vec![1.0],
+        Polarity::Dark => vec![-1.0],
+        Polarity::Auto => vec![1.0, -1.0],
+    };
+    let levels = coarse.levels_hu(N_LEVELS);
+    let jobs: Vec<(f64, f64)> = signs.iter().flat_map(|&s| levels.iter().map(move |&l| (l, s))).collect();
+    let z_mm = &volume.plane_z_mm[planes.clone()];
+    let at_level = |&(level, sign): &(f64, f64)| {
+        task.check()?;
+        let by_plane: Vec<_> = (0..coarse.n_planes()).map(|k| coarse.blobs(k, level, sign)).collect();
+        Ok(tracks::of(&by_plane, z_mm, sign))
+    };
+    let found: Result<Vec<Vec<Track>>, Error> = jobs.par_iter().map(at_level).collect();
+    let mut tracks: Vec<Track> = found?.into_iter().flatten().filter(|t| t.score >= LEAST_SCORE).collect();
+    tracks.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut kept: Vec<Track> = Vec::new();
+    for track in tracks {
+        if kept.len() < MOST_CANDIDATES
+            && !kept.iter().any(|k| k.is_same_vessel(&track))
+            && is_wanted(volume, params, &planes, &track)
+        {
+            kept.push(track);
+        }
+    }
+    Ok(kept.iter().map(|t| candidate(volume, &planes, t)).collect())
+}
+
+/// Whether the operator's window, where there is one, holds the seed, and no correction takes it away.
+fn is_wanted(volume: &Volume, params: &Params, planes: &Range<usize>, track: &Track) -> bool {
+    let Some([i, j, k]) = volume.voxel_from_stack(seed_in_stack(volume, planes, track)) else { return false };
+    let hu = f64::from(volume.at(i, j, k));
+    let Ok(rules) = params.corrections.resolve(volume) else { return true };
+    let window = rules.window_hu(k).or(params.window_hu);
+    window.is_none_or(|[lo, hi]| hu >= lo && hu <= hi) && !rules.blocks(volume, [i, j, k])
+}
+
+fn seed_in_stack(volume: &Volume, planes: &Range<usize>, track: &Track) -> Point3 {
+    let (n, blob) = track.seed();
+    Point3::new(blob.x_mm, blob.y_mm, volume.plane_z_mm[planes.start + n])
+}
+
+fn candidate(volume: &Volume, planes: &Range<usize>, track: &Track) -> Candidate {
+    let p = volume.patient_from_stack.apply(seed_in_stack(volume, planes, track));
+    // Micrometres: what is shown is what is used.
+    let rounded = |v: f64| (v * 1e3).round() / 1e3;
+    let [first, last] = track.ends();
+    let z = |n: usize| rounded(volume.plane_z_mm[planes.start + n]);
+    Candidate {
+        seed_mm: [rounded(p.x), rounded(p.y), rounded(p.z)],
+        polarity: if track.sign > 0.0 { Polarity::Bright } else { Polarity::Dark },
+        score: rounded(track.score),
+        z_mm: [z(first), z(last)],
+        diameter_mm: rounded(2.0 * track.radius_mm()),
+        branches: track.branches(),
+        level_hu: track.seed().1.level_hu.round(),
+    }
+}

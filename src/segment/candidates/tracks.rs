@@ -1,0 +1,188 @@
+//! Round sections linked over the planes, and how much they look like a vessel.
+
+use super::super::graph::root;
+use super::blobs::Blob;
+use std::collections::BTreeMap;
+
+/// Sections of neighbouring planes belong together where their middles lie closer than this part of the sum of
+/// their radii,
+const NEAR: f64 = 0.8;
+/// and where their areas differ by no more than this factor.
+const LIKE: f64 = 4.0;
+/// Fewer planes are no vessel's course.
+const LEAST_PLANES: usize = 4;
+/// A vessel is longer than so many of its diameters; from there on length counts by how much of the stack it spans.
+const LONG_DIAMETERS: f64 = 6.0;
+/// What a dark candidate counts against a bright one.
+const DARK: f64 = 0.4;
+/// From the first of these levels on, HU, a bright lumen is ever less likely one; at the second it holds undiluted
+/// contrast medium, or is bone or metal, and counts a quarter.
+const TOO_BRIGHT_HU: [f64; 2] = [600.0, 1000.0];
+
+/// Sections that continue each other.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    /// Plane and section, ascending.
+    sections: Vec<(usize, Blob)>,
+    pub(super) sign: f64,
+    pub(super) score: f64,
+}
+
+/// All tracks of one level.
+pub(super) fn of(by_plane: &[Vec<Blob>], z_mm: &[f64], sign: f64) -> Vec<Track> {
+    let all: Vec<(usize, Blob)> =
+        by_plane.iter().enumerate().flat_map(|(k, blobs)| blobs.iter().map(move |b| (k, *b))).collect();
+    let mut above: Vec<usize> = (0..all.len()).collect();
+    let mut starts = vec![0];
+    for blobs in by_plane {
+        starts.push(starts[starts.len() - 1] + blobs.len());
+    }
+    for w in starts.windows(3) {
+        for a in w[0]..w[1] {
+            for b in w[1]..w[2] {
+                if continues(&all[a].1, &all[b].1) {
+                    let (a, b) = (root(&mut above, a), root(&mut above, b));
+                    above[a.max(b)] = a.min(b);
+                }
+            }
+        }
+    }
+    let mut members: BTreeMap<usize, Vec<(usize, Blob)>> = BTreeMap::new();
+    for (n, section) in all.iter().enumerate() {
+        members.entry(root(&mut above, n)).or_default().push(*section);
+    }
+    members.into_values().filter_map(|sections| Track::try_new(sections, z_mm, sign)).collect()
+}
+
+fn continues(a: &Blob, b: &Blob) -> bool {
+    let reach = NEAR * (a.radius_mm + b.radius_mm);
+    let (dx, dy) = (a.x_mm - b.x_mm, a.y_mm - b.y_mm);
+    let ratio = (a.radius_mm / b.radius_mm).powi(2);
+    dx * dx + dy * dy <= reach * reach && (1.0 / LIKE..=LIKE).contains(&ratio)
+}
+
+impl Track {
+    fn try_new(sections: Vec<(usize, Blob)>, z_mm: &[f64], sign: f64) -> Option<Self> {
+        let mut track = Self { sections, sign, score: 0.0 };
+        let [first, last] = track.ends();
+        if last + 1 < first + LEAST_PLANES {
+            return None;
+        }
+        let length_mm = z_mm[last] - z_mm[first];
+        let whole_mm = (z_mm[z_mm.len() - 1] - z_mm[0]).max(1e-9);
+        track.score = track.scored(length_mm, whole_mm);
+        Some(track)
+    }
+
+    fn scored(&self, length_mm: f64, whole_mm: f64) -> f64 {
+        let diameter_mm = 2.0 * self.radius_mm();
+        let long = (length_mm / (LONG_DIAMETERS * diameter_mm)).min(1.0);
+        let span = (length_mm / whole_mm).sqrt();
+        let fill = self
+            .mean(|b| ((b.fill - 0.85) / 0.12).clamp(0.0, 1.0) * (1.0 - b.corners / 0.15).clamp(0.0, 1.0));
+        let round = self.mean(|b| (b.round / 0.6).min(1.0));
+        let clear = self.mean(|b| b.step / (b.step + 8.0));
+        let crowd = self.sections.len() as f64 / self.n_planes() as f64;
+        let single = (3.0 / crowd).min(1.0);
+        let branching = if self.branches() { 1.1 } else { 1.0 };
+        let polarity = if self.sign > 0.0 { self.likely_level() } else { DARK };
+        let all = long * span * fill * round * clear * single * self.smooth() * size(diameter_mm);
+        (all * branching * polarity).min(1.0)
+    }
+
+    /// How little course and size change abruptly: 1 for a straight even tube.
+    fn smooth(&self) -> f64 {
+        let course = self.main_course();
+        let (mut bend, mut swell, mut n) = (0.0, 0.0, 0.0_f64);
+        for w in course.windows(3) {
+            let [a, b, c] = [&w[0].1, &w[1].1, &w[2].1];
+            let (dx, dy) = (a.x_mm - 2.0 * b.x_mm + c.x_mm, a.y_mm - 2.0 * b.y_mm + c.y_mm);
+            bend += dx.hypot(dy) / b.radius_mm;
+            swell += (b.radius_mm / c.radius_mm).ln().abs();
+            n += 1.0;
+        }
+        let n = n.max(1.0);
+        1.0 / (1.0 + bend / n) * (-3.0 * swell / n).exp()
+    }
+
+    /// The largest section of every plane.
+    fn main_course(&self) -> Vec<(usize, Blob)> {
+        let mut largest: BTreeMap<usize, Blob> = BTreeMap::new();
+        for (k, blob) in &self.sections {
+            let known = largest.entry(*k).or_insert(*blob);
+            if blob.radius_mm > known.radius_mm {
+                *known = *blob;
+            }
+        }
+        largest.into_iter().collect()
+    }
+
+    fn mean(&self, of: impl Fn(&Blob) -> f64) -> f64 {
+        self.sections.iter().map(|(_, b)| of(b)).sum::<f64>() / self.sections.len() as f64
+    }
+
+    fn n_planes(&self) -> usize {
+        self.sections.chunk_by(|a, b| a.0 == b.0).count()
+    }
+
+    /// The first and the last plane.
+    pub(super) fn ends(&self) -> [usize; 2] {
+        let end = |s: Option<&(usize, Blob)>| s.map_or(0, |(k, _)| *k);
+        [end(self.sections.first()), end(self.sections.last())]
+    }
+
+    /// Of the median section.
+    pub(super) fn radius_mm(&self) -> f64 {
+        median(self.sections.iter().map(|(_, b)| b.radius_mm).collect())
+    }
+
+    /// How likely a bright lumen has this level.
+    fn likely_level(&self) -> f64 {
+        let level_hu = median(self.sections.iter().map(|(_, b)| b.level_hu).collect());
+        let [first, last] = TOO_BRIGHT_HU;
+        1.0 - 0.75 * ((level_hu - first) / (last - first)).clamp(0.0, 1.0)
+    }
+
+    /// Whether some planes have one section and a good part of them two or more.
+    pub(super) fn branches(&self) -> bool {
+        let several = self.sections.chunk_by(|a, b| a.0 == b.0).filter(|c| c.len() > 1).count();
+        let n = self.n_planes();
+        8 * several >= n && several < n
+    }
+
+    /// The section to grow from: round, of full size, with a clear edge, away from the ends.
+    pub(super) fn seed(&self) -> (usize, Blob) {
+        let [first, last] = self.ends();
+        let (middle, half) = (0.5 * (first + last) as f64, (0.5 * (last - first) as f64).max(1.0));
+        let typical_mm = self.radius_mm();
+        let worth = |(k, b): &(usize, Blob)| {
+            let central = 1.0 - 0.5 * (*k as f64 - middle).abs() / half;
+            b.fill * b.round * (b.radius_mm / typical_mm).min(1.2) * central
+        };
+        let best = self.sections.iter().max_by(|a, b| worth(a).total_cmp(&worth(b)));
+        *best.expect("a track has sections in several planes")
+    }
+
+    /// Whether two tracks run in each other over most of the shorter one.
+    pub(super) fn is_same_vessel(&self, other: &Self) -> bool {
+        let (a, b) = if self.sections.len() >= other.sections.len() { (self, other) } else { (other, self) };
+        let inside = |(k, p): &&(usize, Blob)| {
+            let start = a.sections.partition_point(|(l, _)| l < k);
+            a.sections[start..]
+                .iter()
+                .take_while(|(l, _)| l == k)
+                .any(|(_, q)| (p.x_mm - q.x_mm).hypot(p.y_mm - q.y_mm) < p.radius_mm.max(q.radius_mm))
+        };
+        3 * b.sections.iter().filter(inside).count() >= b.sections.len()
+    }
+}
+
+/// Vessels that are printed: from 2 to 30 mm, less likely down to 1 and up to 50 mm.
+fn size(diameter_mm: f64) -> f64 {
+    (diameter_mm - 1.0).clamp(0.0, 1.0) * ((50.0 - diameter_mm) / 20.0).clamp(0.0, 1.0)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}

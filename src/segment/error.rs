@@ -1,0 +1,185 @@
+//! Why there is no mask, in the operator's words: what was found, what was expected, what to do.
+
+use super::corrections::Fault;
+use super::guard::Into;
+use crate::geom::Point3;
+use crate::progress::Cancelled;
+
+/// Why there is no mask. Coordinates are patient LPS, mm, unless they say otherwise.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No seed at all.
+    #[error("no seed was given: give a point inside the lumen with --seed-mm X,Y,Z (patient LPS, mm)")]
+    NoSeed,
+    /// The window is empty or not a number.
+    #[error("window {lo} to {hi} HU is empty: give --window-hu LOW,HIGH with LOW below HIGH")]
+    BadWindow {
+        /// Lower end.
+        lo: f64,
+        /// Upper end.
+        hi: f64,
+    },
+    /// The z range is empty or not a number.
+    #[error("z range {lo} to {hi} mm is empty: give --z-mm LOW,HIGH with LOW below HIGH")]
+    BadZRange {
+        /// Lower end.
+        lo: f64,
+        /// Upper end.
+        hi: f64,
+    },
+    /// The seed is not in the image.
+    #[error(
+        "seed {seed} lies outside the volume, which extends from {lo} to {hi} mm (patient LPS): give a seed inside the lumen"
+    )]
+    SeedOutsideVolume {
+        /// The seed.
+        seed: Place,
+        /// Smallest coordinates of the volume's box.
+        lo: Place,
+        /// Largest coordinates of the volume's box.
+        hi: Place,
+    },
+    /// The seed's plane is not between the heights.
+    #[error(
+        "seed {seed} lies at z {z_mm:.3} mm along the stack, outside the z range {lo} to {hi} mm: move the seed or widen --z-mm"
+    )]
+    SeedOutsideZRange {
+        /// The seed.
+        seed: Place,
+        /// Its height in the stack frame, mm.
+        z_mm: f64,
+        /// Lower end of the range, mm.
+        lo: f64,
+        /// Upper end of the range, mm.
+        hi: f64,
+    },
+    /// The seed is not lumen by the window.
+    #[error(
+        "seed {seed} has {hu:.0} HU, outside the window {lo:.0} to {hi:.0} HU: put the seed inside the lumen or widen --window-hu"
+    )]
+    SeedOutsideWindow {
+        /// The seed.
+        seed: Place,
+        /// Value of its voxel, HU.
+        hu: f64,
+        /// Lower end of the window.
+        lo: f64,
+        /// Upper end of the window.
+        hi: f64,
+    },
+    /// No voxel of the planes lies in the window.
+    #[error(
+        "window {lo:.0} to {hi:.0} HU selects nothing: the planes hold values from {least:.0} to {most:.0} HU, change --window-hu"
+    )]
+    WindowSelectsNothing {
+        /// Lower end of the window.
+        lo: f64,
+        /// Upper end of the window.
+        hi: f64,
+        /// Smallest value of the planes, HU.
+        least: f64,
+        /// Largest value of the planes, HU.
+        most: f64,
+    },
+    /// No window was given and none could be found.
+    #[error(
+        "no wall was found within {reach_mm:.0} mm of seed {seed}: put the seed inside the lumen or give --window-hu LOW,HIGH"
+    )]
+    NoContrast {
+        /// The first seed.
+        seed: Place,
+        /// How far was searched, mm.
+        reach_mm: f64,
+    },
+    /// The region runs out of the image.
+    #[error(
+        "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): narrow --window-hu or --z-mm, or move the seed"
+    )]
+    LeaksToBorder {
+        /// Index of the plane, from 0.
+        plane: usize,
+        /// Height of the plane in the stack frame, mm.
+        z_mm: f64,
+        /// The voxel at the border.
+        place: Place,
+        /// Lower end of the window.
+        lo: f64,
+        /// Upper end of the window.
+        hi: f64,
+    },
+    /// The region leaves the vessel.
+    #[error(
+        "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): narrow --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
+    )]
+    Leaks {
+        /// Index of the plane, from 0.
+        plane: usize,
+        /// Height of the plane in the stack frame, mm.
+        z_mm: f64,
+        /// A voxel in the passage.
+        place: Place,
+        /// What lies behind it.
+        into: Into,
+        /// How wide the passage is, mm.
+        neck_mm: f64,
+        /// Lower end of the window.
+        lo: f64,
+        /// Upper end of the window.
+        hi: f64,
+    },
+    /// No vessel was found by itself.
+    #[error(
+        "no vessel was found by itself in {planes} planes: give a point inside the lumen with --seed-mm X,Y,Z (patient LPS, mm), or --polarity, --z-mm to look elsewhere"
+    )]
+    NoCandidate {
+        /// How many planes were searched.
+        planes: usize,
+    },
+    /// A correction does not fit the image.
+    #[error(transparent)]
+    Correction(#[from] Fault),
+    /// The z range misses every plane.
+    #[error(
+        "no plane lies between z {lo} and {hi} mm: the planes reach from {first:.3} to {last:.3} mm, change --z-mm"
+    )]
+    NoPlaneInRange {
+        /// Lower end of the range, mm.
+        lo: f64,
+        /// Upper end of the range, mm.
+        hi: f64,
+        /// Lowest plane, mm.
+        first: f64,
+        /// Highest plane, mm.
+        last: f64,
+    },
+    /// The z range holds one plane only.
+    #[error("only {found} plane lies in the z range, at least 2 are needed: widen --z-mm")]
+    TooFewPlanes {
+        /// How many were found.
+        found: usize,
+    },
+    /// The region does not leave the seed's plane.
+    #[error(
+        "the region covers only {found} plane (z {z_mm:.3} mm), at least 2 are needed: widen --window-hu or move the seed"
+    )]
+    RegionTooFlat {
+        /// How many planes it covers.
+        found: usize,
+        /// Height of the lowest of them, mm.
+        z_mm: f64,
+    },
+    /// Interrupted on request.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A point in patient coordinates (LPS, mm), printed with one micrometre's digits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place(pub Point3);
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "({:.3}, {:.3}, {:.3})", self.0.x, self.0.y, self.0.z)
+    }
+}

@@ -1,0 +1,203 @@
+//! How the levels of lumen and wall change along the vessel.
+//!
+//! From the plane of a seed the vessel's section is followed upward and downward: what lies in the window and
+//! overlaps the section before. In the middle of every lobe of a section the levels are measured anew
+//! ([`super::levels`]); the window of the next plane comes from the median of the last few. A median over some
+//! planes on either side and all seeds then gives every plane its levels, so that one bad plane moves nothing.
+//!
+//! It stops where the section runs out, reaches the border of the image, or becomes several times larger at once:
+//! where the vessel goes on beyond that, the last levels hold. Where the contrast has faded to a part of what it was
+//! at the seed, it says so: what lies beyond is noise.
+
+use super::corrections::Rules;
+use super::graph::JUMP;
+use super::grow::{self, Slab, Voxel};
+use super::levels::{self, Levels};
+use super::lobes;
+use crate::ct::Volume;
+use crate::progress::{Cancelled, Task};
+use std::ops::Range;
+
+/// So many planes on the way tell the next plane's window.
+const N_LAST: usize = 5;
+/// And so many on either side the plane's own levels.
+const N_BESIDE: usize = 2;
+/// Contrast below this part of the seed's is lost: nothing is measured there.
+const LOST: f64 = 0.3;
+/// Below this part the vessel still is followed, but not clear any more: noise that is harmless at the seed's
+/// contrast is worth twice as much there.
+const CLEAR: f64 = 0.6;
+/// It is lost, or not clear, once it was so in that many planes in a row.
+const N_FADED: usize = 3;
+/// Levels are measured in the largest lobes of a plane only.
+const MOST_LOBES: usize = 3;
+
+/// The levels of every plane of a range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Followed {
+    /// By plane.
+    pub levels: Vec<Levels>,
+    /// The planes in which the contrast has not faded.
+    pub clear: Range<usize>,
+}
+
+/// Follows the vessel from all seeds.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn follow(
+    volume: &Volume,
+    planes: &Range<usize>,
+    rules: &Rules,
+    seeds: &[Voxel],
+    start: Levels,
+    task: &Task<'_>,
+) -> Result<Followed, Cancelled> {
+    let mut measured: Vec<Vec<Levels>> = vec![Vec::new(); planes.len()];
+    let mut clear: Option<Range<usize>> = None;
+    let mut seeds = seeds.to_vec();
+    seeds.sort_by_key(|v| v[2]);
+    for same_plane in seeds.chunk_by(|a, b| a[2] == b[2]) {
+        let walk = Walk { volume, rules, start, task };
+        let k = same_plane[0][2];
+        let up = walk.along(k..planes.end, same_plane, &mut |k, l| measured[k - planes.start].push(l))?;
+        let down = walk.along((planes.start..k + 1).rev(), same_plane, &mut |k, l| {
+            measured[k - planes.start].push(l);
+        })?;
+        let own = down.unwrap_or(planes.start)..up.map_or(planes.end, |k| k + 1);
+        clear = Some(clear.map_or(own.clone(), |c| c.start.min(own.start)..c.end.max(own.end)));
+    }
+    Ok(Followed { levels: smoothed(&measured, start), clear: clear.unwrap_or_else(|| planes.clone()) })
+}
+
+struct Walk<'a> {
+    volume: &'a Volume,
+    rules: &'a Rules,
+    start: Levels,
+    task: &'a Task<'a>,
+}
+
+impl Walk<'_> {
+    /// Follows in one direction; the last plane before the contrast had faded, if it did.
+    fn along(
+        &self,
+        planes: impl Iterator<Item = usize>,
+        seeds: &[Voxel],
+        found: &mut impl FnMut(usize, Levels),
+    ) -> Result<Option<usize>, Cancelled> {
+        let mut last = vec![self.start];
+        let mut from: Vec<Voxel> = seeds.to_vec();
+        let (mut area, mut n_lost, mut clear) = (None, 0, Clear::default());
+        for k in planes {
+            let window = median(&last[last.len().saturating_sub(N_LAST)..]).window_hu();
+            let Some(section) = self.section(k, window, &from)? else { break };
+            if area.is_some_and(|before: usize| section.inside.len() as f64 > JUMP * before as f64) {
+                break;
+            }
+            let measured = self.measure(&section);
+            clear.see(k, measured.is_some_and(|l| self.share(l) >= CLEAR));
+            match measured {
+                Some(levels) => {
+                    found(k, levels);
+                    last.push(levels);
+                    n_lost = 0;
+                }
+                None => n_lost += 1,
+            }
+            if n_lost >= N_FADED {
+                break;
+            }
+            area = Some(section.inside.len());
+            from = section.inside;
+        }
+        Ok(clear.ended)
+    }
+
+    /// A contrast as a part of the seed's.
+    fn share(&self, levels: Levels) -> f64 {
+        (levels.lumen_hu - levels.wall_hu) / (self.start.lumen_hu - self.start.wall_hu)
+    }
+
+    /// What lies in the window of plane k and is connected to what the section before covers.
+    fn section(&self, k: usize, window_hu: [f64; 2], from: &[Voxel]) -> Result<Option<Section>, Cancelled> {
+        let slab =
+            Slab { volume: self.volume, planes: k..k + 1, windows_hu: vec![window_hu], rules: self.rules };
+        let seeds: Vec<Voxel> = from.iter().map(|v| [v[0], v[1], k]).filter(|&v| slab.selects(v)).collect();
+        if seeds.is_empty() {
+            return Ok(None);
+        }
+        let grown = grow::grow(&slab, &seeds, None, self.task)?;
+        if grown.leak.is_some() {
+            return Ok(None);
+        }
+        let [columns, rows, _] = grown.extent();
+        let all = rows.clone().flat_map(|j| columns.clone().map(move |i| [i, j, k]));
+        let is_inside: Vec<bool> = all.map(|v| grown.holds(&slab, v)).collect();
+        let mut lobes = lobes::find(&is_inside, columns.len(), self.volume.pixel_spacing_xy_mm).lobes;
+        lobes.sort_by_key(|l| std::cmp::Reverse(l.n_pixels));
+        let middle = |at: usize| [columns.start + at % columns.len(), rows.start + at / columns.len(), k];
+        let middles = lobes.iter().take(MOST_LOBES).map(|l| middle(l.at)).collect();
+        Ok(Some(Section { inside: grown.plane(&slab, k), middles }))
+    }
+
+    /// The levels of a section, unless its contrast has faded or turned.
+    fn measure(&self, section: &Section) -> Option<Levels> {
+        let polarity = self.start.polarity();
+        let found: Vec<Levels> =
+            section.middles.iter().filter_map(|&m| levels::find(self.volume, &[m], polarity)).collect();
+        let levels = (!found.is_empty()).then(|| median(&found))?;
+        (self.share(levels) >= LOST).then_some(levels)
+    }
+}
+
+/// How far the vessel is clear.
+#[derive(Default)]
+struct Clear {
+    last: Option<usize>,
+    n_unclear: usize,
+    /// The last clear plane, once the vessel is not clear any more.
+    ended: Option<usize>,
+}
+
+impl Clear {
+    fn see(&mut self, k: usize, is_clear: bool) {
+        self.n_unclear = if is_clear { 0 } else { self.n_unclear + 1 };
+        if is_clear && self.ended.is_none() {
+            self.last = Some(k);
+        }
+        if self.n_unclear >= N_FADED {
+            self.ended = self.ended.or(self.last);
+        }
+    }
+}
+
+struct Section {
+    inside: Vec<Voxel>,
+    /// Of its largest lobes.
+    middles: Vec<Voxel>,
+}
+
+fn median(levels: &[Levels]) -> Levels {
+    let of = |value: fn(&Levels) -> f64| {
+        let mut values: Vec<f64> = levels.iter().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    Levels { lumen_hu: of(|l| l.lumen_hu), wall_hu: of(|l| l.wall_hu) }
+}
+
+/// A level for every plane: the median of those measured around it, else those of the nearest plane that has some.
+fn smoothed(measured: &[Vec<Levels>], start: Levels) -> Vec<Levels> {
+    let n = measured.len();
+    let near = |k: usize| {
+        let around = k.saturating_sub(N_BESIDE)..(k + N_BESIDE + 1).min(n);
+        let all: Vec<Levels> = measured[around].iter().flatten().copied().collect();
+        (!measured[k].is_empty()).then(|| median(&all))
+    };
+    let known: Vec<(usize, Levels)> = (0..n).filter_map(|k| Some((k, near(k)?))).collect();
+    let nearest = |k: usize| {
+        let found = known.iter().min_by_key(|(at, _)| at.abs_diff(k));
+        found.map_or(start, |(_, levels)| *levels)
+    };
+    (0..n).map(nearest).collect()
+}

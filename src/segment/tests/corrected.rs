@@ -1,0 +1,171 @@
+//! The operator's corrections.
+
+use super::*;
+use crate::segment::corrections::{Block, Corrections, Drawn, PlaneWindow};
+
+/// Two discs of 300 HU joined by a bridge in plane 2 that is as wide as they are.
+fn joined() -> Volume {
+    Scene { n: [96, 56, 5], ..Scene::default() }.volume(|x, y, k| {
+        let disc = |cx: f64| (x - cx).hypot(y - 7.0) < 2.5;
+        let bridge = k == 2 && (8.0..16.0).contains(&x) && (y - 7.0).abs() < 2.5;
+        if disc(8.0) || disc(16.0) || bridge { 300.0 } else { 50.0 }
+    })
+}
+
+fn corrected(corrections: Corrections) -> Params {
+    Params { corrections, window_hu: Some([150.0, 500.0]), ..params([8.0, 7.0, 0.0]) }
+}
+
+fn reaches_other(found: &Segmentation) -> bool {
+    found.mask.contains(64, 28, 0)
+}
+
+#[test]
+fn boxes_half_spaces_and_planes_keep_the_region_out() {
+    let volume = joined();
+    assert!(reaches_other(&run(&volume, &corrected(Corrections::default())).unwrap()));
+    let half_space =
+        Block { point_mm: Some([12.0, 0.0, 0.0]), normal: Some([2.0, 0.0, 0.0]), ..Block::default() };
+    // Corners in any order.
+    let bar = Block { box_mm: Some([[13.0, 20.0, 2.5], [11.0, -5.0, 1.5]]), ..Block::default() };
+    let planes = Block { z_mm: Some([2.0, 9.0]), ..Block::default() };
+    for (block, n_planes) in [(half_space, 5), (bar, 5), (planes, 2)] {
+        let found =
+            run(&volume, &corrected(Corrections { block: vec![block], ..Default::default() })).unwrap();
+        assert!(!reaches_other(&found), "{block:?}");
+        assert_eq!(found.planes.len(), n_planes);
+    }
+}
+
+#[test]
+fn blocks_are_patient_coordinates() {
+    let mut volume = joined();
+    volume.patient_from_stack =
+        RigidTransform::from_axes(Point3::new(100.0, 0.0, 0.0), Vector3::y(), Vector3::z(), Vector3::x());
+    // Stack x is patient y.
+    let block = Block { point_mm: Some([0.0, 12.0, 0.0]), normal: Some([0.0, 1.0, 0.0]), ..Block::default() };
+    let corrections = Corrections { block: vec![block], ..Default::default() };
+    let found = run(
+        &volume,
+        &Params { seeds_patient_mm: vec![Point3::new(100.0, 8.0, 7.0)], ..corrected(corrections) },
+    );
+    assert!(!reaches_other(&found.unwrap()));
+}
+
+#[test]
+fn a_plane_takes_the_last_window_that_names_it() {
+    // The contrast is half in plane 2.
+    let volume = Scene { n: [64, 56, 5], ..Scene::default() }.volume(|x, y, k| {
+        let lumen = if k == 2 { 170.0 } else { 300.0 };
+        if (x - 8.0).hypot(y - 7.0) < 3.0 { lumen } else { 50.0 }
+    });
+    let windowed = |window: Vec<PlaneWindow>| {
+        let corrections = Corrections { window, ..Default::default() };
+        run(&volume, &Params { window_hu: Some([175.0, 500.0]), ..corrected(corrections) }).unwrap()
+    };
+    assert_eq!(windowed(vec![]).planes, 0..2);
+    let all = PlaneWindow { z_mm: [0.0, 4.0], window_hu: [200.0, 500.0] };
+    let found = windowed(vec![all, PlaneWindow { z_mm: [2.0, 2.0], window_hu: [110.0, 500.0] }]);
+    assert_eq!((found.planes.clone(), found.edge_hu_at(2), found.edge_hu_at(3)), (0..5, 110.0, 200.0));
+}
+
+#[test]
+fn a_drawn_contour_stands_for_the_planes_own_and_conducts_the_growth() {
+    // Plane 2 shows nothing.
+    let volume = Scene { n: [64, 56, 5], ..Scene::default() }
+        .volume(|x, y, k| if (x - 8.0).hypot(y - 7.0) < 3.0 && k != 2 { 300.0 } else { 50.0 });
+    let square =
+        |h: f64| vec![[8.0 - h, 7.0 - h], [8.0 + h, 7.0 - h], [8.0 + h, 7.0 + h], [8.0 - h, 7.0 + h]];
+    let mut hole = square(0.8);
+    hole.reverse();
+    let drawn =
+        |points: Vec<[f64; 2]>| Drawn { z_mm: Some(2.0), points_mm: Some(points), ..Drawn::default() };
+    let corrections = Corrections { contour: vec![drawn(square(2.0)), drawn(hole)], ..Default::default() };
+    let found = run(&volume, &corrected(corrections)).unwrap();
+    assert_eq!(found.planes, 0..5);
+    assert!(
+        found.mask.contains(26, 22, 2) && !found.mask.contains(32, 28, 2) && !found.mask.contains(32, 39, 2)
+    );
+    let areas: Vec<f64> = found.drawn[&2].iter().map(Contour::signed_area_mm2).collect();
+    assert!((areas[0] - 16.0).abs() < 1e-9 && (areas[1] + 2.56).abs() < 1e-9, "{areas:?}");
+    assert!(found.drawn[&2].iter().all(|c| c.len() >= 128));
+    let lps = square(2.0).iter().map(|&[x, y]| [x, y, 2.1]).collect();
+    let lps = Corrections {
+        contour: vec![Drawn { points_lps_mm: Some(lps), ..Drawn::default() }],
+        ..Default::default()
+    };
+    let again = run(&volume, &corrected(lps)).unwrap();
+    assert_eq!(again.drawn[&2], found.drawn[&2][..1]);
+}
+
+#[test]
+fn each_bad_correction_is_named_with_what_was_found_and_expected() {
+    let volume = joined();
+    for (text, message) in [
+        (
+            "[[block]]\n",
+            "segment.block[1]: found none of them, expected exactly one of box_mm, z_mm, or point_mm with normal",
+        ),
+        (
+            "[[block]]\nz_mm = [1, 2]\n[[block]]\npoint_mm = [1, 2, 3]\n",
+            "segment.block[2]: found point_mm without normal, expected exactly one of box_mm, z_mm, or point_mm with normal",
+        ),
+        (
+            "[[block]]\nz_mm = [1, 2]\nbox_mm = [[0, 0, 0], [1, 1, 1]]\n",
+            "segment.block[1]: found several of them, expected exactly one of box_mm, z_mm, or point_mm with normal",
+        ),
+        (
+            "[[block]]\nz_mm = [3, 2]\n",
+            "segment.block[1].z_mm: found 3,2, expected two finite heights in mm, the first not above the second",
+        ),
+        (
+            "[[block]]\npoint_mm = [1, 2, 3]\nnormal = [0, 0, 0]\n",
+            "segment.block[1].normal: found [0.0, 0.0, 0.0], expected a direction: three finite numbers, not all 0",
+        ),
+        (
+            "[[window]]\nz_mm = [1, 2]\nwindow_hu = [5, nan]\n",
+            "segment.window[1].window_hu: found 5,NaN, expected two finite numbers in HU, the first less than the second",
+        ),
+        (
+            "[[window]]\nz_mm = [50, 60]\nwindow_hu = [5, 6]\n",
+            "segment.window[1].z_mm: found 50,60, expected heights with a plane between them; the planes reach from 0.000 to 4.000 mm",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\n",
+            "segment.contour[1]: found no points, expected z_mm with points_mm (stack), or points_lps_mm alone",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\npoints_mm = [[1, 1], [2, 2]]\n",
+            "segment.contour[1].points_mm: found 2 points, expected at least 3 corners",
+        ),
+        (
+            "[[contour]]\nz_mm = 9\npoints_mm = [[4, 4], [9, 4], [9, 9]]\n",
+            "segment.contour[1]: found a corner at z 9.000 mm, expected all corners within half an interval of one plane; the planes reach from 0.000 to 4.000 mm",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\npoints_mm = [[4, 4], [90, 4], [9, 9]]\n",
+            "segment.contour[1]: found a corner at x 90.000, y 4.000 mm, expected corners within x 0.250 to 23.500, y 0.250 to 13.500 mm (stack)",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\npoints_mm = [[4, 4], [9, 9], [9, 4], [4, 9]]\n",
+            "segment.contour[1]: found a polygon that crosses itself or has no area, expected a simple polygon",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\npoints_mm = [[4, 4], [9, 9], [9, 4]]\n",
+            "segment.contour[1]: found a hole in nothing, expected a hole (clockwise seen from +z) inside an outer contour: reverse the points for an outer one",
+        ),
+        (
+            "[[contour]]\nz_mm = 1\npoints_mm = [[4, 4], [9, 4], [9, 9]]\n[[contour]]\nz_mm = 1\npoints_mm = [[5, 4], [9, 5], [5, 9]]\n",
+            "segment.contour[1]: found polygons that cross or overlap, expected polygons of a plane that neither cross nor overlap, holes clockwise inside outer ones",
+        ),
+    ] {
+        let corrections: Corrections = toml::from_str(text).unwrap();
+        assert_eq!(error_text(&volume, &corrected(corrections)), message, "{text}");
+    }
+    assert!(
+        toml::from_str::<Corrections>("[[block]]\nboxmm = 1\n")
+            .unwrap_err()
+            .to_string()
+            .contains("unknown field")
+    );
+}
