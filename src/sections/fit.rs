@@ -207,7 +207,7 @@ fn moved(plane: &Plane, image: &Image<'_>, targets: &[Option<Target>]) -> Vec<Ai
 }
 
 /// Whether no contour crosses itself or another: then their even-odd region has just these contours.
-fn are_simple(contours: &[Contour]) -> bool {
+pub(super) fn are_simple(contours: &[Contour]) -> bool {
     let region = Region::from_even_odd(contours);
     let area: f64 = contours.iter().map(Contour::signed_area_mm2).sum();
     let length: f64 = contours.iter().map(Contour::perimeter_mm).sum();
@@ -216,7 +216,7 @@ fn are_simple(contours: &[Contour]) -> bool {
 }
 
 /// Outer contours and holes from left to right.
-fn ordered(mut contours: Vec<Contour>) -> Vec<Contour> {
+pub(super) fn ordered(mut contours: Vec<Contour>) -> Vec<Contour> {
     let key = |c: &Contour| c.points.first().map_or((0.0, 0.0), |p| (p.x, p.y));
     contours.sort_by(|a, b| key(a).0.total_cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1)));
     contours

@@ -9,6 +9,8 @@ pub mod extract;
 mod fit;
 pub mod format;
 pub(crate) mod march;
+mod outline;
+pub mod ready;
 mod refine;
 #[cfg(test)]
 mod tests;
