@@ -5,7 +5,7 @@
 
 use super::dicom::{Place, items, numbers, text, whole};
 use super::{Error, Label, Ready, Structure, chosen, seg};
-use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
+use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
 use crate::progress::Task;
 use crate::sections::ready::{Drawn, DrawnStack};
 use dicom_dictionary_std::tags;
@@ -153,7 +153,7 @@ fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) ->
                 "a contour near z = {z_mm:.3} mm is {off_mm:.3} mm off its plane: export the structure again"
             )));
         }
-        flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).map(Point2::from).collect())));
+        flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
     }
     flat.sort_by(|a, b| a.0.total_cmp(&b.0));
     let one = |group: &[(f64, Contour)]| {

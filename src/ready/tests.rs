@@ -67,7 +67,6 @@ fn in_disk(n: u32, i: usize, j: usize, k: usize) -> bool {
 
 struct Seg {
     is_fractional: bool,
-    syntax: &'static str,
     row: Vector3,
     column: Vector3,
     order: [usize; 4],
@@ -76,13 +75,7 @@ struct Seg {
 impl Default for Seg {
     fn default() -> Self {
         let order = [2, 0, 3, 1];
-        Self {
-            is_fractional: false,
-            syntax: uids::EXPLICIT_VR_LITTLE_ENDIAN,
-            row: Vector3::x(),
-            column: Vector3::y(),
-            order,
-        }
+        Self { is_fractional: false, row: Vector3::x(), column: Vector3::y(), order }
     }
 }
 
@@ -179,7 +172,7 @@ fn expected(drawn: &DrawnStack) {
 #[test]
 fn a_binary_seg_is_read_bit_by_bit_in_either_byte_order() {
     for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN, "1.2.840.10008.1.2.2"] {
-        let seg = write(Seg { syntax, ..Seg::default() }.object(), uids::SEGMENTATION_STORAGE, syntax);
+        let seg = write(Seg::default().object(), uids::SEGMENTATION_STORAGE, syntax);
         let ready = seg.load(Some(Label::Number(1))).unwrap();
         expected(&ready.drawn);
         assert!(ready.drawn.patient_from_stack.is_identity());
@@ -234,6 +227,57 @@ fn segments_are_listed_and_chosen_by_number_or_name() {
     assert!(text.ends_with(" voxels): choose one with --label N"), "{text}");
     assert_eq!(seg.load(Some(Label::Name("vein".into()))).unwrap().number, 2);
     assert!(seg.error(Some(Label::Number(7))).starts_with("FILE holds no such structure: there is 1"));
+}
+
+#[test]
+fn faults_of_a_seg_are_named() {
+    let with = |change: &dyn Fn(&mut InMemDicomObject)| {
+        let mut object = Seg::default().object();
+        change(&mut object);
+        write(object, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+            .error(Some(Label::Number(1)))
+    };
+    let frames = |n: &'static str| with(&move |o| put(o, tags::NUMBER_OF_FRAMES, VR::IS, n));
+    assert_eq!(
+        frames("9"),
+        "FILE: truncated: 442 bytes of pixels, its 9 frames need 497: copy or export it again"
+    );
+    assert_eq!(frames("7"), "FILE: 8 frames are described, 7 are stored: export the segmentation again");
+    assert_eq!(
+        frames("0"),
+        "FILE: attribute NumberOfFrames is 0, expected 1 to 100000: export the segmentation again"
+    );
+    assert_eq!(
+        with(&|o| put(o, tags::SEGMENTATION_TYPE, VR::CS, "LABELMAP")),
+        "FILE: SegmentationType LABELMAP with 1 bits is not read: export it as BINARY with 1 bit or FRACTIONAL with 8"
+    );
+    for (tag, name) in [
+        (tags::ROWS, "Rows"),
+        (tags::SEGMENTATION_TYPE, "SegmentationType"),
+        (tags::PIXEL_DATA, "PixelData"),
+        (tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, "ImageOrientationPatient"),
+    ] {
+        let told = with(&|o| drop(o.take(tag)));
+        assert_eq!(
+            told,
+            format!("FILE: attribute {name} is missing or unreadable: export the segmentation again")
+        );
+    }
+    let twice = Seg { order: [0, 0, 1, 2], ..Seg::default() }.object();
+    let twice = write(twice, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    assert_eq!(
+        twice.error(Some(Label::Number(1))),
+        "FILE: two frames of one segment lie at z = 5.000 mm: export it with one each"
+    );
+}
+
+#[test]
+fn planes_that_a_seg_leaves_out_are_told() {
+    let gap = Seg { order: [0, 1, 2, 4], ..Seg::default() }.object();
+    let gap = write(gap, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let warnings = gap.load(Some(Label::Number(1))).unwrap().warnings;
+    assert_eq!(warnings[0].code, "segment.gap");
+    assert!(warnings[0].text.contains("between z = 11.000 and 17.000 mm"), "{}", warnings[0].text);
 }
 
 // -- RTSTRUCT --

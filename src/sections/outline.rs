@@ -127,6 +127,11 @@ mod tests {
     use crate::geom::{Contour, Point2};
     use proptest::prelude::*;
 
+    #[expect(clippy::cast_possible_truncation, reason = "small whole numbers")]
+    fn index(v: f64) -> usize {
+        v as usize
+    }
+
     fn contours(n: usize, inside: impl Fn(f64, f64) -> bool) -> Vec<Contour> {
         let cells: Vec<bool> = (0..n * n).map(|p| inside((p % n) as f64, (p / n) as f64)).collect();
         let contour =
@@ -136,7 +141,7 @@ mod tests {
 
     /// Mean distance, signed and not, of evenly spaced points from a circle, and the area against the true one.
     fn against_disk(x: f64, y: f64, radius: f64) -> [f64; 3] {
-        let n = (2.0 * radius) as usize + 8;
+        let n = index(2.0 * radius) + 8;
         let (x, y) = (x + radius + 3.0, y + radius + 3.0);
         let found = contours(n, |i, j| (i - x).hypot(j - y) < radius);
         assert_eq!(found.len(), 1);
@@ -182,7 +187,7 @@ mod tests {
         fn every_pixel_centre_keeps_its_side(cells in proptest::collection::vec(any::<bool>(), 64)) {
             let inside = |i: f64, j: f64| {
                 let within = |v: f64| (1.0..9.0).contains(&v);
-                within(i) && within(j) && cells[(j as usize - 1) * 8 + i as usize - 1]
+                within(i) && within(j) && cells[(index(j) - 1) * 8 + index(i) - 1]
             };
             let found = contours(10, inside);
             for p in 0..100 {

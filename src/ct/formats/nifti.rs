@@ -293,7 +293,7 @@ impl<'a> Fields<'a> {
         // Unit length gives the first component. Near a half turn it is lost in the rounding of the others, whose square root
         // it is: it is then none, and the others are brought to unit length.
         let rest = b.mul_add(b, c.mul_add(c, d * d));
-        let rounding = 3.0 * if self.version.is_wide { f64::EPSILON } else { f64::from(f32::EPSILON) };
+        let rounding = if self.version.is_wide { 16.0 * f64::EPSILON } else { 3.0 * f64::from(f32::EPSILON) };
         let (a, b, c, d) = if rest < 1.0 - rounding {
             ((1.0 - rest).sqrt(), b, c, d)
         } else {

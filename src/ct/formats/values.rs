@@ -248,6 +248,10 @@ impl<T, F: Fn(f64, usize) -> Result<T, Fault>> Taken<'_, T, F> {
         Ok(fill(&mut stream, &mut buffer[..1]).map_err(damaged)? > 0)
     }
 
+    #[expect(
+        clippy::cast_lossless,
+        reason = "one line for all types; 64-bit integers are rounded to 53 bits"
+    )]
     fn scalars(&mut self, bytes: &[u8]) -> Result<(), Fault> {
         macro_rules! each {
             ($($name:ident: $type:ty),*) => {
@@ -256,7 +260,6 @@ impl<T, F: Fn(f64, usize) -> Result<T, Fault>> Taken<'_, T, F> {
                         for b in bytes.chunks_exact(size_of::<$type>()) {
                             let b = b.try_into().unwrap_or_default();
                             let v = if self.header.endian == Endian::Little { <$type>::from_le_bytes(b) } else { <$type>::from_be_bytes(b) };
-                            #[expect(clippy::cast_lossless, reason = "one line for all types; 64-bit integers are rounded to 53 bits")]
                             self.take(v as f64)?;
                         }
                     })*
