@@ -150,6 +150,10 @@ impl Error {
             Self::CtMissing(_) => {
                 "--ct: found nothing there, expected a folder with the DICOM files of a series".into()
             }
+            Self::Ready(e) => e.text_without_path(),
+            Self::SegmentationMissing(_) => {
+                "--segmentation: found nothing there, expected a label map, a DICOM SEG or an RTSTRUCT".into()
+            }
             other => other.to_string(),
         }
     }

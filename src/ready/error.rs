@@ -2,7 +2,7 @@
 
 use crate::ct;
 use crate::progress::Cancelled;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why there are no contours.
 #[derive(Debug, thiserror::Error)]
@@ -78,4 +78,24 @@ pub enum Error {
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+impl Error {
+    /// The message without the file's path, which may hold a patient's name.
+    #[must_use]
+    pub fn text_without_path(&self) -> String {
+        let hidden = |path: &Path| self.to_string().replace(&path.display().to_string(), "the segmentation");
+        match self {
+            Self::Image(fault) => fault.text_with(|_| "the segmentation".to_owned()),
+            Self::Foreign(path) | Self::Nothing(path) => hidden(path),
+            Self::SeveralLabels { path, .. } | Self::NoSuchLabel { path, .. } | Self::Dicom { path, .. } => {
+                hidden(path)
+            }
+            Self::Inclined { .. }
+            | Self::OffPlane { .. }
+            | Self::Elsewhere { .. }
+            | Self::OutsideZRange { .. }
+            | Self::Cancelled(_) => self.to_string(),
+        }
+    }
 }
