@@ -17,8 +17,9 @@
 //! | [`units`] | the newtypes where a swap would hurt; the only conversions |
 //! | [`progress`] | progress reports and cancellation for long work |
 //! | [`geom`] | points, contours, regions and their boolean operations, frames, distances |
-//! | [`ct`] | a folder of DICOM files to a [`ct::Volume`] |
+//! | [`ct`] | a folder of DICOM files, or an image file, to a [`ct::Volume`] |
 //! | [`phantom`] | analytic vessels and their synthetic CT series |
+//! | [`ready`] | segmentations made elsewhere to contours per plane |
 //! | [`segment`] | a volume to the mask of its lumen |
 //! | [`sections`] | mask and grey values to closed sub-pixel contours per CT plane |
 //! | [`spline`] | knot vectors, B-spline curves and surfaces, interpolation |
@@ -42,7 +43,7 @@
 //! # Invariants
 //!
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
-//! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`,
+//! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
 //!   `phantom::series`, `profile::load`, `printer::{job, serial, driver, sim}`, `report::write`,
 //!   `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
@@ -64,6 +65,7 @@ pub mod phantom;
 pub mod printer;
 pub mod profile;
 pub mod progress;
+pub mod ready;
 pub mod report;
 pub mod sections;
 pub mod segment;

@@ -5,8 +5,8 @@ use super::case::CaseError;
 use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
-    brep, ct, mesh, motion, phantom, printer, profile, progress, report, sections, segment, slice, solid,
-    toolpath, topology, view,
+    brep, ct, mesh, motion, phantom, printer, profile, progress, ready, report, sections, segment, slice,
+    solid, toolpath, topology, view,
 };
 use std::path::PathBuf;
 
@@ -31,6 +31,12 @@ pub enum Error {
     /// There is nothing at the place of the CT.
     #[error("--ct: found nothing at {}, expected a folder with the DICOM files of a series", .0.display())]
     CtMissing(PathBuf),
+    /// There is nothing at the place of the ready segmentation.
+    #[error("--segmentation: found nothing at {}, expected a label map, a DICOM SEG or an RTSTRUCT", .0.display())]
+    SegmentationMissing(PathBuf),
+    /// The ready segmentation of a case is not known on this machine.
+    #[error("where the segmentation of {} lies is not known on this machine: name it with --segmentation", .0.display())]
+    SegmentationUnknown(PathBuf),
     /// The CT of a case is not known on this machine.
     #[error("where the CT of {} lies is not known on this machine: name it with --ct", .0.display())]
     CtUnknown(PathBuf),
@@ -73,6 +79,9 @@ pub enum Error {
     /// Finding the lumen.
     #[error(transparent)]
     Segment(#[from] segment::Error),
+    /// Taking over a ready segmentation.
+    #[error(transparent)]
+    Ready(#[from] ready::Error),
     /// Finding the contours.
     #[error(transparent)]
     Sections(#[from] sections::Error),
@@ -124,6 +133,7 @@ impl Error {
                 | Self::Ct(ct::Error::Cancelled(_))
                 | Self::Phantom(phantom::Error::Cancelled(_))
                 | Self::Segment(segment::Error::Cancelled(_))
+                | Self::Ready(ready::Error::Cancelled(_) | ready::Error::Image(ct::Error::Cancelled(_)))
                 | Self::Sections(sections::Error::Cancelled(_))
                 | Self::Solid(solid::Error::Cancelled(_))
                 | Self::Mesh(mesh::Error::Cancelled(_))
@@ -145,6 +155,10 @@ impl Error {
             Self::CtMissing(_) => {
                 "--ct: found nothing there, expected a folder with the DICOM files of a series".into()
             }
+            Self::Ready(e) => e.text_without_path(),
+            Self::SegmentationMissing(_) => {
+                "--segmentation: found nothing there, expected a label map, a DICOM SEG or an RTSTRUCT".into()
+            }
             other => other.to_string(),
         }
     }
@@ -163,6 +177,9 @@ impl Error {
             | Self::CaseFile { .. }
             | Self::CtMissing(_)
             | Self::CtUnknown(_)
+            | Self::SegmentationMissing(_)
+            | Self::SegmentationUnknown(_)
+            | Self::Ready(ready::Error::SeveralLabels { .. } | ready::Error::NoSuchLabel { .. })
             | Self::NoRecord(_)
             | Self::Profile(_)
             | Self::Segment(segment::Error::Correction(_))

@@ -49,5 +49,6 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
     let ct = file.ct.clone().or_else(|| file.phantom.is_none().then(PathBuf::new));
     Settings::try_from(CaseFile { ct, seed_mm, ..file.clone() }).map_err(|e| problem(e.to_string()))?;
     file.ct = file.ct.map(|ct| atomic::parent(path).join(ct));
+    file.segmentation = file.segmentation.map(|other| atomic::parent(path).join(other));
     Ok(file)
 }

@@ -5,7 +5,7 @@ use super::case::{Case, CaseError, MadeFrom, Staging};
 use super::error::Error;
 use super::event::{Event, EventSink, Stage, StageOutcome};
 use super::settings::{CaseFile, SeriesKey, Settings, Source, SourceName};
-use super::source::Sources;
+use super::source::{Places, Sources};
 use super::stages::report::ReportPlace;
 use super::stages::slice::Sliced;
 use crate::ct::{self, SeriesName, Volume, Warning};
@@ -91,10 +91,13 @@ pub struct Session<'a> {
     pub(crate) case: Case,
     /// Where its CT lies, where that is known.
     pub(crate) ct: Option<PathBuf>,
-    /// Whether the operator has named it, so that it has to be remembered.
+    /// Where its ready segmentation lies, where that is known.
+    pub(crate) ready: Option<PathBuf>,
+    /// Whether the operator has named one of them, so that it has to be remembered.
     ct_is_named: bool,
     /// Of the CT's files: they may be many.
     pub(crate) ct_hash: OnceCell<String>,
+    pub(crate) ready_hash: OnceCell<String>,
     pub(crate) context: Context<'a>,
     pub(crate) held: Held,
     pub(crate) candidates: Vec<Candidate>,
@@ -122,33 +125,34 @@ impl<'a> Session<'a> {
     pub fn open(dir: &Path, changes: CaseFile, context: Context<'a>) -> Result<Self, Error> {
         let mut case = Case::open(dir)?;
         check_ct(changes.ct.as_deref())?;
+        check_ready(changes.segmentation.as_deref())?;
         let changes = series_looked_up(changes, case.id(), &context)?;
-        let named = changes.source.or_else(|| changes.ct.is_some().then_some(SourceName::Ct));
+        let named = changes.named_source();
         let before = CaseFile::of_case(case.id(), case.settings());
-        if named.is_some() && named != before.source {
+        let is_a_part = before.source == Some(SourceName::CtAndSegmentation)
+            && matches!(named, Some(SourceName::Ct | SourceName::Segmentation));
+        if named.is_some() && named != before.source && !is_a_part {
             return Err(CaseError::OtherSource(dir.to_owned()).into());
         }
-        let ct = changes.ct.clone();
-        let settings = Settings::try_from(CaseFile { ct: None, ..changes }.over(before))?;
+        let named = Places { ct: changes.ct.clone(), segmentation: changes.segmentation.clone() };
+        let settings = Settings::try_from(CaseFile { ct: None, segmentation: None, ..changes }.over(before))?;
         case.set_settings(settings);
-        let mut session = Self::new(case, ct, context);
+        let mut session = Self::new(case, named, context);
+        let known = session.context.sources.recall(session.case.id());
+        session.ct = session.ct.take().or(known.ct);
+        session.ready = session.ready.take().or(known.segmentation);
         if session.ct_is_named {
-            session.refuse_other_ct()?;
-        } else {
-            session.ct = session.context.sources.recall(session.case.id());
+            session.refuse_other_source()?;
         }
         Ok(session)
     }
 
     /// Another CT may be another patient's: a case keeps the one it was made from.
-    fn refuse_other_ct(&self) -> Result<(), Error> {
-        let known = self.case.made_from(Stage::Segment).and_then(|m| m.get("ct"));
-        match known {
-            Some(known) if *known != self.ct_hash()? => {
-                Err(CaseError::OtherSource(self.case.dir().to_owned()).into())
-            }
-            _ => Ok(()),
-        }
+    fn refuse_other_source(&self) -> Result<(), Error> {
+        let known = |name| self.case.made_from(Stage::Segment).and_then(|m| m.get(name));
+        let is_other = known("ct").map_or(Ok(false), |k| self.ct_hash().map(|h| h != *k))?
+            || known("segmentation").map_or(Ok(false), |k| self.ready_hash().map(|h| h != *k))?;
+        if is_other { Err(CaseError::OtherSource(self.case.dir().to_owned()).into()) } else { Ok(()) }
     }
 
     /// Starts a case at `dir`; nothing is written before its first stage is done.
@@ -157,19 +161,22 @@ impl<'a> Session<'a> {
     /// [`Error`] where something else is in its place, or a parameter is missing or cannot be used.
     pub fn create(dir: &Path, parameters: CaseFile, context: Context<'a>) -> Result<Self, Error> {
         check_ct(parameters.ct.as_deref())?;
-        let ct = parameters.ct.clone();
+        check_ready(parameters.segmentation.as_deref())?;
+        let named = Places { ct: parameters.ct.clone(), segmentation: parameters.segmentation.clone() };
         let id = new_id();
         let settings = Settings::try_from(series_looked_up(parameters, &id, &context)?)?;
         let case = Case::create(dir, id, settings)?;
-        Ok(Self::new(case, ct, context))
+        Ok(Self::new(case, named, context))
     }
 
-    fn new(case: Case, ct: Option<PathBuf>, context: Context<'a>) -> Self {
+    fn new(case: Case, named: Places, context: Context<'a>) -> Self {
         Self {
             case,
-            ct_is_named: ct.is_some(),
-            ct,
+            ct_is_named: named != Places::default(),
+            ct: named.ct,
+            ready: named.segmentation,
             ct_hash: OnceCell::new(),
+            ready_hash: OnceCell::new(),
             context,
             held: Held::default(),
             candidates: Vec::new(),
@@ -305,8 +312,11 @@ impl<'a> Session<'a> {
 
     fn remember_ct(&mut self) {
         let named = std::mem::take(&mut self.ct_is_named);
-        let Some(ct) = self.ct.as_ref().filter(|_| named) else { return };
-        if let Err(e) = self.context.sources.remember(self.case.id(), ct) {
+        let places = Places { ct: self.ct.clone(), segmentation: self.ready.clone() };
+        if !named || places == Places::default() {
+            return;
+        }
+        if let Err(e) = self.context.sources.remember(self.case.id(), &places) {
             // The case is complete without it; only a later segmentation will ask for --ct.
             let warning = Warning { code: "app.source_not_kept".into(), text: e.to_string() };
             (self.context.events)(Event::Warned { stage: Stage::Segment, warning });
@@ -315,7 +325,12 @@ impl<'a> Session<'a> {
 
     /// Whether the case has a CT at all.
     pub(crate) fn has_image(&self) -> bool {
-        !matches!(self.settings().source, Source::Sections)
+        !matches!(self.settings().source, Source::Sections | Source::Ready { has_ct: false, .. })
+    }
+
+    /// Whether the case was started from ready contours, which are what they are.
+    pub(crate) fn brings_contours(&self) -> bool {
+        matches!(self.settings().source, Source::Sections)
     }
 }
 
@@ -330,12 +345,20 @@ fn check_ct(ct: Option<&Path>) -> Result<(), Error> {
 /// The parameters with the number of a series in the place of its UID, which is forgotten here.
 fn series_looked_up(parameters: CaseFile, id: &str, context: &Context<'_>) -> Result<CaseFile, Error> {
     let Some(SeriesKey::Uid(uid)) = &parameters.series else { return Ok(parameters) };
-    let Some(ct) = parameters.ct.clone().or_else(|| context.sources.recall(id)) else {
+    let Some(ct) = parameters.ct.clone().or_else(|| context.sources.recall(id).ct) else {
         return Ok(parameters);
     };
     let task = Task::new(&|_, _| {}, context.cancel.clone());
     let mark = ct::reader::find(&ct, &SeriesName::Uid(uid.clone()), id, &task)?;
     Ok(CaseFile { series: Some(SeriesKey::Number(mark.number)), ..parameters })
+}
+
+/// Refuses a ready segmentation that is not there before anything is made.
+fn check_ready(path: Option<&Path>) -> Result<(), Error> {
+    match path {
+        Some(path) if !path.exists() => Err(Error::SegmentationMissing(path.to_owned())),
+        _ => Ok(()),
+    }
 }
 
 /// The hash of parameters, in their written form.

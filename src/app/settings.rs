@@ -5,6 +5,7 @@
 //! filled in and every value was checked. Keys are the flags' names with underscores, units included.
 
 use crate::phantom;
+use crate::ready::Label;
 use crate::sections::Boundary;
 use crate::segment::{Corrections, Polarity};
 use crate::solid::Correspondence;
@@ -208,6 +209,18 @@ fn ascending([lo, hi]: [f64; 2], expected: &str) -> Result<[f64; 2], Fault> {
     Err(Fault { found: format!("{lo},{hi}"), expected: expected.to_owned() })
 }
 
+/// A structure's number or name.
+///
+/// # Errors
+/// [`Fault`] where there is neither.
+pub fn parse_label(text: &str) -> Result<Label, Fault> {
+    let text = text.trim();
+    if text.is_empty() {
+        return Err(Fault { found: "\"\"".into(), expected: "the number or the name of a structure".into() });
+    }
+    Ok(text.parse().map_or_else(|_no_number| Label::Name(text.to_owned()), Label::Number))
+}
+
 const SERIES_EXPECTED: &str = "a number from 1, as `lumenfab inspect` lists them, or a SeriesInstanceUID";
 
 /// Which series of a folder: as it is written down or typed.
@@ -259,6 +272,13 @@ pub enum Source {
     Ct,
     /// A synthetic CT, made anew when it is needed.
     Phantom(phantom::Params),
+    /// A segmentation made elsewhere; where it lies is kept apart, as for a CT.
+    Ready {
+        /// Whether there is a CT as well, to compare with.
+        has_ct: bool,
+        /// Which structure; `None`: the only one.
+        label: Option<Label>,
+    },
     /// A ready `sections.json`: there is no image.
     Sections,
 }
@@ -327,6 +347,11 @@ pub enum SourceName {
     Phantom,
     /// Ready contours.
     Sections,
+    /// A segmentation made elsewhere.
+    Segmentation,
+    /// The same, and the CT it was made on.
+    #[serde(rename = "ct-and-segmentation")]
+    CtAndSegmentation,
 }
 
 /// The `[solid]` table: how the solid is put together.
@@ -349,6 +374,10 @@ pub struct CaseFile {
     pub source: Option<SourceName>,
     /// The CT's folder; only in an input case file, relative to it.
     pub ct: Option<PathBuf>,
+    /// A segmentation made elsewhere; only in an input case file, relative to it.
+    pub segmentation: Option<PathBuf>,
+    /// Which structure of the segmentation, where it holds several.
+    pub label: Option<Label>,
     /// Which series of the CT's folder, where there are several; its UID in an input case file only.
     pub series: Option<SeriesKey>,
     /// Use a stack with missing planes, with a warning.
@@ -415,6 +444,13 @@ impl CaseFile {
             Source::Ct => (SourceName::Ct, None),
             Source::Phantom(phantom) => (SourceName::Phantom, Some(phantom.clone())),
             Source::Sections => (SourceName::Sections, None),
+            Source::Ready { has_ct: true, .. } => (SourceName::CtAndSegmentation, None),
+            Source::Ready { has_ct: false, .. } => (SourceName::Segmentation, None),
+        };
+        // A name may say anything; the case knows the structure by its number.
+        let label = match &settings.source {
+            Source::Ready { label: Some(Label::Number(n)), .. } => Some(Label::Number(*n)),
+            _ => None,
         };
         let (wall_mm, cast) = match settings.body {
             Body::WallMm(t) => (Some(t), false),
@@ -426,6 +462,8 @@ impl CaseFile {
             id: Some(id.to_owned()),
             source: Some(source),
             ct: None,
+            segmentation: None,
+            label,
             series: segment.series.map(SeriesKey::Number),
             allow_gaps: segment.allow_gaps.then_some(true),
             seed_mm: segment.seeds(),
@@ -458,6 +496,8 @@ impl CaseFile {
             id: self.id.or(below.id),
             source: self.source.or(below.source),
             ct: self.ct.or(below.ct),
+            segmentation: self.segmentation.or(below.segmentation),
+            label: self.label.or(below.label),
             series: self.series.or(below.series),
             allow_gaps: self.allow_gaps.or(below.allow_gaps),
             seed_mm: self.seed_mm.or(below.seed_mm),
@@ -478,9 +518,10 @@ impl CaseFile {
     }
 
     fn source(&self) -> Result<Source, SettingError> {
-        let named =
-            self.source.unwrap_or(if self.ct.is_some() { SourceName::Ct } else { SourceName::Phantom });
-        match named {
+        let ready = |has_ct| Ok(Source::Ready { has_ct, label: self.label.clone() });
+        match self.named_source().unwrap_or(SourceName::Phantom) {
+            SourceName::Segmentation => ready(false),
+            SourceName::CtAndSegmentation => ready(true),
             SourceName::Sections => Ok(Source::Sections),
             SourceName::Phantom if self.phantom.is_none() => self.default_phantom(),
             SourceName::Phantom => {
@@ -500,6 +541,18 @@ impl CaseFile {
         }
     }
 
+    /// The source that is stated, else the one that paths are given of.
+    #[must_use]
+    pub fn named_source(&self) -> Option<SourceName> {
+        let by_paths = match (self.ct.is_some(), self.segmentation.is_some()) {
+            (true, true) => Some(SourceName::CtAndSegmentation),
+            (true, false) => Some(SourceName::Ct),
+            (false, true) => Some(SourceName::Segmentation),
+            (false, false) => None,
+        };
+        self.source.or(by_paths)
+    }
+
     /// The phantom that nobody has asked for: whoever says how a CT is to be read has forgotten to name it.
     fn default_phantom(&self) -> Result<Source, SettingError> {
         let meant_for_a_ct = [
@@ -507,6 +560,7 @@ impl CaseFile {
             ("segment", self.segment.is_some()),
             ("window_hu", self.window_hu.is_some()),
             ("z_mm", self.z_mm.is_some()),
+            ("label", self.label.is_some()),
             ("series", self.series.is_some()),
             ("allow_gaps", self.allow_gaps.is_some()),
         ];

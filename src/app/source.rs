@@ -1,4 +1,4 @@
-//! Where the CT of a case lies: kept in the user's state directory, not in the case.
+//! Where the CT of a case, or its ready segmentation, lies: kept in the user's state directory, not in the case.
 //!
 //! A path may hold a patient's name (`/ct/DOE_JANE/...`), and case directories are handed on. So a case has a
 //! generated id, and `$XDG_STATE_HOME/lumenfab/sources/<id>.toml` (readable by its owner alone) knows its CT. On a machine
@@ -8,11 +8,15 @@ use super::atomic::{self, FileError, failed};
 use serde::{Deserialize, Serialize};
 use std::fs::{DirBuilder, Permissions};
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-#[derive(Serialize, Deserialize)]
-struct Entry {
-    ct: PathBuf,
+/// What a case was made from.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Places {
+    /// The CT.
+    pub ct: Option<PathBuf>,
+    /// The segmentation made elsewhere.
+    pub segmentation: Option<PathBuf>,
 }
 
 /// The directory that knows where the CTs lie.
@@ -34,44 +38,50 @@ impl Sources {
         Self(Some(dir))
     }
 
-    /// Remembers the CT of a case.
+    /// Remembers what a case was made from.
     ///
     /// # Errors
     /// [`FileError`] where the directory cannot be written.
-    pub fn remember(&self, case_id: &str, ct: &Path) -> Result<(), FileError> {
+    pub fn remember(&self, case_id: &str, places: &Places) -> Result<(), FileError> {
         let Some(dir) = &self.0 else { return Ok(()) };
         DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(failed("create", dir))?;
         // It may have been there before, open to all.
         std::fs::set_permissions(dir, Permissions::from_mode(0o700)).map_err(failed("close", dir))?;
-        let ct = std::path::absolute(ct).map_err(failed("find", ct))?;
+        let absolute = |place: &Option<PathBuf>| {
+            place.as_ref().map(|p| std::path::absolute(p).map_err(failed("find", p))).transpose()
+        };
+        let places = Places { ct: absolute(&places.ct)?, segmentation: absolute(&places.segmentation)? };
         let file = dir.join(format!("{case_id}.toml"));
         // A path that is no UTF-8 cannot be written down; the case then asks for --ct again.
-        let Ok(text) = toml::to_string(&Entry { ct }) else { return Ok(()) };
+        let Ok(text) = toml::to_string(&places) else { return Ok(()) };
         atomic::write(&file, text.as_bytes())
     }
 
-    /// The CT of a case, where this user's machine knows it.
+    /// What a case was made from, where this user's machine knows it.
     #[must_use]
-    pub fn recall(&self, case_id: &str) -> Option<PathBuf> {
-        let text = atomic::read_text(&self.0.as_ref()?.join(format!("{case_id}.toml"))).ok()?;
-        toml::from_str::<Entry>(&text).ok().map(|e| e.ct)
+    pub fn recall(&self, case_id: &str) -> Places {
+        let known = self.0.as_ref().map(|dir| dir.join(format!("{case_id}.toml")));
+        let text = known.and_then(|file| atomic::read_text(&file).ok());
+        text.and_then(|t| toml::from_str(&t).ok()).unwrap_or_default()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
     fn a_source_is_recalled_and_readable_by_its_owner_alone() {
         let dir = tempfile::tempdir().unwrap();
         let state = dir.path().join("lumenfab/sources");
         let sources = Sources::in_dir(state.clone());
-        assert_eq!(sources.recall("a"), None);
+        assert_eq!(sources.recall("a"), Places::default());
         std::fs::create_dir_all(&state).unwrap();
         std::fs::set_permissions(&state, Permissions::from_mode(0o755)).unwrap();
-        sources.remember("a", Path::new("/ct/DOE_JANE")).unwrap();
-        assert_eq!(sources.recall("a").unwrap(), Path::new("/ct/DOE_JANE"));
+        let places = Places { ct: Some("/ct/DOE_JANE".into()), segmentation: None };
+        sources.remember("a", &places).unwrap();
+        assert_eq!(sources.recall("a"), places);
         let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode() & 0o777;
         assert_eq!((mode(&state), mode(&state.join("a.toml"))), (0o700, 0o600));
     }
@@ -79,7 +89,7 @@ mod tests {
     #[test]
     fn without_a_state_directory_nothing_is_remembered() {
         let none = Sources(None);
-        none.remember("a", Path::new("/ct")).unwrap();
-        assert_eq!(none.recall("a"), None);
+        none.remember("a", &Places { ct: Some("/ct".into()), segmentation: None }).unwrap();
+        assert_eq!(none.recall("a"), Places::default());
     }
 }

@@ -6,6 +6,7 @@ use crate::app::settings::{
 };
 use crate::app::{Colouring, Skin, View};
 use crate::phantom::{self, Contrast, Kind};
+use crate::ready::Label;
 use crate::sections::Boundary;
 use crate::segment::Polarity;
 use crate::view::Direction;
@@ -39,7 +40,7 @@ pub(crate) enum Command {
     Phantom(PhantomArgs),
     /// Show which series a folder holds, their geometry and what is wrong with them
     Inspect {
-        /// Folder with DICOM files, DICOMDIR, or multi-frame DICOM file
+        /// Folder with DICOM files, DICOMDIR, one DICOM file, or an image file: NIfTI, MetaImage, NRRD
         path: PathBuf,
     },
     /// CT to contours: start a case with --ct and --out, or do the stage again
@@ -92,9 +93,17 @@ pub(crate) struct RunArgs {
 /// Where the lumen is found, and how.
 #[derive(Debug, Args, Default)]
 pub(crate) struct CtArgs {
-    /// Folder with the DICOM files of a CT series, DICOMDIR, or multi-frame DICOM file
+    /// Folder with the DICOM files of a CT series, DICOMDIR, multi-frame DICOM file, or an image file: NIfTI, MetaImage,
+    /// NRRD
     #[arg(long, value_name = "PATH")]
     pub(crate) ct: Option<PathBuf>,
+    /// A segmentation made elsewhere, with or without --ct: a label map (NIfTI, MetaImage, NRRD), DICOM SEG or
+    /// RTSTRUCT
+    #[arg(long, value_name = "FILE")]
+    pub(crate) segmentation: Option<PathBuf>,
+    /// Which structure of the segmentation, where it holds several: its number or its name
+    #[arg(long, value_name = "N|NAME", value_parser = settings::parse_label)]
+    pub(crate) label: Option<Label>,
     /// Which series, where the folder holds several: its number as `lumenfab inspect` lists it, from 1, or its UID, which
     /// is not kept
     #[arg(long, value_name = "N|UID", value_parser = settings::parse_series)]
@@ -155,6 +164,7 @@ pub(crate) struct PrinterArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("origin").args(["ct", "segmentation"]).multiple(true))]
 pub(crate) struct SegmentArgs {
     /// Case directory, to do the stage again
     #[arg(required_unless_present = "out", conflicts_with = "out")]
@@ -162,7 +172,7 @@ pub(crate) struct SegmentArgs {
     #[command(flatten)]
     pub(crate) ct: CtArgs,
     /// Case directory to make
-    #[arg(long, value_name = "CASE", requires = "ct")]
+    #[arg(long, value_name = "CASE", requires = "origin")]
     pub(crate) out: Option<PathBuf>,
 }
 
@@ -376,6 +386,8 @@ impl CtArgs {
     pub(crate) fn patch(&self) -> CaseFile {
         CaseFile {
             ct: self.ct.clone(),
+            segmentation: self.segmentation.clone(),
+            label: self.label.clone(),
             series: self.series.clone(),
             allow_gaps: self.allow_gaps.then_some(true),
             seed_mm: (!self.seed_mm.is_empty()).then(|| Seeds(self.seed_mm.clone())),

@@ -158,7 +158,7 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
     if args.cases.is_empty() {
         let mut parameters = args.patch();
         let dir = args.out.clone().unwrap_or_else(|| DEFAULT_OUT.into());
-        if parameters.ct.is_none() && !(args.out.is_some() && case::is_case(&dir)) {
+        if parameters.named_source().is_none() && !(args.out.is_some() && case::is_case(&dir)) {
             parameters.source = Some(SourceName::Phantom);
         }
         return Ok(vec![Named { name: dir.clone(), job: Ok(Job { dir, parameters }) }]);

@@ -206,6 +206,24 @@ pub enum Error {
         /// Columns, rows, planes.
         dims: [usize; 3],
     },
+    /// An image file that is no DICOM and cannot be used.
+    #[error("{}: {fault}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        fault: super::ImageFault,
+    },
+    /// An image file with several volumes and none chosen.
+    #[error("{} holds {n} volumes ({listing}): choose one of them with --series N", path.display())]
+    SeveralVolumes {
+        /// The file.
+        path: PathBuf,
+        /// How many.
+        n: usize,
+        /// What they are.
+        listing: String,
+    },
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -237,6 +255,8 @@ impl Error {
             | Self::Undecodable { path, .. }
             | Self::DirectoryWithoutFiles { path, .. }
             | Self::OddImage { path, .. }
+            | Self::Image { path, .. }
+            | Self::SeveralVolumes { path, .. }
             | Self::ShiftedPlane { path, .. } => vec![path],
             // The longer one first: it may begin with the other.
             Self::ConflictingPlanes { first, second, .. } => {

@@ -212,7 +212,7 @@ fn without_paths(error: &Error, series: &Series) -> String {
     })
 }
 
-fn next_command(number: usize, fault: Option<&Error>, is_one_of_several: bool) -> Option<String> {
+pub(super) fn next_command(number: usize, fault: Option<&Error>, is_one_of_several: bool) -> Option<String> {
     let gaps = match fault {
         None => "",
         Some(Error::MissingPlanes { .. }) => " --allow-gaps",

@@ -1,4 +1,4 @@
-//! DICOM files to a [`Volume`]: intensities on a grid whose planes are stacked along z.
+//! DICOM files, or an image file, to a [`Volume`]: intensities on a grid whose planes are stacked along z.
 //!
 //! [`reader::load`] reads one series, [`reader::inspect`] says what is there and whether it can be used. Headers are
 //! read first; the images are grouped into series, put in order along the planes' normal and checked; then the pixels are decoded in parallel and rescaled.
@@ -19,6 +19,7 @@ mod axes;
 pub mod codec;
 mod encoding;
 mod error;
+pub(crate) mod formats;
 mod grouping;
 mod inspection;
 pub mod reader;
@@ -28,6 +29,7 @@ mod stack;
 mod traits;
 
 pub use error::Error;
+pub use formats::Fault as ImageFault;
 pub use inspection::{Inspection, Orientation, PixelReport, SeriesReport, Verdict};
 
 use crate::geom::{Point3, RigidTransform};
@@ -122,6 +124,25 @@ pub struct Loaded {
     pub modality: String,
     /// Files that the volume was made of.
     pub n_files: usize,
+}
+
+/// Labels on a regular grid of planes, as a segmentation made elsewhere gives them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelMap {
+    /// Columns, rows, planes.
+    pub dims: [usize; 3],
+    /// Labels, 0 for nothing; x fastest, then y, then z.
+    pub labels: Vec<u32>,
+    /// Stack coordinates of the centre of voxel (0, 0) of every plane, mm.
+    pub origin_xy_mm: [f64; 2],
+    /// Distance between neighbouring columns and rows, mm.
+    pub pixel_spacing_xy_mm: [f64; 2],
+    /// z of the middle of each plane in the stack frame, mm, ascending.
+    pub plane_z_mm: Vec<f64>,
+    /// Where the stack lies in the patient.
+    pub patient_from_stack: RigidTransform,
+    /// What was odd about the file.
+    pub warnings: Vec<Warning>,
 }
 
 impl Volume {

@@ -15,6 +15,7 @@
 //!    others, is split by a slit of a quarter pixel across its neck (the neck is where it parts when shrunk by
 //!    the least distance that parts it); where no shrinking parts it, it stays and is reported.
 
+use super::extract::Error;
 use super::warnings::SectionWarnings;
 use crate::geom::{Bounds2, Contour, Point2, Region, SegmentIndex, Vector2};
 
@@ -85,6 +86,24 @@ pub(super) fn resolve(planes: &mut [Plane], pixel_area_mm2: f64, warnings: &mut 
             break;
         }
     }
+}
+
+/// The planes from the first to the last that has a contour; those between without any are reported.
+pub(super) fn without_empty_ends(
+    mut planes: Vec<Plane>,
+    warnings: &mut SectionWarnings,
+) -> Result<Vec<Plane>, Error> {
+    let found = planes.iter().filter(|p| !p.loops.is_empty()).count();
+    if found < 2 {
+        return Err(Error::TooFewPlanes { found, dropped: warnings.len() });
+    }
+    let start = planes.iter().position(|p| !p.loops.is_empty()).unwrap_or(0);
+    let end = planes.iter().rposition(|p| !p.loops.is_empty()).map_or(0, |k| k + 1);
+    let planes = planes.drain(start..end).collect::<Vec<Plane>>();
+    for gap in planes.iter().filter(|p| p.loops.is_empty()) {
+        warnings.gap(gap.z_mm);
+    }
+    Ok(planes)
 }
 
 /// One walk through the planes; true where something changed.

@@ -57,6 +57,19 @@ impl Default for Params {
     }
 }
 
+impl Params {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let tolerance = self.chord_tolerance_mm;
+        if !(tolerance.is_finite() && tolerance > 0.0) {
+            return Err(Error::BadTolerance(tolerance));
+        }
+        if !(8..=MOST_POINTS).contains(&self.least_points) {
+            return Err(Error::BadPointCount { found: self.least_points, least: 8, most: MOST_POINTS });
+        }
+        Ok(())
+    }
+}
+
 /// The contours and what was odd about them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Extracted {
@@ -140,13 +153,7 @@ pub fn extract(
 }
 
 fn check(volume: &Volume, segmentation: &Segmentation, params: &Params) -> Result<(), Error> {
-    let tolerance = params.chord_tolerance_mm;
-    if !(tolerance.is_finite() && tolerance > 0.0) {
-        return Err(Error::BadTolerance(tolerance));
-    }
-    if !(8..=MOST_POINTS).contains(&params.least_points) {
-        return Err(Error::BadPointCount { found: params.least_points, least: 8, most: MOST_POINTS });
-    }
+    params.check()?;
     let mask = &segmentation.mask;
     let (columns, rows, planes) = (mask.columns(), mask.rows(), mask.planes());
     let [nx, ny, nz] = volume.dims;
@@ -177,15 +184,5 @@ fn topology(
     let mut planes: Vec<Plane> =
         segmentation.planes.clone().into_par_iter().map(first).collect::<Result<_, Cancelled>>()?;
     consistency::resolve(&mut planes, sx * sy, warnings);
-    let found = planes.iter().filter(|p| !p.loops.is_empty()).count();
-    if found < 2 {
-        return Err(Error::TooFewPlanes { found, dropped: warnings.len() });
-    }
-    let start = planes.iter().position(|p| !p.loops.is_empty()).unwrap_or(0);
-    let end = planes.iter().rposition(|p| !p.loops.is_empty()).map_or(0, |k| k + 1);
-    let planes = planes.drain(start..end).collect::<Vec<Plane>>();
-    for gap in planes.iter().filter(|p| p.loops.is_empty()) {
-        warnings.gap(gap.z_mm);
-    }
-    Ok(planes)
+    consistency::without_empty_ends(planes, warnings)
 }

@@ -11,7 +11,9 @@ pub mod format;
 pub(crate) mod march;
 mod model;
 mod modelled;
+mod outline;
 mod parting;
+pub mod ready;
 mod refine;
 #[cfg(test)]
 mod tests;

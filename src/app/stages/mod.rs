@@ -2,6 +2,7 @@
 
 pub mod export;
 pub mod print;
+mod ready;
 pub mod report;
 pub mod segment;
 pub mod slice;
@@ -22,7 +23,7 @@ impl Session<'_> {
     pub(crate) fn made_from(&self, stage: Stage) -> Result<MadeFrom, Error> {
         let mut made_from = match stage {
             // Contours that were brought along are what they are, whatever version took them in.
-            Stage::Segment if !self.has_image() => return Ok(MadeFrom::new()),
+            Stage::Segment if self.brings_contours() => return Ok(MadeFrom::new()),
             Stage::Segment => self.segment_made_from()?,
             Stage::Solid => self.solid_made_from()?,
             Stage::Slice => self.slice_made_from()?,
@@ -41,7 +42,7 @@ impl Session<'_> {
             if self.is_fresh(stage) {
                 continue;
             }
-            if stage == Stage::Segment && !self.has_image() {
+            if stage == Stage::Segment && self.brings_contours() {
                 self.require_contours()?;
             } else if let Some(changed) = self.case.outdated(stage, &self.made_from(stage)?)? {
                 let dir = self.case.dir().to_owned();

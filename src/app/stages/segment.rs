@@ -30,16 +30,16 @@ pub(crate) const VOLUME_FILE: &str = "volume.bin";
 /// `segmentation.json`: how the lumen was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SegmentationNote {
-    /// The window that was used.
-    pub(crate) window_hu: [f64; 2],
+    /// The window that was used; none for a ready segmentation.
+    pub(crate) window_hu: Option<[f64; 2]>,
     /// Bright or dark.
     pub(crate) polarity: Polarity,
     /// Number of planes with lumen.
     pub(crate) n_planes: usize,
     /// Heights of the lowest and the highest of them, stack frame.
     pub(crate) z_mm: [f64; 2],
-    /// Volume of the voxels.
-    pub(crate) n_voxels: usize,
+    /// Voxels of the lumen; none for a ready segmentation.
+    pub(crate) n_voxels: Option<usize>,
     /// The series, where one of several was chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) series: Option<SeriesMark>,
@@ -57,11 +57,11 @@ pub(crate) struct SegmentationNote {
 }
 
 /// A CT that was read.
-struct Image {
-    volume: Volume,
-    warnings: Vec<Warning>,
+pub(super) struct Image {
+    pub(super) volume: Volume,
+    pub(super) warnings: Vec<Warning>,
     /// Which one of several series it is.
-    series: Option<SeriesMark>,
+    pub(super) series: Option<SeriesMark>,
 }
 
 impl Session<'_> {
@@ -73,6 +73,9 @@ impl Session<'_> {
         if matches!(self.settings().source, Source::Sections) {
             self.require_contours()?;
             return self.skip(Stage::Segment);
+        }
+        if matches!(self.settings().source, Source::Ready { .. }) {
+            return self.take_ready();
         }
         self.stage(Stage::Segment, Self::find_contours)?;
         if self.settings().segment.auto_seed {
@@ -115,6 +118,9 @@ impl Session<'_> {
     }
 
     pub(crate) fn segment_made_from(&self) -> Result<MadeFrom, Error> {
+        if let Source::Ready { has_ct, label } = &self.settings().source {
+            return self.ready_made_from(*has_ct, label.as_ref());
+        }
         let image = match &self.settings().source {
             Source::Phantom(params) => ("phantom", hash_of(params)),
             _ => ("ct", self.ct_hash()?),
@@ -174,7 +180,7 @@ impl Session<'_> {
         }
     }
 
-    fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<Image, Error> {
+    pub(super) fn load_ct(&self, path: &Path, task: &Task<'_>) -> Result<Image, Error> {
         self.note(Stage::Segment, "reading the CT");
         let series = self.chosen_series(path, task)?;
         let choice = series.as_ref().map_or(SeriesChoice::Only, |mark| SeriesChoice::ByNumber(mark.number));
@@ -207,7 +213,7 @@ impl Session<'_> {
         staging.write(SEGMENTATION_FILE, &to_json(&note))?;
         staging.write(VOLUME_FILE, &volume_file::to_bytes(&kept))?;
         let n_contours: usize = stack.planes.iter().map(|p| p.contours.len()).sum();
-        let [lo, hi] = note.window_hu;
+        let [lo, hi] = note.window_hu.unwrap_or_default();
         let summary =
             format!("{} planes, {n_contours} contours, window {lo:.0} to {hi:.0} HU", stack.planes.len());
         self.held.sections = Some(stack);
@@ -236,9 +242,9 @@ impl Session<'_> {
         Ok(self.held.volume.as_ref())
     }
 
-    /// How the lumen was found; `None` for a case without an image.
+    /// How the lumen was found; `None` for a case of ready contours.
     pub(crate) fn segmentation_note(&self) -> Result<Option<SegmentationNote>, Error> {
-        if !self.has_image() {
+        if self.brings_contours() {
             return Ok(None);
         }
         let path = self.case.output(Stage::Segment, SEGMENTATION_FILE)?;
@@ -312,11 +318,11 @@ fn note(
     let found = lumen.segmentation;
     let z = &volume.plane_z_mm[found.planes.clone()];
     SegmentationNote {
-        window_hu: found.window_hu,
+        window_hu: Some(found.window_hu),
         polarity: found.polarity,
         n_planes: z.len(),
         z_mm: [z.first().copied().unwrap_or_default(), z.last().copied().unwrap_or_default()],
-        n_voxels: found.mask.n_voxels(),
+        n_voxels: Some(found.mask.n_voxels()),
         series,
         seed_mm: lumen.seed_mm,
         plane_windows_hu: found.plane_windows_hu,
@@ -326,15 +332,17 @@ fn note(
 }
 
 /// The box around all contours and what a report shows beside them.
-fn lumen_bounds(stack: &SectionStack) -> Bounds2 {
+pub(super) fn lumen_bounds(stack: &SectionStack) -> Bounds2 {
     let all = stack.planes.iter().flat_map(|p| &p.contours).filter_map(Contour::bounds);
     all.reduce(Bounds2::union).expect("the contours of a segmentation are not empty").grown(MARGIN_MM)
 }
 
 /// The hash of all files below a path, whatever they are called and in whatever order they lie.
-fn hash_of_files(path: &Path) -> Result<String, FileError> {
+pub(super) fn hash_of_files(path: &Path) -> Result<String, FileError> {
     let mut files = Vec::new();
     collect_files(path, &mut files)?;
+    // An image's header may leave its values to another file; one that cannot be read says so when it is loaded.
+    files.extend(ct::reader::companion(path).ok().flatten().filter(|p| p.exists()));
     let hashes: Result<Vec<String>, FileError> = files.par_iter().map(|f| atomic::hash_of_path(f)).collect();
     let mut hashes = hashes?;
     hashes.sort();

@@ -11,6 +11,7 @@
 
 mod files;
 mod header;
+mod image;
 mod lengths;
 mod pixels;
 mod places;
@@ -18,6 +19,7 @@ mod stacks;
 mod syntax;
 
 pub use super::codec::is_decoding;
+pub use image::{companion, load_labels};
 
 use super::grouping::group;
 use super::series::{Header, Series, listing};
@@ -52,6 +54,9 @@ pub fn load(path: &Path, choice: &SeriesChoice, task: &Task<'_>) -> Result<Loade
 /// # Errors
 /// As [`load`].
 pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Loaded, Error> {
+    if let Some(image) = image::open(path)? {
+        return image.load(options.choice, task);
+    }
     let folder = scan(path, task)?;
     if let Some(fault) = folder.faults.into_iter().next() {
         return Err(fault);
@@ -77,6 +82,9 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
 /// # Errors
 /// [`Error::NoSuchSeries`], [`Error::NoSeriesOfUid`] or [`Error::SeriesGone`] where it is not there; as [`load`] for the folder.
 pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Result<SeriesMark, Error> {
+    if let Some(image) = image::open(path)? {
+        return image.find(name);
+    }
     let all = group(scan(path, task)?.images);
     let position = match name {
         SeriesName::Number(number) => number.checked_sub(1).filter(|&i| i < all.len()),
@@ -108,6 +116,9 @@ pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Resu
 /// [`Error`] where there is nothing to report on: no folder, no file, no image; or on interruption. What is wrong with a
 /// series is told in its report.
 pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
+    if let Some(image) = image::open(path)? {
+        return image.inspect(task);
+    }
     let Folder { images, n_files, warnings, faults } = scan(path, task)?;
     let all = group(images);
     if all.is_empty() {
@@ -122,6 +133,11 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
         reports.push(SeriesReport::new(i + 1, series, stack.as_ref(), fault, all.len() > 1));
     }
     Ok(Inspection { n_files, series: reports, warnings, faults: texts })
+}
+
+/// Checks that every element of a DICOM file lies within it, before anything believes their lengths.
+pub(crate) fn check_lengths(path: &Path) -> Result<(), Error> {
+    lengths::check(path).map(|_| ())
 }
 
 /// The stack of a series, where it makes one, and what stands against its use.

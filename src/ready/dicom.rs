@@ -1,0 +1,96 @@
+//! What a DICOM file of a segmentation is; the attributes that both kinds share.
+
+use super::{Error, Label, Ready, rtstruct, seg};
+use crate::geom::{Point3, Vector3};
+use crate::progress::Task;
+use dicom_core::Tag;
+use dicom_dictionary_std::uids;
+use dicom_object::{InMemDicomObject, open_file};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Reads a DICOM SEG or RTSTRUCT.
+pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
+    if !has_dicom_mark(path)? {
+        return Err(Error::Foreign(path.to_owned()));
+    }
+    let place = Place(path);
+    crate::ct::reader::check_lengths(path)?;
+    // The library's own words are left out: they may quote what identifies a patient.
+    let object = open_file(path).ok();
+    let object = object
+        .ok_or_else(|| place.fault("damaged DICOM file, it cannot be parsed: copy or export it again"))?;
+    task.check()?;
+    match object.meta().media_storage_sop_class_uid().trim_end_matches(['\0', ' ']) {
+        uids::SEGMENTATION_STORAGE => seg::ready(place, &object, label, task),
+        uids::RT_STRUCTURE_SET_STORAGE => rtstruct::ready(place, &object, label, task),
+        _ => Err(Error::Foreign(path.to_owned())),
+    }
+}
+
+/// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).
+fn has_dicom_mark(path: &Path) -> Result<bool, Error> {
+    let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
+    if path.is_dir() {
+        return Ok(false);
+    }
+    let mut start = Vec::with_capacity(132);
+    File::open(path).map_err(unreadable)?.take(132).read_to_end(&mut start).map_err(unreadable)?;
+    Ok(start.get(128..) == Some(b"DICM"))
+}
+
+/// The file, for errors.
+#[derive(Clone, Copy)]
+pub(super) struct Place<'a>(pub(super) &'a Path);
+
+impl Place<'_> {
+    pub(super) fn path(self) -> PathBuf {
+        self.0.to_owned()
+    }
+
+    pub(super) fn fault(self, what: impl Into<String>) -> Error {
+        Error::Dicom { path: self.path(), what: what.into() }
+    }
+
+    pub(super) fn missing(self, attribute: &str) -> Error {
+        self.fault(format!("attribute {attribute} is missing or unreadable: export the segmentation again"))
+    }
+}
+
+/// The items of a sequence; none where it is not there.
+pub(super) fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
+    object.get(tag).and_then(|e| e.items()).unwrap_or_default()
+}
+
+pub(super) fn text(object: &InMemDicomObject, tag: Tag) -> Option<String> {
+    object.get(tag)?.to_str().ok().map(|t| t.trim_end_matches(['\0', ' ']).to_owned())
+}
+
+/// A whole number from 0, whether it stands in binary or in text.
+pub(super) fn whole(object: &InMemDicomObject, tag: Tag) -> Option<u32> {
+    let element = object.get(tag)?;
+    element.to_int::<i64>().ok().and_then(|n| u32::try_from(n).ok())
+}
+
+pub(super) fn numbers(object: &InMemDicomObject, tag: Tag) -> Option<Vec<f64>> {
+    let numbers = object.get(tag)?.to_multi_float64().ok()?;
+    numbers.iter().all(|v| v.is_finite() && v.abs() < 1e6).then_some(numbers)
+}
+
+pub(super) fn point(object: &InMemDicomObject, tag: Tag) -> Option<Point3> {
+    match numbers(object, tag)?.as_slice() {
+        &[x, y, z] => Some(Point3::new(x, y, z)),
+        _ => None,
+    }
+}
+
+/// Two orthogonal unit vectors.
+pub(super) fn directions(object: &InMemDicomObject, tag: Tag) -> Option<[Vector3; 2]> {
+    let numbers = numbers(object, tag)?;
+    let &[a, b, c, d, e, f] = numbers.as_slice() else { return None };
+    let (row, column) = (Vector3::new(a, b, c), Vector3::new(d, e, f));
+    let is_unit = |v: Vector3| (v.norm() - 1.0).abs() < 1e-3;
+    (is_unit(row) && is_unit(column) && row.dot(&column).abs() < 1e-3)
+        .then(|| [row.normalize(), column.normalize()])
+}

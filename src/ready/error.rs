@@ -1,0 +1,101 @@
+//! Why a ready segmentation cannot be used. One line each.
+
+use crate::ct;
+use crate::progress::Cancelled;
+use std::path::{Path, PathBuf};
+
+/// Why there are no contours.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A label map that cannot be read.
+    #[error(transparent)]
+    Image(#[from] ct::Error),
+    /// None of the kinds.
+    #[error("{} is no segmentation: expected a label map (NIfTI, MetaImage, NRRD), a DICOM SEG or an RTSTRUCT", .0.display())]
+    Foreign(PathBuf),
+    /// Nothing is segmented.
+    #[error("{} holds no structure: every voxel is 0, or there is no closed contour", .0.display())]
+    Nothing(PathBuf),
+    /// Several structures and none chosen.
+    #[error("{} holds {n} structures: {listing}: choose one with --label N", path.display())]
+    SeveralLabels {
+        /// The file.
+        path: PathBuf,
+        /// How many.
+        n: usize,
+        /// Numbers, names and sizes.
+        listing: String,
+    },
+    /// The chosen one does not exist.
+    #[error("{} holds no such structure: there is {listing}: choose one of these with --label N", path.display())]
+    NoSuchLabel {
+        /// The file.
+        path: PathBuf,
+        /// Numbers, names and sizes.
+        listing: String,
+    },
+    /// A DICOM object that cannot be used.
+    #[error("{}: {what}", path.display())]
+    Dicom {
+        /// The file.
+        path: PathBuf,
+        /// What was found, what was expected, what to do.
+        what: String,
+    },
+    /// Planes that are inclined against the CT's.
+    #[error(
+        "the planes of the segmentation are inclined by {angle_deg:.2} degrees against the CT's: resample it to the CT, or leave --ct out"
+    )]
+    Inclined {
+        /// Angle between the normals.
+        angle_deg: f64,
+    },
+    /// A contour between two planes of the CT.
+    #[error(
+        "a contour lies at z = {z_mm:.3} mm, {off_mm:.3} mm off the nearest plane of the CT: choose the CT it was drawn on, or leave --ct out"
+    )]
+    OffPlane {
+        /// Its height along the CT's normal.
+        z_mm: f64,
+        /// Distance from the nearest plane.
+        off_mm: f64,
+    },
+    /// Nothing in common with the CT.
+    #[error("the segmentation lies outside the CT ({what}): choose the CT it was made on, or leave --ct out")]
+    Elsewhere {
+        /// Where it lies and where the CT does.
+        what: String,
+    },
+    /// Nothing between the heights.
+    #[error("the segmentation has planes from z = {} to {} mm, none of them between {} and {} mm: change --z-mm", found[0], found[1], asked[0], asked[1])]
+    OutsideZRange {
+        /// First and last plane.
+        found: [f64; 2],
+        /// What was asked for.
+        asked: [f64; 2],
+    },
+    /// The work was interrupted.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl Error {
+    /// The message without the file's path, which may hold a patient's name.
+    #[must_use]
+    pub fn text_without_path(&self) -> String {
+        let hidden = |path: &Path| self.to_string().replace(&path.display().to_string(), "the segmentation");
+        match self {
+            Self::Image(fault) => fault.text_with(|_| "the segmentation".to_owned()),
+            Self::Foreign(path) | Self::Nothing(path) => hidden(path),
+            Self::SeveralLabels { path, .. } | Self::NoSuchLabel { path, .. } | Self::Dicom { path, .. } => {
+                hidden(path)
+            }
+            Self::Inclined { .. }
+            | Self::OffPlane { .. }
+            | Self::Elsewhere { .. }
+            | Self::OutsideZRange { .. }
+            | Self::Cancelled(_) => self.to_string(),
+        }
+    }
+}

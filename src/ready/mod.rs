@@ -1,0 +1,100 @@
+//! Segmentations made elsewhere to contours per plane: label maps, DICOM SEG, RTSTRUCT.
+//!
+//! A label map becomes curves between its pixels ([`sections::ready`]); contours of an RTSTRUCT are taken as drawn, holes by the even-odd
+//! rule, so that keyhole contours open. One structure is taken: the only one, or the one that is chosen by its number or name.
+//! With a CT the planes are brought into its frame ([`place`]), without one they stand in their own.
+//!
+//! Names of structures serve to choose one and occur in errors only: they never leave this room otherwise, since they may hold anything.
+//!
+//! It deliberately corrects nothing: a segmentation is what its maker says. Encapsulated (compressed) SEG objects, contours that are
+//! no closed planar polygons and contours off the CT's planes are refused.
+
+mod dicom;
+mod error;
+mod labels;
+pub mod place;
+mod rtstruct;
+mod seg;
+#[cfg(test)]
+mod tests;
+
+pub use error::Error;
+
+use crate::ct::{self, Warning};
+use crate::progress::Task;
+use crate::sections::ready::DrawnStack;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Which structure of a file is meant.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Label {
+    /// By its number.
+    Number(u32),
+    /// By its name, capitals or not.
+    Name(String),
+}
+
+/// A structure of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Structure {
+    /// Its number.
+    pub number: u32,
+    /// Its name, where the file gives one.
+    pub name: Option<String>,
+    /// Voxels or contours that it has.
+    pub size: usize,
+    /// What `size` counts.
+    pub unit: &'static str,
+}
+
+/// A ready segmentation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ready {
+    /// Number of the structure that was taken.
+    pub number: u32,
+    /// Its contours, in a stack's frame.
+    pub drawn: DrawnStack,
+    /// What was odd about the file.
+    pub warnings: Vec<Warning>,
+}
+
+/// Reads the chosen structure of a file.
+///
+/// # Errors
+/// [`Error`]: no such file, none of the kinds, damaged, several structures and none chosen, interruption.
+pub fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
+    if let Some(map) = ct::reader::load_labels(path, task)? {
+        return labels::ready(path, map, label, task);
+    }
+    dicom::load(path, label, task)
+}
+
+/// The structure that a label means; without one, the only structure there is.
+fn chosen<'a>(path: &Path, all: &'a [Structure], label: Option<&Label>) -> Result<&'a Structure, Error> {
+    let is_meant = |s: &&Structure| match label {
+        None => true,
+        Some(Label::Number(n)) => s.number == *n,
+        Some(Label::Name(name)) => {
+            s.name.as_ref().is_some_and(|own| own.trim().eq_ignore_ascii_case(name.trim()))
+        }
+    };
+    let mut meant = all.iter().filter(is_meant);
+    match (meant.next(), meant.next(), label) {
+        (Some(one), None, _) => Ok(one),
+        (None, _, None) => Err(Error::Nothing(path.to_owned())),
+        (None, _, Some(_)) => Err(Error::NoSuchLabel { path: path.to_owned(), listing: listing(all) }),
+        (Some(_), Some(_), _) => {
+            Err(Error::SeveralLabels { path: path.to_owned(), n: all.len(), listing: listing(all) })
+        }
+    }
+}
+
+fn listing(all: &[Structure]) -> String {
+    let one = |s: &Structure| match &s.name {
+        Some(name) => format!("{} {:?} ({} {})", s.number, name.trim(), s.size, s.unit),
+        None => format!("{} ({} {})", s.number, s.size, s.unit),
+    };
+    all.iter().map(one).collect::<Vec<_>>().join(", ")
+}

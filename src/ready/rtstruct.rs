@@ -1,0 +1,164 @@
+//! RTSTRUCT contours (PS3.3 A.19) to the regions of one structure, plane by plane.
+//!
+//! Contours of one plane are combined by the even-odd rule: a contour within another is a hole, and a keyhole contour, which runs to its
+//! hole and back along the same line, opens. Planes need not be transaxial: they have the normal of their contours.
+
+use super::dicom::{Place, items, numbers, text, whole};
+use super::{Error, Label, Ready, Structure, chosen, seg};
+use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
+use crate::progress::Task;
+use crate::sections::ready::{Drawn, DrawnStack};
+use dicom_dictionary_std::tags;
+use dicom_object::{DefaultDicomObject, InMemDicomObject};
+
+/// A point this far off its contour's plane makes it none, mm.
+const FLAT_MM: f64 = 0.1;
+/// Contours nearer than this lie in one plane, mm.
+const SAME_PLACE_MM: f64 = 0.01;
+/// Contours whose normals differ by more from that of all lie in other planes; those of less than this area (twice, as the area
+/// vector counts) have too uncertain normals: only their points tell whether they are flat.
+const PARALLEL_DEG: f64 = 1.0;
+const LARGE_MM2: f64 = 20.0;
+/// A normal this near to the body's axis is that axis.
+const TRANSAXIAL_DEG: f64 = 0.02;
+/// Coordinates beyond this are not believed, and would leave the grid of the boolean operations, mm.
+const FARTHEST_MM: f64 = 5000.0;
+
+pub(super) fn ready(
+    place: Place<'_>,
+    object: &DefaultDicomObject,
+    label: Option<&Label>,
+    task: &Task<'_>,
+) -> Result<Ready, Error> {
+    let structures = structures(object);
+    let number = chosen(place.0, &structures, label)?.number;
+    let own = items(object, tags::ROI_CONTOUR_SEQUENCE)
+        .iter()
+        .filter(|roi| whole(roi, tags::REFERENCED_ROI_NUMBER) == Some(number))
+        .flat_map(|roi| items(roi, tags::CONTOUR_SEQUENCE));
+    let mut polygons = Vec::new();
+    for item in own.filter(|c| is_closed(c)) {
+        task.check()?;
+        polygons.push(polygon(place, item)?);
+    }
+    let (frame, pixel_mm) = (frame(place, &polygons)?, typical_step(&polygons));
+    let planes = planes(place, &polygons, &frame)?;
+    let z: Vec<f64> = planes.iter().map(|p| p.z_mm).collect();
+    let drawn =
+        DrawnStack { planes, patient_from_stack: frame, pixel_mm: [pixel_mm; 2], are_outlines: false };
+    Ok(Ready { number, drawn, warnings: seg::gap_warning(&z).into_iter().collect() })
+}
+
+fn is_closed(contour: &InMemDicomObject) -> bool {
+    // CLOSEDPLANAR_XOR is the newer word for closed contours combined by the even-odd rule.
+    text(contour, tags::CONTOUR_GEOMETRIC_TYPE)
+        .is_some_and(|t| matches!(t.trim(), "CLOSED_PLANAR" | "CLOSEDPLANAR_XOR"))
+}
+
+/// The structures that have closed contours.
+fn structures(object: &DefaultDicomObject) -> Vec<Structure> {
+    let name_of = |number: u32| {
+        let all = items(object, tags::STRUCTURE_SET_ROI_SEQUENCE);
+        let own = all.iter().find(|s| whole(s, tags::ROI_NUMBER) == Some(number))?;
+        text(own, tags::ROI_NAME)
+    };
+    let structure = |roi: &InMemDicomObject| {
+        let number = whole(roi, tags::REFERENCED_ROI_NUMBER)?;
+        let size = items(roi, tags::CONTOUR_SEQUENCE).iter().filter(|c| is_closed(c)).count();
+        (size > 0).then(|| Structure { number, name: name_of(number), size, unit: "contours" })
+    };
+    items(object, tags::ROI_CONTOUR_SEQUENCE).iter().filter_map(structure).collect()
+}
+
+/// The points of a contour, LPS, mm.
+fn polygon(place: Place<'_>, item: &InMemDicomObject) -> Result<Vec<Point3>, Error> {
+    let coordinates = numbers(item, tags::CONTOUR_DATA).ok_or_else(|| place.missing("ContourData"))?;
+    let stated = whole(item, tags::NUMBER_OF_CONTOUR_POINTS);
+    let n = coordinates.len() / 3;
+    if coordinates.len() % 3 != 0 || stated.is_some_and(|s| s as usize != n) {
+        let what = format!(
+            "a contour has {} coordinates, expected three for each of its {} points: export the structure again",
+            coordinates.len(),
+            stated.map_or_else(|| n.to_string(), |s| s.to_string())
+        );
+        return Err(place.fault(what));
+    }
+    if n < 3 {
+        return Err(place.fault(format!(
+            "a closed contour has {n} points, expected three at least: export the structure again"
+        )));
+    }
+    if let Some(far) = coordinates.iter().find(|c| c.abs() > FARTHEST_MM) {
+        return Err(place.fault(format!("a contour has the coordinate {far} mm, expected up to {FARTHEST_MM} mm: export the structure again")));
+    }
+    Ok(coordinates.chunks_exact(3).map(|c| Point3::new(c[0], c[1], c[2])).collect())
+}
+
+/// Twice the area vector of a polygon (Newell): its direction is the normal.
+fn area_vector(polygon: &[Point3]) -> Vector3 {
+    let n = polygon.len();
+    (0..n).map(|i| (polygon[i] - polygon[0]).cross(&(polygon[(i + 1) % n] - polygon[0]))).sum()
+}
+
+/// The frame whose z is the normal of all contours.
+fn frame(place: Place<'_>, polygons: &[Vec<Point3>]) -> Result<RigidTransform, Error> {
+    let vectors: Vec<Vector3> = polygons.iter().map(|p| area_vector(p)).collect();
+    let largest = vectors.iter().max_by(|a, b| a.norm().total_cmp(&b.norm())).copied().unwrap_or_default();
+    // All contours together know the normal best, whichever way each of them runs.
+    let sum: Vector3 = vectors.iter().map(|v| v * if v.dot(&largest) < 0.0 { -1.0 } else { 1.0 }).sum();
+    let normal = sum.try_normalize(1e-9);
+    let normal =
+        normal.ok_or_else(|| place.fault("its contours enclose nothing: export the structure again"))?;
+    let off = vectors
+        .iter()
+        .filter(|v| v.norm() > LARGE_MM2)
+        .map(|v| inclination_deg(v, &largest))
+        .fold(0.0, f64::max);
+    if off > PARALLEL_DEG {
+        return Err(place.fault(format!("its contours lie in planes inclined by {off:.2} degrees against each other: draw them on one stack of planes")));
+    }
+    if normal.xy().norm() < TRANSAXIAL_DEG.to_radians() {
+        return Ok(RigidTransform::identity());
+    }
+    let upward = normal * normal[normal.iamax()].signum();
+    let row =
+        [Vector3::x(), Vector3::y()].into_iter().find(|a| a.dot(&upward).abs() < 0.9).unwrap_or_default();
+    let row = (row - upward * row.dot(&upward)).normalize();
+    Ok(RigidTransform::from_axes(Point3::origin(), row, upward.cross(&row), upward))
+}
+
+fn inclination_deg(a: &Vector3, b: &Vector3) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b).abs()).to_degrees()
+}
+
+/// The usual distance of neighbouring points, mm.
+fn typical_step(polygons: &[Vec<Point3>]) -> f64 {
+    let mut steps: Vec<f64> =
+        polygons.iter().flat_map(|p| p.windows(2).map(|w| (w[1] - w[0]).norm())).collect();
+    let middle = steps.len() / 2;
+    let step = if steps.is_empty() { 0.5 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    // As fine or as coarse as pixels are: structures smaller than a few of these are noise.
+    step.clamp(0.05, 1.0)
+}
+
+fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) -> Result<Vec<Drawn>, Error> {
+    let stack_from_patient = frame.inverse();
+    let mut flat = Vec::with_capacity(polygons.len());
+    for polygon in polygons {
+        let points: Vec<Point3> = polygon.iter().map(|&p| stack_from_patient.apply(p)).collect();
+        let z_mm = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
+        let off_mm = points.iter().map(|p| (p.z - z_mm).abs()).fold(0.0, f64::max);
+        if off_mm > FLAT_MM {
+            return Err(place.fault(format!(
+                "a contour near z = {z_mm:.3} mm is {off_mm:.3} mm off its plane: export the structure again"
+            )));
+        }
+        flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
+    }
+    flat.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let one = |group: &[(f64, Contour)]| {
+        let contours: Vec<Contour> = group.iter().map(|(_, c)| c.clone()).collect();
+        Drawn { z_mm: group[0].0, contours: Region::from_even_odd(&contours).contours }
+    };
+    Ok(flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(one).collect())
+}

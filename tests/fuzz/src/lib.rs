@@ -1,0 +1,86 @@
+//! What the fuzz targets share: bytes as files, and everything that reads them.
+
+use lumenfab::app::settings::{CaseFile, Settings};
+use lumenfab::ct::SeriesChoice;
+use lumenfab::ct::reader::{self, Options};
+use lumenfab::progress::Task;
+use lumenfab::ready;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// A directory of this process in memory, where the system has one.
+fn place() -> &'static Path {
+    static PLACE: OnceLock<TempDir> = OnceLock::new();
+    let made = || {
+        tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a directory can be made")
+    };
+    PLACE.get_or_init(made).path()
+}
+
+fn written(folder: &str, name: &str, bytes: &[u8]) -> PathBuf {
+    let folder = place().join(folder);
+    std::fs::create_dir_all(&folder).expect("a folder can be made");
+    std::fs::write(folder.join(name), bytes).expect("a file can be written");
+    folder
+}
+
+/// Reads the bytes as a CT in a folder and as a file of its own.
+pub fn as_ct(name: &str, bytes: &[u8]) {
+    let folder = written("ct", name, bytes);
+    for path in [folder.join(name), folder] {
+        let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true };
+        let _ = reader::load_with(&path, &options, &Task::quiet());
+        let _ = reader::inspect(&path, &Task::quiet()).map(|i| i.to_string());
+    }
+}
+
+/// Reads the bytes as an image file, and as a label map to contours.
+pub fn as_image(bytes: &[u8]) {
+    let path = written("image", "input", bytes).join("input");
+    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true };
+    let _ = reader::load_with(&path, &options, &Task::quiet());
+    as_ready(bytes);
+}
+
+/// Reads the bytes as a ready segmentation, up to its contours.
+pub fn as_ready(bytes: &[u8]) {
+    let path = written("ready", "input", bytes).join("input");
+    for label in [None, Some(ready::Label::Number(1))] {
+        let Ok(ready) = ready::load(&path, label.as_ref(), &Task::quiet()) else { continue };
+        let params = lumenfab::sections::Params::default();
+        let _ = lumenfab::sections::ready::from_drawn(ready.drawn, &params, &Task::quiet());
+    }
+}
+
+/// Reads the bytes as `sections.json`, and writes it again.
+pub fn as_sections(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    if let Ok(stack) = lumenfab::sections::format::from_json(text) {
+        let _ = lumenfab::sections::format::to_json(&stack);
+    }
+}
+
+/// Reads the bytes as a case file; what is written of it must read back as the same.
+pub fn as_case_file(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let Some(settings) = CaseFile::from_toml(text).ok().and_then(|file| Settings::try_from(file).ok()) else {
+        return;
+    };
+    let copy = CaseFile::of_case("id", &settings).to_toml();
+    let back = CaseFile::from_toml(&copy).expect("what is written can be read");
+    assert_eq!(Settings::try_from(back).expect("and used"), settings);
+}
+
+/// All targets by name.
+pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+    ("dicom", |bytes| as_ct("IM0001.dcm", bytes)),
+    ("dicomdir", |bytes| as_ct("DICOMDIR", bytes)),
+    ("nifti", as_image),
+    ("metaimage", as_image),
+    ("nrrd", as_image),
+    ("seg", as_ready),
+    ("rtstruct", as_ready),
+    ("sections", as_sections),
+    ("case_file", as_case_file),
+];
