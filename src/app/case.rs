@@ -9,6 +9,7 @@
 //! | `sections.json` | segment | contours per CT plane |
 //! | `solid.bin` | solid | what the solid consists of ([`super::packed`]) |
 //! | `topology.json` | solid | which contour continues which, and why |
+//! | `wall.json` | solid | how thick the wall is, as built; `null` for a cast |
 //! | `job.gcode`, `layers.json` | slice | the print job; layers against CT planes, `bed_from_stack` |
 //! | `record/`, `print.json` | print | what the simulated printer laid down; how the print went |
 //! | `report/` | report | `index.html`, `report.json`, pictures |

@@ -34,6 +34,7 @@ mod weld;
 
 pub use event::{Crotch, EventFault, Slab};
 pub use skin::{Correspondence, End, Skin, Tube};
+pub use wall::Thickness;
 pub use weld::Weld;
 
 use crate::ct::Warning;
@@ -182,8 +183,10 @@ pub struct Built {
     pub solid: Solid,
     /// Which contour continues which in the lumen, and why.
     pub matching: topology::Matching,
-    /// What was left out or decided by rule.
+    /// What was left out or decided by rule, and where the wall is not as thick as asked.
     pub warnings: Vec<Warning>,
+    /// How thick the wall is, as built.
+    pub thickness: Option<Thickness>,
 }
 
 /// Builds the solid through all sections of a stack.
@@ -200,13 +203,14 @@ pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<B
     let lumen = lumen::build(&graph, params.correspondence, task)?;
     let matching = topology::Matching::of(&graph);
     let mut warnings = graph.warnings;
-    let mut outer = None;
+    let (mut outer, mut thickness) = (None, None);
     if let Some(wall_mm) = wall_mm {
-        let (skin, noticed) = wall::build(&lumen, wall_mm, task)?;
-        outer = Some(skin);
-        warnings.extend(noticed);
+        let built = wall::build(&lumen, wall_mm, task)?;
+        outer = Some(built.skin);
+        thickness = built.thickness;
+        warnings.extend(built.warnings);
     }
-    Ok(Built { solid: Solid { lumen, outer }, matching, warnings })
+    Ok(Built { solid: Solid { lumen, outer }, matching, warnings, thickness })
 }
 
 impl Sectioned for Solid {

@@ -1,4 +1,4 @@
-//! Contours to the solid: `solid.bin`; which contour continues which: `topology.json`.
+//! Contours to the solid: `solid.bin`; which contour continues which: `topology.json`; how thick the wall is: `wall.json`.
 
 use super::segment::SECTIONS_FILE;
 use super::{read_json, to_json};
@@ -19,6 +19,8 @@ use std::path::Path;
 
 /// Which contour continues which, and why.
 pub(crate) const TOPOLOGY_FILE: &str = "topology.json";
+/// How thick the wall is, as built; `null` for a cast.
+pub(crate) const WALL_FILE: &str = "wall.json";
 /// The solid.
 pub(crate) const SOLID_FILE: &str = "solid.bin";
 /// Its first line; the number changes with what the surfaces are made of.
@@ -91,7 +93,11 @@ impl Session<'_> {
         staging.write(TOPOLOGY_FILE, &to_json(&built.matching))?;
         let [bottom, top] = built.solid.z_range_mm();
         let what = if matches!(params.body, solid::Body::Cast) { "cast" } else { "hollow wall" };
-        let summary = format!("{what}, z {bottom:.2} to {top:.2} mm");
+        let mut summary = format!("{what}, z {bottom:.2} to {top:.2} mm");
+        staging.write(WALL_FILE, &to_json(&built.thickness))?;
+        if let Some(thickness) = &built.thickness {
+            summary += &format!(", {:.3} to {:.3} mm thick", thickness.least_mm, thickness.most_mm);
+        }
         self.held.solid = Some(built.solid);
         self.held.sliced = None;
         Ok(Made { staging, summary, warnings: built.warnings })

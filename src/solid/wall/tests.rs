@@ -162,6 +162,32 @@ fn what_the_union_makes_agrees_with_what_is_followed() {
     }
 }
 
+#[test]
+fn the_thickness_that_is_told_is_what_cutting_the_lumen_tells() {
+    let stack = phantom(Kind::Carotid);
+    let built = build(&stack, &Params::new(Body::Wall { wall_mm: 1.0 }), &Task::quiet()).unwrap();
+    let told = built.thickness.unwrap();
+    let [least, most] = thickness(&built.solid, 1.0, [58.0, 74.0]);
+    assert!((told.least_mm - least).abs() < 5e-3, "{} {least}", told.least_mm);
+    assert!((told.most_mm - most).abs() < 5e-3, "{} {most}", told.most_mm);
+    assert!(told.is_as_asked() && told.warning().is_none());
+    assert!(told.least_mm <= told.p5_mm && told.p5_mm <= told.p95_mm && told.p95_mm <= told.most_mm);
+}
+
+#[test]
+fn a_wall_that_is_not_as_thick_as_asked_is_noticed_where_it_is() {
+    let mut planes = phantom(Kind::Tube).planes;
+    planes.truncate(8);
+    let solid = with_wall(&stack(planes), 1.0);
+    let wall = Wall::around(&solid.lumen, 1.2, &Task::quiet()).unwrap().unwrap();
+    let outer = solid.outer.unwrap();
+    let off = thickness::measure(&outer, &wall.feet, 1.2, &Task::quiet()).unwrap().unwrap();
+    assert!(!off.is_as_asked());
+    assert!((off.least_mm - 1.0).abs() < 1e-3 && off.within_percent < 1e-9);
+    let warning = off.warning().unwrap();
+    assert!(warning.code == "solid.wall_thickness" && warning.text.contains("z "), "{}", warning.text);
+}
+
 fn is_valid(solid: &Solid) -> bool {
     crate::brep::check(&crate::brep::Brep::of(solid, crate::mesh::SkinChoice::All)).is_ok()
 }
