@@ -191,7 +191,7 @@ fn endings(name: &str) -> &'static [&'static str] {
 pub(super) fn check_target(name: &'static str, path: &Path, case: &Path) -> Result<(), Error> {
     let refused = |expected: String| {
         let fault = Fault { found: path.display().to_string(), expected };
-        Err(SettingError { name, fault }.into())
+        Err(SettingError { name: name.into(), fault }.into())
     };
     let endings = endings(name);
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
