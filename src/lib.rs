@@ -3,7 +3,7 @@
 //! # The data's way
 //!
 //! ```text
-//!  DICOM ─ ct ─▶ Volume ─ segment ─▶ Mask ─ sections ─▶ SectionStack
+//!  DICOM, NIfTI, ... ─ ct ─▶ Volume ─ segment ─▶ Mask ─ sections ─▶ SectionStack ◀─ ready ─ label map, SEG, RTSTRUCT
 //!                                                          │ topology, spline
 //!  report ◀─ beads ◀─ hil-sim ◀─ printer ◀─ gcode ◀─ toolpath ◀─ slice ◀─ solid ─▶ mesh (STL, 3MF), brep (STEP)
 //!     ▲                                                                    │
@@ -19,9 +19,9 @@
 //! | [`geom`] | points, contours, regions and their boolean operations, frames, distances |
 //! | [`ct`] | a folder of DICOM files, or an image file, to a [`ct::Volume`] |
 //! | [`phantom`] | analytic vessels and their synthetic CT series |
-//! | [`ready`] | segmentations made elsewhere to contours per plane |
 //! | [`segment`] | a volume to the mask of its lumen |
 //! | [`sections`] | mask and grey values to closed sub-pixel contours per CT plane |
+//! | [`ready`] | segmentations made elsewhere to contours per plane |
 //! | [`spline`] | knot vectors, B-spline curves and surfaces, interpolation |
 //! | [`topology`] | which contour continues which: branches, splits, merges, births, deaths, holes |
 //! | [`solid`] | the surfaces of lumen and wall, and their exact sections |
@@ -50,7 +50,7 @@
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.
 //! - Same input and parameters, same bytes out, on any number of threads.
-//! - Nothing that identifies a patient leaves [`ct`].
+//! - Nothing that identifies a patient leaves [`ct`] and [`ready`]; names of structures are for the terminal alone.
 
 pub mod app;
 pub mod brep;

@@ -25,7 +25,7 @@ pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};
 
-use settings::{CaseFile, Seed, Seeds, Settings};
+use settings::{CaseFile, Seed, Seeds, SeriesKey, Settings};
 use std::path::{Path, PathBuf};
 
 /// Reads an input case file; a relative `ct` in it is taken from the file's own directory.
@@ -47,7 +47,13 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
     // What flags may still add is no fault of the file; what it says has to be right.
     let seed_mm = file.seed_mm.clone().or_else(|| Some(Seeds(vec![Seed::Point([0.0; 3])])));
     let ct = file.ct.clone().or_else(|| file.phantom.is_none().then(PathBuf::new));
-    Settings::try_from(CaseFile { ct, seed_mm, ..file.clone() }).map_err(|e| problem(e.to_string()))?;
+    // A UID is looked up once the CT is known.
+    let series = file.series.clone().map(|key| match key {
+        SeriesKey::Uid(_) => SeriesKey::Number(1),
+        number @ SeriesKey::Number(_) => number,
+    });
+    Settings::try_from(CaseFile { ct, seed_mm, series, ..file.clone() })
+        .map_err(|e| problem(e.to_string()))?;
     file.ct = file.ct.map(|ct| atomic::parent(path).join(ct));
     file.segmentation = file.segmentation.map(|other| atomic::parent(path).join(other));
     Ok(file)

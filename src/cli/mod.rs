@@ -52,9 +52,9 @@ const NEVER_LOGGED: [&str; 7] = [
     "dicom_encoding",
     "dicom_object",
     "dicom_parser",
-    "dicom_pixeldata",
     "dicom_transfer_syntax_registry",
-    "jpeg_decoder",
+    "jpeg2k",
+    "openjp2",
 ];
 
 /// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise. What

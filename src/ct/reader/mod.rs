@@ -1,13 +1,15 @@
-//! Reads a DICOM series from a folder: the one place of this room that touches files.
+//! Reads a DICOM series from a folder, a DICOMDIR or a file, or a volume from an image file: the one place of this room that
+//! touches files.
 //!
-//! All files below the folder are looked at. What is not DICOM, localizers and objects without image planes are
-//! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series.
+//! All files below a folder are looked at. What is not DICOM, localizers and objects without image planes are
+//! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series. A file that is
+//! no DICOM is told by its first bytes ([`super::formats`]).
 //!
 //! Transfer syntaxes: uncompressed (implicit and explicit, both byte orders), deflated, RLE, JPEG baseline, extended and
 //! lossless, JPEG-LS, JPEG 2000. Multi-frame objects (Enhanced CT and its like) give an image for each frame.
 //!
 //! Cost: one pass over all headers, one over the pixels of the chosen series; both on all cores. Memory: the volume and
-//! one file per thread.
+//! one image per thread.
 
 mod files;
 mod header;

@@ -63,7 +63,7 @@ pub(super) fn arrange(series: &Series, allow_gaps: bool) -> Result<Stack, Error>
     warnings.extend(duplicates_warning(&duplicates));
     warnings.extend(order_warning(series, &images));
     let mut sideways = judge(series, &images, &frame, &mut warnings)?;
-    if let Sideways::Turned(lean) = sideways {
+    if let Sideways::Turned { lean, .. } = sideways {
         frame = frame.turned(lean);
         sideways = judge(series, &images, &frame, &mut Vec::new())?;
     }
@@ -206,11 +206,10 @@ impl Grid {
     fn of(shape: &Shape, sideways: &Sideways, n_planes: usize) -> Result<Self, Error> {
         let size = [shape.columns, shape.rows];
         let (origins, tilt_deg) = match sideways {
-            Sideways::Straight { origin } => {
+            // Turned once already: what is left is rounding.
+            Sideways::Straight { origin } | Sideways::Turned { origin, .. } => {
                 return Ok(Self { size, origin: *origin, shifts: Vec::new(), tilt_deg: None });
             }
-            // Turned once already: what is left is rounding.
-            Sideways::Turned(_) => return Err(Error::TooLarge { dims: [size[0], size[1], n_planes] }),
             Sideways::Moved { origins, tilt_deg } => (origins, *tilt_deg),
         };
         let lowest = |axis: usize| origins.iter().map(|o| o[axis]).fold(f64::INFINITY, f64::min);

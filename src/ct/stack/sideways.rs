@@ -24,7 +24,12 @@ pub(super) enum Sideways {
         origin: Point2,
     },
     /// Leaning less than any gantry does: the normal has to be turned by this, mm sideways per mm.
-    Turned(Vector2),
+    Turned {
+        /// Sideways travel per mm of height.
+        lean: Vector2,
+        /// The middle of the planes' origins.
+        origin: Point2,
+    },
     /// Each at a place of its own.
     Moved {
         /// The first pixel of each.
@@ -76,7 +81,7 @@ pub(super) fn judge(
     }
     Ok(Ok(match (tilt_deg, lean == Vector2::zeros()) {
         (_, true) => Sideways::Straight { origin: middle },
-        (None, false) => Sideways::Turned(lean),
+        (None, false) => Sideways::Turned { lean, origin: middle },
         (Some(_), false) => {
             Sideways::Moved { origins: planes.iter().map(|p| middle + lean * p.z).collect(), tilt_deg }
         }
@@ -146,7 +151,7 @@ mod tests {
         let lean = 0.095_f64.to_radians().tan();
         let found = judged(&planes(|z| [lean * z, 0.0])).0;
         assert!(
-            matches!(found, Sideways::Turned(v) if v.y == 0.0 && (v.x - lean).abs() < 1e-12),
+            matches!(found, Sideways::Turned { lean: v, .. } if v.y == 0.0 && (v.x - lean).abs() < 1e-12),
             "{found:?}"
         );
     }
