@@ -39,13 +39,6 @@ pub(super) struct Syntax {
     pub(super) loss: SyntaxLoss,
 }
 
-impl Syntax {
-    /// Whether the pixels stand in the file as they are.
-    pub(super) const fn is_plain(&self) -> bool {
-        matches!(self.packing, Packing::Native { .. })
-    }
-}
-
 /// What a transfer syntax does to pixel values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SyntaxLoss {

@@ -34,8 +34,6 @@ pub(super) struct Header {
     pub(super) syntax: Syntax,
     pub(super) loss: Loss,
     pub(super) frame: Frame,
-    /// Bytes of its pixels in the file.
-    pub(super) pixel_bytes: Option<u64>,
 }
 
 /// What all images of a stack must share.
@@ -174,7 +172,6 @@ pub(super) mod tests {
             loss: Loss::Nowhere,
             frame: Frame { number: None, pieces: Vec::new(), deflated_from: None, is_swapped: false },
             is_inverted: false,
-            pixel_bytes: Some(24),
         }
     }
 }

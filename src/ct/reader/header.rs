@@ -260,7 +260,6 @@ impl<'a> Attributes<'a> {
             padding: self.padding()?,
             is_inverted: self.text(tags::PHOTOMETRIC_INTERPRETATION) == "MONOCHROME1",
             loss: Loss::of(syntax.loss, self.said_loss()),
-            pixel_bytes: Some(frame.pieces.iter().map(|p| p.end - p.start).sum()),
             frame,
             shape,
             pixels,

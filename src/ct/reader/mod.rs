@@ -3,7 +3,7 @@
 //!
 //! All files below a folder are looked at. What is not DICOM, localizers and objects without image planes are
 //! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series. A file that is
-//! no DICOM is told by its first bytes ([`super::formats`]).
+//! no DICOM is told by its first bytes.
 //!
 //! Transfer syntaxes: uncompressed (implicit and explicit, both byte orders), deflated, RLE, JPEG baseline, extended and
 //! lossless, JPEG-LS, JPEG 2000. Multi-frame objects (Enhanced CT and its like) give an image for each frame.
@@ -112,7 +112,7 @@ pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Resu
 }
 
 /// Says which series a folder holds and whether they can be used. Headers are read and the sizes of all pixels checked; only the
-/// middle image of each series, images at the same place and those whose size is not known are decoded.
+/// middle image of each series and images at the same place are decoded.
 ///
 /// # Errors
 /// [`Error`] where there is nothing to report on: no folder, no file, no image; or on interruption. What is wrong with a
@@ -144,27 +144,26 @@ pub(crate) fn check_lengths(path: &Path) -> Result<(), Error> {
 
 /// The stack of a series, where it makes one, and what stands against its use.
 fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<Error>), Error> {
-    let stack = match arrange(series, false) {
+    let mut stack = match arrange(series, false) {
         Ok(stack) => stack,
         Err(fault) => return Ok((arrange(series, true).ok(), Some(fault))),
     };
     match check_pixels(series, &stack, task) {
-        Ok(()) => Ok((Some(stack), None)),
+        Ok(findings) => {
+            stack.warnings.append(&mut findings.warnings());
+            Ok((Some(stack), None))
+        }
         Err(Error::Cancelled(c)) => Err(c.into()),
         Err(fault) => Ok((Some(stack), Some(fault))),
     }
 }
 
-/// Checks that the pixels can be read, decoding no more than is needed to know.
-fn check_pixels(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(), Error> {
-    series.images.iter().try_for_each(check_size)?;
-    let middle = stack.images[stack.images.len() / 2];
-    let is_unknown = |i: &usize| series.images[*i].pixel_bytes.is_none() && *i != middle;
-    let looked_at: Vec<usize> =
-        (0..series.images.len()).filter(is_unknown).chain(std::iter::once(middle)).collect();
-    let decode = |&i: &usize| stored_plane(&series.images[i], stack).map(drop);
-    in_parallel(&looked_at, task, decode)?.into_iter().collect::<Result<(), Error>>()?;
-    compare_duplicates(series, stack, task)
+/// Checks that the pixels can be read: those of the middle image, and those that must not differ. That each file holds as many as
+/// it must was seen with its header.
+fn check_pixels(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<Findings, Error> {
+    let (_, findings) = stored_plane(&series.images[stack.images[stack.images.len() / 2]], stack)?;
+    compare_duplicates(series, stack, task)?;
+    Ok(findings)
 }
 
 fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'a Series, Error> {
@@ -180,7 +179,6 @@ fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'
 }
 
 fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volume, Findings), Error> {
-    series.images.iter().try_for_each(check_size)?;
     let [columns, rows] = stack.size;
     let dims = [columns, rows, stack.images.len()];
     let mut hu = zeroed(dims)?;
@@ -228,29 +226,6 @@ fn stored_plane(header: &Header, stack: &Stack) -> Result<(Vec<f32>, Findings), 
     let mut plane = vec![0.0; header.shape.n_pixels()];
     let findings = pixels::read_plane(header, stack.reversed, &mut plane)?;
     Ok((plane, findings))
-}
-
-/// Most pixels that a byte of a compressed image is believed to hold: an empty image compresses to some hundred bytes.
-const MOST_PIXELS_A_BYTE: u64 = 10_000;
-
-/// Refuses an image whose file holds fewer pixels than its header claims, before memory is set aside for them.
-fn check_size(header: &Header) -> Result<(), Error> {
-    let Some(found) = header.pixel_bytes else { return Ok(()) };
-    let n_pixels = header.shape.n_pixels() as u64;
-    let needed = if header.syntax.is_plain() {
-        n_pixels * u64::from(header.pixels.bits_allocated / 8)
-    } else {
-        n_pixels / MOST_PIXELS_A_BYTE
-    };
-    if found >= needed {
-        return Ok(());
-    }
-    let bytes = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
-    Err(Error::Truncated {
-        path: header.path.clone(),
-        found_bytes: bytes(found),
-        expected_bytes: bytes(needed),
-    })
 }
 
 /// The memory of a volume, asked for in a way that may fail: dimensions come from files.

@@ -5,6 +5,7 @@
 //! only where two lie at one place.
 
 use super::super::series::Header;
+use crate::geom::Point3;
 use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use std::collections::BTreeMap;
@@ -63,21 +64,23 @@ pub(super) fn tell_apart(images: &mut [Header], dimensions: &[Dimensions], point
 
 /// By key: whether two of the images that share it lie at one place.
 fn groups_with_doubled_places<'k>(images: &[Header], keys: &'k [String]) -> BTreeMap<&'k String, bool> {
-    let mut places: BTreeMap<&String, Vec<[f64; 3]>> = BTreeMap::new();
+    let mut groups: BTreeMap<&String, Vec<&Header>> = BTreeMap::new();
     for (image, key) in images.iter().zip(keys) {
-        places.entry(key).or_default().push(image.position.coords.into());
+        groups.entry(key).or_default().push(image);
     }
-    let is_doubled = |mut places: Vec<[f64; 3]>| {
-        places.sort_by(|a, b| {
-            a.iter()
-                .zip(b)
-                .map(|(a, b)| a.total_cmp(b))
-                .find(|o| o.is_ne())
-                .unwrap_or(std::cmp::Ordering::Equal)
-        });
-        places.windows(2).any(|w| (0..3).all(|i| (w[0][i] - w[1][i]).abs() < SAME_PLACE_MM))
-    };
-    places.into_iter().map(|(key, places)| (key, is_doubled(places))).collect()
+    groups.into_iter().map(|(key, group)| (key, has_doubled_place(&group))).collect()
+}
+
+/// Along the normal, where planes are apart: across it rounding would mix up their order.
+fn has_doubled_place(images: &[&Header]) -> bool {
+    let normal = images[0].shape.normal();
+    let mut places: Vec<(f64, Point3)> =
+        images.iter().map(|h| (h.position.coords.dot(&normal), h.position)).collect();
+    places.sort_by(|a, b| a.0.total_cmp(&b.0));
+    places.iter().enumerate().any(|(i, (height, place))| {
+        let near = places[i + 1..].iter().take_while(|p| p.0 - height < SAME_PLACE_MM);
+        near.into_iter().any(|p| (p.1 - place).abs().max() < SAME_PLACE_MM)
+    })
 }
 
 #[cfg(test)]
@@ -121,5 +124,18 @@ mod tests {
             (1.0, "", "", &[2, 1]),
         ];
         assert_eq!(n_stacks(&twice, &pointers), 2);
+    }
+
+    #[test]
+    fn rounding_across_the_planes_hides_no_second_time_point() {
+        let mut images: Vec<Header> = (0..8).map(|k| header("file", f64::from(k / 2))).collect();
+        // The planes between two of one place, were they put in order by x.
+        for (image, x) in images.iter_mut().zip([0.0, 0.004, 0.001, 0.005, 0.002, 0.006, 0.003, 0.007]) {
+            image.position.x += x;
+        }
+        let keys = vec![String::new(); 8];
+        assert!(groups_with_doubled_places(&images, &keys)[&keys[0]]);
+        let apart: Vec<Header> = images.into_iter().step_by(2).collect();
+        assert!(!groups_with_doubled_places(&apart, &keys[..4])[&keys[0]]);
     }
 }
