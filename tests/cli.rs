@@ -407,7 +407,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         ),
         (
             vec!["run", "--seed-mm", "1,2,3", "--out", "case"],
-            "--ct: found none, but seed_mm, expected the folder with the DICOM files that it is meant for",
+            "--ct: found none beside seed_mm, expected the CT that it is said of",
         ),
         (
             vec!["run", "a/x.toml", "b/x.toml", "--out", "cases"],
@@ -473,11 +473,14 @@ fn a_folder_of_case_files_is_run_whole_and_ends_with_a_table() {
     let tube = "[phantom]\nkind = \"tube\"\nn_planes = 3\nn_pixels = 128\npixel_mm = 0.4\n";
     fs::write(place.path("cases/a.toml"), "ct = \"nothing\"\nseed_mm = \"auto\"\n").unwrap();
     fs::write(place.path("cases/b.toml"), tube).unwrap();
+    fs::write(place.path("cases/c.toml"), "wall_mm = 1.5\n").unwrap();
     let answer = place.json(2, &["run", "cases"]);
     assert!(answer["cases"][0]["error"].as_str().unwrap().starts_with("--ct: found nothing"), "{answer}");
     assert_eq!(answer["cases"][0]["case"], "cases/a.toml");
     assert_eq!(answer["cases"][1]["report"]["passed"], true, "{answer}");
     assert!(place.path("cases/b/report/index.html").is_file() && !place.path("cases/a").exists());
+    let of_c = "cases/c.toml: names no image: expected ct = PATH, segmentation = PATH or a [phantom] table";
+    assert_eq!(answer["cases"][2]["error"], of_c);
 }
 
 #[test]

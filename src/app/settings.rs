@@ -567,10 +567,10 @@ impl CaseFile {
         let Some((given, _)) = meant_for_a_ct.into_iter().find(|(_, is_given)| *is_given) else {
             return Ok(Source::Phantom(phantom::Params::default()));
         };
-        let expected = "the folder with the DICOM files that it is meant for".to_owned();
+        let expected = "the CT that it is said of".to_owned();
         Err(SettingError {
             name: "ct".into(),
-            fault: Fault { found: format!("none, but {given}"), expected },
+            fault: Fault { found: format!("none beside {given}"), expected },
         })
     }
 
@@ -752,10 +752,7 @@ mod tests {
                 "[phantom]\nnoise_hu = -1",
                 "phantom: found phantom parameter noise_hu is -1: choose a value from 0 to 500, expected a phantom within its ranges",
             ),
-            (
-                "window_hu = [200, 300]",
-                "ct: found none, but window_hu, expected the folder with the DICOM files that it is meant for",
-            ),
+            ("window_hu = [200, 300]", "ct: found none beside window_hu, expected the CT that it is said of"),
             ("ct = \"d\"\n[phantom]", "phantom: found a CT and a phantom, expected one of the two"),
             ("format = 9", "format is 9, expected 1: written by another version of lumenfab"),
         ] {

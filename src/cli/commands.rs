@@ -215,7 +215,17 @@ fn job(path: &Path, args: &RunArgs, several: bool) -> Result<Result<Job, Error>,
         Some(out) => out.clone(),
         None => beside,
     };
-    Ok(app::read_case_file(path).map(|file| Job { dir, parameters: args.patch().over(file) }))
+    let job = |file| {
+        let parameters: CaseFile = args.patch().over(file);
+        // The built-in phantom is for whoever names no case at all: a file without an image is a slip.
+        if parameters.named_source().is_none() && parameters.phantom.is_none() {
+            let problem =
+                "names no image: expected ct = PATH, segmentation = PATH or a [phantom] table".into();
+            return Err(Error::CaseFile { path: path.to_owned(), problem });
+        }
+        Ok(Job { dir, parameters })
+    };
+    Ok(app::read_case_file(path).and_then(job))
 }
 
 /// One stage on a case directory.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The path is a file or something else.
-    #[error("{} is no folder and no DICOM file: name the folder that holds the DICOM files of the series", .0.display())]
+    #[error("{} is no folder, no DICOM and no image file (NIfTI, MetaImage, NRRD): name the folder that holds the DICOM files of the series, or an image file", .0.display())]
     NotAFolder(PathBuf),
     /// The system does not let it be read.
     #[error("cannot read {}: {source}: check that it exists and may be read", path.display())]

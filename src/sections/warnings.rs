@@ -2,6 +2,9 @@
 
 use crate::ct::Warning;
 
+/// Places that a warning names: who has more to look at looks at the pictures.
+const MOST_NAMED: usize = 8;
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Fragment,
@@ -127,7 +130,7 @@ impl SectionWarnings {
         self.0.len()
     }
 
-    /// One warning per kind, naming every place.
+    /// One warning per kind, naming the first places.
     pub(super) fn into_warnings(self) -> Vec<Warning> {
         let of_kind = |kind: Kind| {
             let places: Vec<String> = self
@@ -137,7 +140,12 @@ impl SectionWarnings {
                 .map(|(_, z_mm, what)| format!("z {z_mm:.3} mm ({what})"))
                 .collect();
             let (code, text) = kind.code_and_text();
-            let text = format!("{text}: {}", places.join(", "));
+            let named = places.len().min(MOST_NAMED);
+            let more = match places.len() - named {
+                0 => String::new(),
+                n => format!(", and {n} more"),
+            };
+            let text = format!("{text}: {}{more}", places[..named].join(", "));
             (!places.is_empty()).then(|| Warning { code: code.into(), text })
         };
         Kind::ALL.into_iter().filter_map(of_kind).collect()

@@ -107,6 +107,10 @@ impl Thickness {
                 self.within_percent
             )
         };
+        if self.least_mm <= 0.0 {
+            let into = format!("the outer skin reaches into the lumen, do not print this wall: {}", text());
+            return Some(Warning::new("solid.wall_broken", into));
+        }
         (!self.is_as_asked()).then(|| Warning::new("solid.wall_thickness", text()))
     }
 }
