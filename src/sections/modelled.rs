@@ -40,9 +40,9 @@ impl Stack<'_> {
             .collect();
         let views: Vec<Vec<Contour>> = starts.iter().map(|s| s.contours.clone()).collect();
         let parted = self.part(scan, &mut starts, &views)?;
-        let fit = model::fit(scan, &starts, &views, self.task)?;
+        let fit = model::contours(scan, &starts, &views, self.task)?;
         let starts: Vec<(Fitted, Option<Vec<Contour>>)> = first.into_iter().zip(parted).collect();
-        let jobs: Vec<(usize, Vec<Contour>)> = fit.contours.into_iter().enumerate().collect();
+        let jobs: Vec<(usize, Vec<Contour>)> = fit.into_iter().enumerate().collect();
         self.over(&jobs, [90, 100], |(n, dense)| self.chosen(&starts[*n].0, starts[*n].1.as_deref(), dense))
     }
 
@@ -82,8 +82,9 @@ impl Stack<'_> {
             let planes = group.iter().map(|d| d.plane);
             let (low, high) = planes.fold((usize::MAX, 0), |(l, h), p| (l.min(p), h.max(p)));
             let range = low.saturating_sub(AROUND)..(high + AROUND + 1).min(starts.len());
-            let fit =
-                |starts: &[Start]| model::fit(scan, &starts[range.clone()], &views[range.clone()], self.task);
+            let fit = |starts: &[Start]| {
+                model::weighed(scan, &starts[range.clone()], &views[range.clone()], self.task)
+            };
             let (one, several) = (fit(starts)?, fit(&parted)?);
             for doubt in group {
                 let n = doubt.plane - range.start;

@@ -19,7 +19,7 @@
 //!
 //! What it does not do: contours that no centre sees whole stay as they are.
 
-mod harmonics;
+pub(super) mod harmonics;
 pub(super) mod levels;
 mod render;
 mod ring;
@@ -38,8 +38,8 @@ use ring::{At, Course, Outline, Ring};
 use smoother::Channel;
 use std::f64::consts::PI;
 
-/// Gauss-Newton steps; the last ones move nothing by more than a hundredth of the noise.
-const N_STEPS: usize = 6;
+/// Gauss-Newton steps; more of them move the mean error by less than a thousandth of it.
+const N_STEPS: usize = 4;
 /// Most waves around a contour.
 const MOST_WAVES: usize = 40;
 /// Waves whose blur leaves less than this of them are not sharpened further.
@@ -52,8 +52,9 @@ const OUTLIER: f64 = 4.0;
 /// Levels are pooled over this many planes below and above, and over contours whose radii differ by less than a factor.
 const POOLED_PLANES: usize = 4;
 const LIKE_SIZE: f64 = 1.5;
-/// The power of a smooth shape's waves falls with this power of their number.
-const FALL: i32 = 5;
+/// The power of a smooth shape's waves falls with this power of their number: that of a random third derivative, as
+/// along the vessel.
+const FALL: i32 = 6;
 
 /// What the fit starts from on one plane.
 #[derive(Debug, Clone)]
@@ -144,33 +145,57 @@ struct State<'a> {
     noise: [f64; 2],
 }
 
-/// Fits the boundary. `views` are the contours around which the image is looked at.
+/// The most likely contours of every plane as dense points, in the order of the start. `views` are the contours around
+/// which the image is looked at.
 ///
 /// # Errors
 /// [`Cancelled`] on request.
-pub(super) fn fit(
+pub(super) fn contours(
+    scan: Scan<'_>,
+    starts: &[Start],
+    views: &[Vec<Contour>],
+    task: &Task<'_>,
+) -> Result<Vec<Vec<Contour>>, Cancelled> {
+    State::fitted(scan, starts, views, task).map(|state| state.contours())
+}
+
+/// The same, with how well they explain the image.
+///
+/// # Errors
+/// [`Cancelled`] on request.
+pub(super) fn weighed(
     scan: Scan<'_>,
     starts: &[Start],
     views: &[Vec<Contour>],
     task: &Task<'_>,
 ) -> Result<Fit, Cancelled> {
-    let mut state = State::new(scan, starts, views);
-    for step in 0..N_STEPS {
-        task.check()?;
-        let findings = state.findings();
-        state.learn(&findings, step > 0);
-        state.advance(&findings);
-    }
+    let state = State::fitted(scan, starts, views, task)?;
     let residuals = state.findings().into_iter().map(|f| f.residual).collect();
-    let dense = |p: &Plane| p.outlines.iter().map(|o| state.contour(o)).collect();
-    Ok(Fit {
-        contours: state.planes.iter().map(dense).collect(),
-        residuals,
-        noise_density: state.noise_density(),
-    })
+    Ok(Fit { contours: state.contours(), residuals, noise_density: state.noise_density() })
 }
 
 impl<'a> State<'a> {
+    fn fitted(
+        scan: Scan<'a>,
+        starts: &[Start],
+        views: &[Vec<Contour>],
+        task: &Task<'_>,
+    ) -> Result<Self, Cancelled> {
+        let mut state = Self::new(scan, starts, views);
+        for step in 0..N_STEPS {
+            task.check()?;
+            let findings = state.findings();
+            state.learn(&findings, step > 0);
+            state.advance(&findings);
+        }
+        Ok(state)
+    }
+
+    fn contours(&self) -> Vec<Vec<Contour>> {
+        let dense = |p: &Plane| p.outlines.iter().map(|o| self.contour(o)).collect();
+        self.planes.iter().map(dense).collect()
+    }
+
     fn new(scan: Scan<'a>, starts: &[Start], views: &[Vec<Contour>]) -> Self {
         let longest = starts.iter().flat_map(|s| &s.contours).map(Contour::perimeter_mm).fold(0.0, f64::max);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
