@@ -219,7 +219,7 @@ pub(super) fn next_command(number: usize, fault: Option<&Error>, is_one_of_sever
         Some(_) => return None,
     };
     let series = if is_one_of_several { format!(" --series {number}") } else { String::new() };
-    Some(format!("lumenfab run --ct PATH{series}{gaps} --seed-mm X,Y,Z --out my-case"))
+    Some(format!("lumenfab run --ct PATH{series}{gaps} --seed-mm auto --out my-case"))
 }
 
 /// The middle one of some values, the lower of two; they are not empty.

@@ -5,13 +5,14 @@
 //! ([`super::levels`]); the window of the next plane comes from the median of the last few. A median over some
 //! planes on either side and all seeds then gives every plane its levels, so that one bad plane moves nothing.
 //!
-//! It stops where the section runs out, reaches the border of the image, or becomes several times larger at once:
+//! Where a thin branch reaches the border of the image, what lies near the section before is the vessel's. It stops
+//! where the section runs out, reaches the border itself, or becomes several times larger at once:
 //! where the vessel goes on beyond that, the last levels hold. Where the contrast has faded to a part of what it was
 //! at the seed, it says so: what lies beyond is noise.
 
 use super::corrections::Rules;
 use super::graph::JUMP;
-use super::grow::{self, Slab, Voxel};
+use super::grow::{self, Grown, Slab, Voxel};
 use super::levels::{self, Levels};
 use super::lobes;
 use crate::ct::Volume;
@@ -29,6 +30,9 @@ const LOST: f64 = 0.3;
 const CLEAR: f64 = 0.6;
 /// It is lost, or not clear, once it was so in that many planes in a row.
 const N_FADED: usize = 3;
+/// A section that reaches the border of the image is the vessel's up to this part of its radius beyond the section
+/// before: a vessel hardly moves or widens more between two planes.
+const REACH: f64 = 0.5;
 /// Levels are measured in the largest lobes of a plane only.
 const MOST_LOBES: usize = 3;
 
@@ -87,10 +91,10 @@ impl Walk<'_> {
     ) -> Result<Option<usize>, Cancelled> {
         let mut last = vec![self.start];
         let mut from: Vec<Voxel> = seeds.to_vec();
-        let (mut area, mut n_lost, mut clear) = (None, 0, Clear::default());
+        let (mut reach_mm, mut area, mut n_lost, mut clear) = (None, None, 0, Clear::default());
         for k in planes {
             let window = median(&last[last.len().saturating_sub(N_LAST)..]).window_hu();
-            let Some(section) = self.section(k, window, &from)? else { break };
+            let Some(section) = self.section(k, window, &from, reach_mm)? else { break };
             if area.is_some_and(|before: usize| section.inside.len() as f64 > JUMP * before as f64) {
                 break;
             }
@@ -108,6 +112,7 @@ impl Walk<'_> {
                 break;
             }
             area = Some(section.inside.len());
+            reach_mm = Some(REACH * section.radius_mm);
             from = section.inside;
         }
         Ok(clear.ended)
@@ -118,17 +123,28 @@ impl Walk<'_> {
         (levels.lumen_hu - levels.wall_hu) / (self.start.lumen_hu - self.start.wall_hu)
     }
 
-    /// What lies in the window of plane k and is connected to what the section before covers.
-    fn section(&self, k: usize, window_hu: [f64; 2], from: &[Voxel]) -> Result<Option<Section>, Cancelled> {
+    /// What lies in the window of plane k and is connected to what the section before covers; where that reaches
+    /// the border of the image, what lies near the section before.
+    fn section(
+        &self,
+        k: usize,
+        window_hu: [f64; 2],
+        from: &[Voxel],
+        reach_mm: Option<f64>,
+    ) -> Result<Option<Section>, Cancelled> {
         let slab =
             Slab { volume: self.volume, planes: k..k + 1, windows_hu: vec![window_hu], rules: self.rules };
         let seeds: Vec<Voxel> = from.iter().map(|v| [v[0], v[1], k]).filter(|&v| slab.selects(v)).collect();
         if seeds.is_empty() {
             return Ok(None);
         }
-        let grown = grow::grow(&slab, &seeds, None, self.task)?;
+        let mut grown = grow::grow(&slab, &seeds, None, self.task)?;
         if grown.leak.is_some() {
-            return Ok(None);
+            let Some(reach_mm) = reach_mm else { return Ok(None) };
+            keep_near(&slab, &mut grown, &seeds, reach_mm);
+            if touches_border(&slab, &grown) {
+                return Ok(None);
+            }
         }
         let [columns, rows, _] = grown.extent();
         let all = rows.clone().flat_map(|j| columns.clone().map(move |i| [i, j, k]));
@@ -137,7 +153,8 @@ impl Walk<'_> {
         lobes.sort_by_key(|l| std::cmp::Reverse(l.n_pixels));
         let middle = |at: usize| [columns.start + at % columns.len(), rows.start + at / columns.len(), k];
         let middles = lobes.iter().take(MOST_LOBES).map(|l| middle(l.at)).collect();
-        Ok(Some(Section { inside: grown.plane(&slab, k), middles }))
+        let radius_mm = lobes.iter().map(|l| l.radius_mm).fold(0.0, f64::max);
+        Ok(Some(Section { inside: grown.plane(&slab, k), middles, radius_mm }))
     }
 
     /// The levels of a section, unless its contrast has faded or turned.
@@ -175,6 +192,27 @@ struct Section {
     inside: Vec<Voxel>,
     /// Of its largest lobes.
     middles: Vec<Voxel>,
+    /// Of the largest disc in it.
+    radius_mm: f64,
+}
+
+/// Keeps what lies within so many mm of these voxels, which lie in one plane.
+fn keep_near(slab: &Slab<'_>, grown: &mut Grown, voxels: &[Voxel], reach_mm: f64) {
+    let [columns, rows, _] = grown.extent();
+    let width = columns.len();
+    let at = |[i, j, _]: Voxel| (j - rows.start) * width + i - columns.start;
+    let mut is_far = vec![true; width * rows.len()];
+    for &v in voxels {
+        is_far[at(v)] = false;
+    }
+    let distance_mm = lobes::depth(&is_far, width, slab.volume.pixel_spacing_xy_mm, lobes::Rim::Nothing);
+    grown.retain(slab, |v| f64::from(distance_mm[at(v)]) <= reach_mm);
+}
+
+fn touches_border(slab: &Slab<'_>, grown: &Grown) -> bool {
+    let [columns, rows, _] = grown.extent();
+    let [nx, ny, _] = slab.volume.dims;
+    columns.start == 0 || rows.start == 0 || columns.end == nx || rows.end == ny
 }
 
 fn median(levels: &[Levels]) -> Levels {

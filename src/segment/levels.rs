@@ -1,8 +1,11 @@
 //! The intensities of lumen and wall around a seed.
 //!
 //! From the seed, rays run outward in its plane. On each, the first lasting departure from the lumen's level is
-//! the wall; the wall's level is where the fall (or rise) flattens out behind it. Medians over all rays make it
-//! insensitive to a few rays that meet calcifications, side branches or neighbouring vessels.
+//! the wall, where it stands out of the noise and of what lies near it on the same ray: ripples in the lumen before
+//! a steep edge are none, and air or bone farther away hide no faint wall. Aligned at their departures, the rays'
+//! median is one profile of the edge, whose noise is a fraction of a single ray's; the wall's level is that of
+//! the plateau behind its fall (or rise). Medians over all rays make it insensitive to a few rays that meet
+//! calcifications, side branches or neighbouring vessels.
 //!
 //! What it does not do: it does not look along the vessel. Where the contrast fades along it, give a window.
 
@@ -15,12 +18,27 @@ pub const REACH_MM: f64 = 30.0;
 const N_RAYS: usize = 64;
 /// Ray samples per pixel.
 const SAMPLES_PER_PIXEL: f64 = 2.0;
-/// A departure counts from this many standard deviations of the noise on.
-const NOISE_FACTOR: f64 = 4.0;
-/// And from this part of the range of all values met on.
+/// A departure counts from this many standard deviations of the pixels' noise on: five of a smoothed ray's.
+const NOISE_FACTOR: f64 = 3.0;
+/// And from this part of the range of values on its ray, up to twice as far away
 const RANGE_FACTOR: f64 = 0.2;
+/// and this much farther, mm: small lumens have a blurred edge too.
+const NEAR_MM: f64 = 1.0;
+/// Slopes are taken over so many samples, a pixel: shorter ones are noise.
+const LAG: usize = 2;
+/// The profile of the edge begins so many samples before the departure.
+const BEFORE: usize = 2 * LAG;
+/// And goes on for so many after it: no blurred edge is wider.
+const BEHIND: usize = 48;
 /// The edge is passed where the slope has fallen to this part of the steepest.
-const FLAT_FACTOR: f64 = 0.5;
+const PASSED: f64 = 0.5;
+/// And runs out where it has fallen to this part.
+const RUN_OUT: f64 = 0.1;
+/// What falls by less than this part of the steepest within a pixel falls no further: behind a thin wall, or between
+/// two structures, no slope runs out.
+const STALLED: f64 = 0.05;
+/// The plateau behind an edge ends where it departs by this part of the step.
+const UNEVEN: f64 = 0.1;
 
 /// What lumen and wall measure, HU.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,55 +70,116 @@ impl Levels {
 pub fn find(volume: &Volume, seeds: &[Voxel], polarity: Polarity) -> Option<Levels> {
     let rays: Vec<Vec<f64>> = seeds.iter().flat_map(|&seed| rays_from(volume, seed)).collect();
     let lumen = median(seeds.iter().flat_map(|&s| neighbourhood(volume, s)).collect())?;
-    let all: Vec<f64> = rays.iter().flatten().copied().collect();
-    let range = quantile(all.clone(), 0.98)? - quantile(all, 0.02)?;
     let noise = median(seeds.iter().map(|&s| noise_hu(volume, s)).collect())?;
-    let least = (NOISE_FACTOR * noise).max(RANGE_FACTOR * range);
-    let found: Vec<Edge> = rays.iter().filter_map(|ray| first_edge(ray, lumen, least)).collect();
-    let n_dark = found.iter().filter(|e| e.wall > lumen).count();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few samples")]
+    let near = (NEAR_MM / step_mm(volume)).ceil() as usize;
+    let least = NOISE_FACTOR * noise;
+    // Noise at the seed is no level: what lies half-way to the departures tells the lumen's, and with it better ones.
+    let first = agreeing(&rays, lumen, least, near, polarity)?;
+    let lumen = inner_level(&first)?;
+    let edges = agreeing(&rays, lumen, least, near, polarity)?;
+    let lumen_hu = inner_level(&edges)?;
+    let dark = edges.first()?.rises;
+    let sign = if dark { 1.0 } else { -1.0 };
+    let profile: Vec<f64> = profile(&edges).into_iter().map(|v| sign * (v - lumen_hu)).collect();
+    let step_hu = plateau(&profile)?;
+    (step_hu > 0.0).then_some(Levels { lumen_hu, wall_hu: lumen_hu + sign * step_hu })
+}
+
+/// The departures of the polarity that is asked for, or of the more frequent one; `None` if too few rays meet any.
+fn agreeing(
+    rays: &[Vec<f64>],
+    lumen: f64,
+    least: f64,
+    near: usize,
+    polarity: Polarity,
+) -> Option<Vec<Edge<'_>>> {
+    let mut found: Vec<Edge<'_>> =
+        rays.iter().filter_map(|ray| first_edge(ray, lumen, least, near)).collect();
+    let n_dark = found.iter().filter(|e| e.rises).count();
     let dark = match polarity {
         Polarity::Dark => true,
         Polarity::Bright => false,
         Polarity::Auto => 2 * n_dark > found.len(),
     };
-    let agreeing: Vec<Edge> = found.into_iter().filter(|e| (e.wall > lumen) == dark).collect();
-    if 4 * agreeing.len() < rays.len() || agreeing.is_empty() {
-        return None;
-    }
-    let wall_hu = median(agreeing.iter().map(|e| e.wall).collect())?;
-    Some(Levels { lumen_hu: lumen, wall_hu })
+    found.retain(|e| e.rises == dark);
+    (!found.is_empty() && 4 * found.len() >= rays.len()).then_some(found)
 }
 
+/// The median from the seed half-way to the departures: beyond is their blur.
+fn inner_level(edges: &[Edge<'_>]) -> Option<f64> {
+    median(edges.iter().flat_map(|e| &e.ray[..=e.at / 2]).copied().collect())
+}
+
+/// Where a ray leaves the lumen.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    wall: f64,
+struct Edge<'a> {
+    ray: &'a [f64],
+    /// The first sample that has left.
+    at: usize,
+    /// Whether the wall is brighter than the lumen.
+    rises: bool,
 }
 
-/// The first lasting departure from the lumen's level by at least `least`.
-fn first_edge(ray: &[f64], lumen: f64, least: f64) -> Option<Edge> {
+/// The first lasting departure from the lumen's level by at least `least` and a part of the range nearby.
+fn first_edge(ray: &[f64], lumen: f64, least: f64, near: usize) -> Option<Edge<'_>> {
+    let (mut lo, mut hi, mut seen) = (lumen, lumen, 0);
     let at = (0..ray.len().saturating_sub(1)).find(|&i| {
+        let until = (2 * i + near + 1).min(ray.len());
+        for v in &ray[seen..until.max(seen)] {
+            (lo, hi) = (lo.min(*v), hi.max(*v));
+        }
+        seen = until.max(seen);
+        let least = least.max(RANGE_FACTOR * (hi - lo));
         let (here, next) = (ray[i] - lumen, ray[i + 1] - lumen);
         here.abs() > least && next.abs() > least && here * next > 0.0
     })?;
-    let sign = (ray[at] - lumen).signum();
-    // Slopes over a whole pixel: shorter ones are noise.
-    let lag = 2;
-    let slope = |i: usize| sign * (ray[(i + lag).min(ray.len() - 1)] - ray[i]);
-    let steepest = (at.saturating_sub(2 * lag)..=at).map(slope).fold(0.0, f64::max);
-    let mut peak = steepest;
-    let past = (at..ray.len() - 1).find(|&i| {
+    Some(Edge { ray, at, rises: ray[at] > lumen })
+}
+
+/// The median of the rays by their distance from where they leave the lumen, as far as half of them reach.
+fn profile(edges: &[Edge<'_>]) -> Vec<f64> {
+    let at = |o: usize| -> Vec<f64> {
+        let place = |e: &Edge<'_>| (e.at + o).checked_sub(BEFORE);
+        edges.iter().filter_map(|e| e.ray.get(place(e).unwrap_or(0)).copied()).collect()
+    };
+    let all = (0..BEFORE + BEHIND).map(at);
+    all.take_while(|values| 2 * values.len() >= edges.len()).filter_map(median).collect()
+}
+
+/// The level of the plateau behind the rise of a profile.
+fn plateau(profile: &[f64]) -> Option<f64> {
+    let n = profile.len().checked_sub(LAG).filter(|&n| n > BEFORE)?;
+    let slope = |i: usize| profile[i + LAG] - profile[i];
+    let mut peak = (0..BEFORE).map(slope).fold(0.0, f64::max);
+    let passed = (BEFORE..n).find(|&i| {
         peak = peak.max(slope(i));
-        slope(i) < FLAT_FACTOR * peak
+        slope(i) < PASSED * peak
     })?;
-    // From there the slope runs out, until it is nothing or the next structure begins.
-    let end = (past..ray.len() - 1).find(|&i| slope(i) < 0.05 * peak || slope(i + 1) > slope(i))?;
-    Some(Edge { wall: ray[(end + 1).min(ray.len() - 1)] })
+    // Where the slope has run out the plateau is reached; where it falls no further, the next structure begins.
+    let end = (passed..n).find(|&i| {
+        let next = slope((i + LAG).min(n - 1));
+        slope(i) < RUN_OUT * peak || slope(i) - next < STALLED * peak
+    })?;
+    if slope(end) < RUN_OUT * peak {
+        level_from(profile, end + 1)
+    } else {
+        profile.get(end + LAG / 2).copied()
+    }
+}
+
+/// The median of a plateau, over as much as the edge before it is wide: a ripple is averaged out.
+fn level_from(profile: &[f64], start: usize) -> Option<f64> {
+    let first = *profile.get(start)?;
+    let even = |v: &&f64| (**v - first).abs() <= UNEVEN * first.abs();
+    let width = start.saturating_sub(BEFORE).max(LAG);
+    median(profile[start..].iter().take(width).take_while(even).copied().collect())
 }
 
 /// Smoothed samples outward from the seed, up to the reach or the border of the image.
 fn rays_from(volume: &Volume, [i, j, k]: Voxel) -> Vec<Vec<f64>> {
     let [sx, sy] = volume.pixel_spacing_xy_mm;
-    let step_mm = sx.min(sy) / SAMPLES_PER_PIXEL;
+    let step_mm = step_mm(volume);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few hundred samples")]
     let n = (REACH_MM / step_mm).clamp(8.0, 4096.0) as usize;
     let ray = |r: usize| {
@@ -112,6 +191,12 @@ fn rays_from(volume: &Volume, [i, j, k]: Voxel) -> Vec<Vec<f64>> {
         smoothed(&(0..n).map_while(at).collect::<Vec<f64>>())
     };
     (0..N_RAYS).map(ray).collect()
+}
+
+/// Between two samples of a ray.
+fn step_mm(volume: &Volume) -> f64 {
+    let [sx, sy] = volume.pixel_spacing_xy_mm;
+    sx.min(sy) / SAMPLES_PER_PIXEL
 }
 
 /// Binomial smoothing over about one pixel.

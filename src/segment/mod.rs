@@ -372,9 +372,9 @@ fn grow_lumen(
     let around_seed = || levels::find(slab.volume, seeds, Polarity::Auto).map(Levels::polarity);
     let polarity = if known == Polarity::Auto { around_seed().unwrap_or(known) } else { known };
     if polarity != Polarity::Dark {
-        // A lumen that is neither brighter nor darker than anything is the background.
-        let is_cut = params.on_leak == OnLeak::Cut && polarity == Polarity::Bright;
-        return if is_cut {
+        // A lumen that is neither brighter nor darker than anything is the background; for a bright one the way to
+        // the border is looked for.
+        return if polarity == Polarity::Bright {
             Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() })
         } else {
             Err(border_error(slab, leak))
@@ -408,8 +408,15 @@ fn without_leaks(
     let sign = if polarity == Polarity::Dark { -1.0 } else { 1.0 };
     let guard::Inspected { leaks, mut removed } = guard::inspect(slab, &grown, seeds, sign);
     task.check()?;
-    let widest = leaks.iter().max_by(|a, b| a.neck_mm.total_cmp(&b.neck_mm));
-    let Some(widest) = widest else { return Ok((grown, None)) };
+    // What lies behind a passage tells more than the border that is reached through it.
+    let tells = |l: &Site| l.into != guard::Into::Border;
+    let widest = leaks.iter().max_by(|a, b| tells(a).cmp(&tells(b)).then(a.neck_mm.total_cmp(&b.neck_mm)));
+    let Some(widest) = widest else {
+        return match grown.leak {
+            Some(at) => Err(border_error(slab, at)),
+            None => Ok((grown, None)),
+        };
+    };
     if params.on_leak == OnLeak::Refuse || seeds.iter().any(|&s| removed.holds(slab, s)) {
         return Err(leak_error(slab, widest));
     }

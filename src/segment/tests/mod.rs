@@ -45,6 +45,36 @@ fn bright_and_dark_disks_are_found_without_a_window() {
 }
 
 #[test]
+fn a_faint_wall_is_found_beside_air_and_bone() {
+    let scene = Scene { n: [120, 100, 4], pixel_mm: [0.4; 2], blur_mm: 0.5, noise_hu: 12.0, ..Scene::default() };
+    for (beside_hu, gap_mm) in [(-1000.0, 3.0), (-1000.0, 6.0), (1200.0, 3.0), (1200.0, 6.0)] {
+        let volume = scene.volume(|x, y, _| {
+            if (x - 20.0).hypot(y - 20.0) < 3.0 {
+                250.0
+            } else if x < 20.0 - 3.0 - gap_mm || y > 20.0 + 3.0 + gap_mm {
+                beside_hu
+            } else {
+                50.0
+            }
+        });
+        let levels = levels::find(&volume, &[[50, 50, 1]], Polarity::Auto).unwrap();
+        let found = [levels.lumen_hu - 250.0, levels.wall_hu - 50.0];
+        assert!(found.iter().all(|d| d.abs() < 20.0), "{beside_hu} at {gap_mm} mm: {levels:?}");
+    }
+}
+
+#[test]
+fn noise_at_the_seed_is_no_level() {
+    let scene = Scene { noise_hu: 50.0, ..Scene::default() };
+    let volume = scene.volume(|x, y, _| if (x - 8.0).hypot(y - 7.0) < 3.0 { 300.0 } else { 50.0 });
+    for seed in [[32, 28, 0], [30, 27, 1], [34, 30, 2], [28, 31, 3]] {
+        let levels = levels::find(&volume, &[seed], Polarity::Auto).unwrap();
+        let found = [levels.lumen_hu - 300.0, levels.wall_hu - 50.0];
+        assert!(found.iter().all(|d| d.abs() < 25.0), "{seed:?}: {levels:?}");
+    }
+}
+
+#[test]
 fn noise_does_not_stop_the_growth() {
     let scene = Scene { noise_hu: 25.0, ..Scene::default() };
     let volume = scene.volume(|x, y, _| if (x - 8.0).hypot(y - 7.0) < 3.0 { 300.0 } else { 50.0 });

@@ -1,6 +1,7 @@
 //! Vessels found by themselves beside what is none, and regions that leave the vessel.
 
 use super::*;
+use proptest::prelude::*;
 
 /// A vessel of radius 3 and beside it what `other` says, joined by a neck of this width in planes 9 and 10.
 fn beside(neck_mm: f64, other_hu: f64, other: impl Fn(f64, f64, usize) -> bool) -> Volume {
@@ -113,4 +114,79 @@ fn featureless_images_have_no_vessel() {
     assert!(nothing.to_string().starts_with("no vessel was found by itself in 12 planes"));
     let constant = Scene::default().volume(|_, _, _| 7.0);
     assert!(find_unattended(&constant, &Params::default(), &Task::quiet()).is_err());
+}
+
+/// A tube whose course bends gently, among bone, a table and air.
+#[derive(Debug, Clone)]
+struct Tube {
+    at: [f64; 2],
+    bend: [f64; 2],
+    radius: f64,
+    contrast: f64,
+    bone_at: f64,
+    in_air: bool,
+}
+
+const N: [usize; 3] = [120, 100, 24];
+const PIXEL_MM: f64 = 0.6;
+const WALL_HU: f64 = 40.0;
+
+fn tubes() -> impl Strategy<Value = Tube> {
+    let place = [26.0..36.0_f64, 22.0..34.0_f64];
+    let contrast = prop_oneof![200.0..400.0_f64, -900.0..-300.0_f64];
+    (place, [-3.0..3.0_f64, -3.0..3.0_f64], 2.0..4.5_f64, contrast, 52.0..56.0_f64, any::<bool>()).prop_map(
+        |(at, bend, radius, contrast, bone_at, in_air)| Tube { at, bend, radius, contrast, bone_at, in_air },
+    )
+}
+
+impl Tube {
+    fn middle(&self, k: usize) -> [f64; 2] {
+        let t = k as f64 / (N[2] - 1) as f64 - 0.5;
+        [0, 1].map(|d| self.at[d] + self.bend[d] * (3.0 * t).sin())
+    }
+
+    /// The tube, with a bone block of 9 x 14 mm, a table across the image, and air.
+    fn level(&self, x: f64, y: f64, k: usize) -> f64 {
+        let [cx, cy] = self.middle(k);
+        let in_body = ((x - 36.0) / 30.0).hypot((y - 28.0) / 22.0) < 1.0;
+        if (x - cx).hypot(y - cy) < self.radius {
+            WALL_HU + self.contrast
+        } else if (x - self.bone_at).abs() < 4.5 && (y - 28.0).abs() < 7.0 {
+            900.0
+        } else if (52.5..54.0).contains(&y) {
+            150.0
+        } else if in_body || !self.in_air {
+            WALL_HU
+        } else {
+            -1000.0
+        }
+    }
+
+    fn volume(&self) -> Volume {
+        let scene = Scene { n: N, pixel_mm: [PIXEL_MM; 2], plane_mm: 2.0, blur_mm: 0.5, noise_hu: 20.0 };
+        scene.volume(|x, y, k| self.level(x, y, k))
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_tube_is_found_beside_bone_table_and_air(tube in tubes()) {
+        let volume = tube.volume();
+        // A bright bone and a dark lumen compete on equal terms: which is meant has to be said.
+        let polarity = if tube.contrast < 0.0 { Polarity::Dark } else { Polarity::Auto };
+        let params = Params { polarity, ..Params::default() };
+        let found = find_unattended(&volume, &params, &Task::quiet());
+        let found = found.map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let mask = &found.segmentation.mask;
+        prop_assert_eq!(mask.planes(), 0..N[2], "{:?}", found.candidates);
+        let area = mask.n_voxels() as f64 / N[2] as f64 * PIXEL_MM * PIXEL_MM;
+        let truth = std::f64::consts::PI * tube.radius.powi(2);
+        prop_assert!((area / truth - 1.0).abs() < 0.15, "{} for {}: {:?}", area, truth, found.candidates);
+        let [x, y] = tube.middle(12).map(|c| (c / PIXEL_MM).round() as usize);
+        prop_assert!(mask.contains(x, y, 12));
+        let again = find_unattended(&volume, &params, &Task::quiet()).unwrap();
+        prop_assert_eq!(again, found);
+    }
 }
