@@ -46,7 +46,8 @@ fn bright_and_dark_disks_are_found_without_a_window() {
 
 #[test]
 fn a_faint_wall_is_found_beside_air_and_bone() {
-    let scene = Scene { n: [120, 100, 4], pixel_mm: [0.4; 2], blur_mm: 0.5, noise_hu: 12.0, ..Scene::default() };
+    let scene =
+        Scene { n: [120, 100, 4], pixel_mm: [0.4; 2], blur_mm: 0.5, noise_hu: 12.0, ..Scene::default() };
     for (beside_hu, gap_mm) in [(-1000.0, 3.0), (-1000.0, 6.0), (1200.0, 3.0), (1200.0, 6.0)] {
         let volume = scene.volume(|x, y, _| {
             if (x - 20.0).hypot(y - 20.0) < 3.0 {
