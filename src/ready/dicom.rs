@@ -3,18 +3,18 @@
 use super::{Error, Label, Ready, rtstruct, seg};
 use crate::ct::FrameOfReference;
 use crate::ct::axes::orthonormal;
+use crate::ct::reader::has_dicom_mark;
 use crate::geom::{Point3, Vector3};
 use crate::progress::Task;
 use dicom_core::Tag;
 use dicom_dictionary_std::uids;
 use dicom_object::{InMemDicomObject, open_file};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Reads a DICOM SEG or RTSTRUCT.
 pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
-    if !has_dicom_mark(path)? {
+    let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
+    if path.is_dir() || !has_dicom_mark(path).map_err(unreadable)? {
         return Err(Error::Foreign(path.to_owned()));
     }
     let place = Place(path);
@@ -29,17 +29,6 @@ pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Resul
         uids::RT_STRUCTURE_SET_STORAGE => rtstruct::ready(place, &object, label, task),
         _ => Err(Error::Foreign(path.to_owned())),
     }
-}
-
-/// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).
-fn has_dicom_mark(path: &Path) -> Result<bool, Error> {
-    let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
-    if path.is_dir() {
-        return Ok(false);
-    }
-    let mut start = Vec::with_capacity(132);
-    File::open(path).map_err(unreadable)?.take(132).read_to_end(&mut start).map_err(unreadable)?;
-    Ok(start.get(128..) == Some(b"DICM"))
 }
 
 /// The file, for errors.

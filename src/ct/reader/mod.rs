@@ -19,6 +19,7 @@ mod stacks;
 mod syntax;
 
 pub use super::codec::is_decoding;
+pub(crate) use files::has_dicom_mark;
 pub use image::{companion, load_labels};
 
 use super::grouping::group;
