@@ -146,7 +146,7 @@ impl Error {
         )
     }
 
-    /// The message without the paths of a CT, which may hold a patient's name: for what is written or sent on. The
+    /// The message without the paths of a CT or segmentation and the names of structures, which may hold a patient's: for what is written or sent on. The
     /// operator's own screen shows the whole message.
     #[must_use]
     pub fn text_without_sources(&self) -> String {
@@ -159,7 +159,31 @@ impl Error {
             Self::SegmentationMissing(_) => {
                 "--segmentation: found nothing there, expected a label map, a DICOM SEG or an RTSTRUCT".into()
             }
-            other => other.to_string(),
+            // Paths of these are the case's or those that the operator names for results.
+            Self::Interrupted(_)
+            | Self::Setting(_)
+            | Self::CaseFile { .. }
+            | Self::SegmentationUnknown(_)
+            | Self::CtUnknown(_)
+            | Self::NoRecord(_)
+            | Self::Runtime(_)
+            | Self::Case(_)
+            | Self::File(_)
+            | Self::Volume { .. }
+            | Self::SectionsFile { .. }
+            | Self::Phantom(_)
+            | Self::Segment(_)
+            | Self::Sections(_)
+            | Self::Solid(_)
+            | Self::Invalid(_)
+            | Self::Slice(_)
+            | Self::Toolpath(_)
+            | Self::Motion(_)
+            | Self::Profile(_)
+            | Self::Printer(_)
+            | Self::Report(_)
+            | Self::View(_)
+            | Self::Mesh(_) => self.to_string(),
         }
     }
 

@@ -94,7 +94,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
                 let mut document = error_document(&e);
                 document["case"] = json!(name);
                 documents.push(document);
-                rows.push((name, e.exit_code(), e.to_string()));
+                rows.push((name, e.exit_code(), e.text_without_sources()));
                 e.exit_code()
             }
         };

@@ -7,7 +7,7 @@
 use crate::geom::Vector3;
 
 /// Cosines farther from orthonormal are refused: two decimals are off by no more in all but rare directions.
-pub(super) const REFUSED: f64 = 1e-2;
+pub(crate) const REFUSED: f64 = 1e-2;
 /// Cosines farther from orthonormal are told: three decimals, the fewest that scanners write, are off by no more.
 pub(super) const TOLD: f64 = 2e-3;
 
@@ -21,7 +21,7 @@ pub(super) fn fault(row: Vector3, column: Vector3) -> f64 {
 ///
 /// # Errors
 /// How far the vectors are from orthonormal, where that is more than [`REFUSED`].
-pub(super) fn orthonormal(row: Vector3, column: Vector3) -> Result<([Vector3; 2], f64), f64> {
+pub(crate) fn orthonormal(row: Vector3, column: Vector3) -> Result<([Vector3; 2], f64), f64> {
     let is_finite = row.iter().chain(&column).all(|c| c.is_finite());
     let fault = if is_finite { fault(row, column) } else { f64::INFINITY };
     if fault > REFUSED {

@@ -15,7 +15,7 @@
 //!
 //! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
 
-mod axes;
+pub(crate) mod axes;
 pub mod codec;
 mod encoding;
 mod error;
@@ -113,6 +113,31 @@ pub struct SeriesMark {
     pub check: String,
 }
 
+/// The frame of reference that coordinates are in (FrameOfReferenceUID, PS3.3 C.7.4.1): to be compared, never shown or kept, since
+/// it leads to the patient.
+#[derive(Clone, PartialEq, Eq, Default)]
+pub struct FrameOfReference(String);
+
+impl FrameOfReference {
+    /// The frame of a UID; an empty one is unknown.
+    #[must_use]
+    pub fn new(uid: &str) -> Self {
+        Self(uid.trim_matches(['\0', ' ']).to_owned())
+    }
+
+    /// Whether it is stated at all.
+    #[must_use]
+    pub const fn is_known(&self) -> bool {
+        !self.0.is_empty()
+    }
+}
+
+impl std::fmt::Debug for FrameOfReference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FrameOfReference").field("is_known", &self.is_known()).finish_non_exhaustive()
+    }
+}
+
 /// A series that was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
@@ -124,6 +149,8 @@ pub struct Loaded {
     pub modality: String,
     /// Files that the volume was made of.
     pub n_files: usize,
+    /// What its coordinates refer to; unknown for other formats than DICOM.
+    pub frame: FrameOfReference,
 }
 
 /// Labels on a regular grid of planes, as a segmentation made elsewhere gives them.

@@ -1,18 +1,20 @@
 //! What a DICOM file of a segmentation is; the attributes that both kinds share.
 
 use super::{Error, Label, Ready, rtstruct, seg};
+use crate::ct::FrameOfReference;
+use crate::ct::axes::orthonormal;
+use crate::ct::reader::has_dicom_mark;
 use crate::geom::{Point3, Vector3};
 use crate::progress::Task;
 use dicom_core::Tag;
 use dicom_dictionary_std::uids;
 use dicom_object::{InMemDicomObject, open_file};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Reads a DICOM SEG or RTSTRUCT.
 pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
-    if !has_dicom_mark(path)? {
+    let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
+    if path.is_dir() || !has_dicom_mark(path).map_err(unreadable)? {
         return Err(Error::Foreign(path.to_owned()));
     }
     let place = Place(path);
@@ -27,17 +29,6 @@ pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Resul
         uids::RT_STRUCTURE_SET_STORAGE => rtstruct::ready(place, &object, label, task),
         _ => Err(Error::Foreign(path.to_owned())),
     }
-}
-
-/// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).
-fn has_dicom_mark(path: &Path) -> Result<bool, Error> {
-    let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
-    if path.is_dir() {
-        return Ok(false);
-    }
-    let mut start = Vec::with_capacity(132);
-    File::open(path).map_err(unreadable)?.take(132).read_to_end(&mut start).map_err(unreadable)?;
-    Ok(start.get(128..) == Some(b"DICM"))
 }
 
 /// The file, for errors.
@@ -63,6 +54,11 @@ pub(super) fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] 
     object.get(tag).and_then(|e| e.items()).unwrap_or_default()
 }
 
+/// The frame that an attribute names.
+pub(super) fn frame_of_reference(object: &InMemDicomObject, tag: Tag) -> FrameOfReference {
+    FrameOfReference::new(&text(object, tag).unwrap_or_default())
+}
+
 pub(super) fn text(object: &InMemDicomObject, tag: Tag) -> Option<String> {
     object.get(tag)?.to_str().ok().map(|t| t.trim_end_matches(['\0', ' ']).to_owned())
 }
@@ -85,12 +81,15 @@ pub(super) fn point(object: &InMemDicomObject, tag: Tag) -> Option<Point3> {
     }
 }
 
-/// Two orthogonal unit vectors.
-pub(super) fn directions(object: &InMemDicomObject, tag: Tag) -> Option<[Vector3; 2]> {
-    let numbers = numbers(object, tag)?;
-    let &[a, b, c, d, e, f] = numbers.as_slice() else { return None };
-    let (row, column) = (Vector3::new(a, b, c), Vector3::new(d, e, f));
-    let is_unit = |v: Vector3| (v.norm() - 1.0).abs() < 1e-3;
-    (is_unit(row) && is_unit(column) && row.dot(&column).abs() < 1e-3)
-        .then(|| [row.normalize(), column.normalize()])
+/// Two orthogonal unit vectors: the nearest to those stated, within what is allowed to a CT.
+///
+/// # Errors
+/// How far the stated ones are from such; `None` where they are no six numbers.
+pub(super) fn directions(object: &InMemDicomObject, tag: Tag) -> Result<[Vector3; 2], Option<f64>> {
+    match numbers(object, tag).as_deref() {
+        Some(&[a, b, c, d, e, f]) => {
+            orthonormal(Vector3::new(a, b, c), Vector3::new(d, e, f)).map(|(axes, _)| axes).map_err(Some)
+        }
+        _ => Err(None),
+    }
 }

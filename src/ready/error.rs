@@ -1,7 +1,9 @@
 //! Why a ready segmentation cannot be used. One line each.
 
+use super::Structure;
 use crate::ct;
 use crate::progress::Cancelled;
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Why there are no contours.
@@ -18,22 +20,30 @@ pub enum Error {
     #[error("{} holds no structure: every voxel is 0, or there is no closed contour", .0.display())]
     Nothing(PathBuf),
     /// Several structures and none chosen.
-    #[error("{} holds {n} structures: {listing}: choose one with --label N", path.display())]
+    #[error("{} holds {} structures: {}: choose one with --label N", path.display(), found.len(), named(found))]
     SeveralLabels {
         /// The file.
         path: PathBuf,
-        /// How many.
-        n: usize,
-        /// Numbers, names and sizes.
-        listing: String,
+        /// All that there are.
+        found: Vec<Structure>,
     },
     /// The chosen one does not exist.
-    #[error("{} holds no such structure: there is {listing}: choose one of these with --label N", path.display())]
+    #[error("{} holds no such structure: there is {}: choose one of these with --label N", path.display(), named(found))]
     NoSuchLabel {
         /// The file.
         path: PathBuf,
-        /// Numbers, names and sizes.
-        listing: String,
+        /// All that there are.
+        found: Vec<Structure>,
+    },
+    /// An image in the place of a label map.
+    #[error(
+        "{} holds more than {most} different values: a label map is needed, not an image: export the segmentation as labels", path.display()
+    )]
+    NoLabelMap {
+        /// The file.
+        path: PathBuf,
+        /// Most labels that are believed.
+        most: usize,
     },
     /// A DICOM object that cannot be used.
     #[error("{}: {what}", path.display())]
@@ -61,6 +71,19 @@ pub enum Error {
         /// Distance from the nearest plane.
         off_mm: f64,
     },
+    /// Two planes that would become one.
+    #[error(
+        "two planes of the segmentation lie at z = {z_mm:.3} mm of the CT: export it with one for each plane of the CT, or leave --ct out"
+    )]
+    SamePlane {
+        /// Their height along the CT's normal.
+        z_mm: f64,
+    },
+    /// Made on another image.
+    #[error(
+        "the segmentation's FrameOfReferenceUID is not the CT's: it was made on another image, perhaps of another patient: choose the CT it was made on, or leave --ct out"
+    )]
+    OtherFrame,
     /// Nothing in common with the CT.
     #[error("the segmentation lies outside the CT ({what}): choose the CT it was made on, or leave --ct out")]
     Elsewhere {
@@ -81,21 +104,41 @@ pub enum Error {
 }
 
 impl Error {
-    /// The message without the file's path, which may hold a patient's name.
+    /// The message without the file's path and the structures' names, which may hold a patient's: for what is written or sent on.
     #[must_use]
     pub fn text_without_path(&self) -> String {
         let hidden = |path: &Path| self.to_string().replace(&path.display().to_string(), "the segmentation");
+        let plain =
+            |found: &[Structure]| found.iter().map(|s| Structure { name: None, ..s.clone() }).collect();
+        let path = PathBuf::from("the segmentation");
         match self {
             Self::Image(fault) => fault.text_with(|_| "the segmentation".to_owned()),
-            Self::Foreign(path) | Self::Nothing(path) => hidden(path),
-            Self::SeveralLabels { path, .. } | Self::NoSuchLabel { path, .. } | Self::Dicom { path, .. } => {
-                hidden(path)
+            Self::SeveralLabels { found, .. } => {
+                Self::SeveralLabels { path, found: plain(found) }.to_string()
             }
+            Self::NoSuchLabel { found, .. } => Self::NoSuchLabel { path, found: plain(found) }.to_string(),
+            Self::Foreign(path)
+            | Self::Nothing(path)
+            | Self::NoLabelMap { path, .. }
+            | Self::Dicom { path, .. } => hidden(path),
             Self::Inclined { .. }
             | Self::OffPlane { .. }
+            | Self::SamePlane { .. }
+            | Self::OtherFrame
             | Self::Elsewhere { .. }
             | Self::OutsideZRange { .. }
             | Self::Cancelled(_) => self.to_string(),
         }
     }
+}
+
+/// Numbers, names and sizes of structures, in one line.
+fn named(structures: &[Structure]) -> String {
+    let mut text = String::new();
+    for Structure { number, name, size, unit } in structures {
+        let gap = if text.is_empty() { "" } else { ", " };
+        let name = name.as_ref().map_or(String::new(), |n| format!(" {:?}", n.trim()));
+        write!(text, "{gap}{number}{name} ({size} {unit})").expect("a string takes every text");
+    }
+    text
 }

@@ -18,14 +18,8 @@ pub(super) fn ready(
     label: Option<&Label>,
     task: &Task<'_>,
 ) -> Result<Ready, Error> {
-    let structures = structures(&map);
-    if structures.len() > MOST_LABELS {
-        let what = format!(
-            "{} different values, expected up to {MOST_LABELS} labels: a label map is needed, not an image",
-            structures.len()
-        );
-        return Err(Error::Dicom { path: path.to_owned(), what });
-    }
+    let an_image = || Error::NoLabelMap { path: path.to_owned(), most: MOST_LABELS };
+    let structures = structures(&map).ok_or_else(an_image)?;
     let number = chosen(path, &structures, label)?.number;
     let [columns, rows, _] = map.dims;
     let outlined = |(&z_mm, labels): (&f64, &[u32])| {
@@ -42,16 +36,22 @@ pub(super) fn ready(
         pixel_mm: map.pixel_spacing_xy_mm,
         are_outlines: true,
     };
-    Ok(Ready { number, drawn, warnings: map.warnings })
+    Ok(Ready { number, drawn, warnings: map.warnings, frame: None })
 }
 
-/// The labels that occur, with their voxels.
-fn structures(map: &LabelMap) -> Vec<Structure> {
+/// The labels that occur, with their voxels; `None` where they are too many.
+fn structures(map: &LabelMap) -> Option<Vec<Structure>> {
     let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
     // Runs of one label are long: one look-up a run.
     for run in map.labels.chunk_by(|a, b| a == b) {
         *counts.entry(run[0]).or_default() += run.len();
+        // Nothing, 0, is one of the values but no label.
+        if counts.len() > MOST_LABELS + 1 {
+            return None;
+        }
     }
     let structure = |(number, size)| Structure { number, name: None, size, unit: "voxels" };
-    counts.into_iter().filter(|(number, _)| *number > 0).map(structure).collect()
+    let structures: Vec<Structure> =
+        counts.into_iter().filter(|(number, _)| *number > 0).map(structure).collect();
+    (structures.len() <= MOST_LABELS).then_some(structures)
 }

@@ -4,7 +4,8 @@
 //! rule, so that keyhole contours open. One structure is taken: the only one, or the one that is chosen by its number or name.
 //! With a CT the planes are brought into its frame ([`place`]), without one they stand in their own.
 //!
-//! Names of structures serve to choose one and occur in errors only: they never leave this room otherwise, since they may hold anything.
+//! Names of structures serve to choose one and are shown to the operator alone, in errors: they may hold anything, so that nothing
+//! that is written or sent on has them ([`Error::text_without_path`]).
 //!
 //! It deliberately corrects nothing: a segmentation is what its maker says. Encapsulated (compressed) SEG objects, contours that are
 //! no closed planar polygons and contours off the CT's planes are refused.
@@ -20,7 +21,7 @@ mod tests;
 
 pub use error::Error;
 
-use crate::ct::{self, Warning};
+use crate::ct::{self, FrameOfReference, Warning};
 use crate::progress::Task;
 use crate::sections::ready::DrawnStack;
 use serde::{Deserialize, Serialize};
@@ -58,6 +59,8 @@ pub struct Ready {
     pub drawn: DrawnStack,
     /// What was odd about the file.
     pub warnings: Vec<Warning>,
+    /// What its coordinates refer to; `None` for a label map, whose formats do not state it.
+    pub frame: Option<FrameOfReference>,
 }
 
 /// Reads the chosen structure of a file.
@@ -65,10 +68,12 @@ pub struct Ready {
 /// # Errors
 /// [`Error`]: no such file, none of the kinds, damaged, several structures and none chosen, interruption.
 pub fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
-    if let Some(map) = ct::reader::load_labels(path, task)? {
-        return labels::ready(path, map, label, task);
-    }
-    dicom::load(path, label, task)
+    let ready = match ct::reader::load_labels(path, task)? {
+        Some(map) => labels::ready(path, map, label, task),
+        None => dicom::load(path, label, task),
+    }?;
+    let is_empty = ready.drawn.planes.iter().all(|p| p.contours.is_empty());
+    if is_empty { Err(Error::Nothing(path.to_owned())) } else { Ok(ready) }
 }
 
 /// The structure that a label means; without one, the only structure there is.
@@ -84,17 +89,7 @@ fn chosen<'a>(path: &Path, all: &'a [Structure], label: Option<&Label>) -> Resul
     match (meant.next(), meant.next(), label) {
         (Some(one), None, _) => Ok(one),
         (None, _, None) => Err(Error::Nothing(path.to_owned())),
-        (None, _, Some(_)) => Err(Error::NoSuchLabel { path: path.to_owned(), listing: listing(all) }),
-        (Some(_), Some(_), _) => {
-            Err(Error::SeveralLabels { path: path.to_owned(), n: all.len(), listing: listing(all) })
-        }
+        (None, _, Some(_)) => Err(Error::NoSuchLabel { path: path.to_owned(), found: all.to_owned() }),
+        (Some(_), Some(_), _) => Err(Error::SeveralLabels { path: path.to_owned(), found: all.to_owned() }),
     }
-}
-
-fn listing(all: &[Structure]) -> String {
-    let one = |s: &Structure| match &s.name {
-        Some(name) => format!("{} {:?} ({} {})", s.number, name.trim(), s.size, s.unit),
-        None => format!("{} ({} {})", s.number, s.size, s.unit),
-    };
-    all.iter().map(one).collect::<Vec<_>>().join(", ")
 }

@@ -1,10 +1,11 @@
 //! Contours in their own stack's frame to the frame of a CT. Pure.
 //!
-//! Both stacks must be parallel; the contours then keep their planes and are turned and shifted within them. Where a plane of the
+//! Both stacks must be parallel; the contours then keep their planes and are turned and shifted within them. Where both state a frame of
+//! reference it has to be the same one. Where a plane of the
 //! segmentation is one of the CT's, it takes that one's height exactly.
 
 use super::Error;
-use crate::ct::{Volume, Warning};
+use crate::ct::{FrameOfReference, Volume, Warning};
 use crate::geom::{Contour, Point2, Point3, RigidTransform, Vector3};
 use crate::sections::ready::{Drawn, DrawnStack};
 
@@ -13,10 +14,34 @@ const PARALLEL_DEG: f64 = 0.01;
 /// Planes nearer than this are one: what headers of one decimal may be off, mm.
 const SAME_PLANE_MM: f64 = 0.051;
 
+/// Refuses a segmentation that states another frame of reference than the CT; tells where one of them states none.
+///
+/// # Errors
+/// [`Error::OtherFrame`].
+pub fn check_frame(
+    ct: &FrameOfReference,
+    own: &FrameOfReference,
+    warnings: &mut Vec<Warning>,
+) -> Result<(), Error> {
+    let silent = match (ct.is_known(), own.is_known()) {
+        (true, true) if ct == own => return Ok(()),
+        (true, true) => return Err(Error::OtherFrame),
+        (true, false) => "the segmentation",
+        (false, true) => "the CT",
+        (false, false) => "neither the CT nor the segmentation",
+    };
+    let does = if ct.is_known() == own.is_known() { "states" } else { "does not state" };
+    let text = format!(
+        "{silent} {does} its frame of reference: check by eye that the segmentation was made on this CT"
+    );
+    warnings.push(Warning::new("segment.frame_unknown", text));
+    Ok(())
+}
+
 /// Brings contours into the frame of the CT.
 ///
 /// # Errors
-/// [`Error::Inclined`], [`Error::Elsewhere`]; [`Error::OffPlane`] for drawn contours, whose planes are the CT's or nobody's.
+/// [`Error::Inclined`], [`Error::SamePlane`], [`Error::Elsewhere`]; [`Error::OffPlane`] for drawn contours, whose planes are the CT's or nobody's.
 pub fn onto(ct: &Volume, drawn: DrawnStack, warnings: &mut Vec<Warning>) -> Result<DrawnStack, Error> {
     let ct_from_own = ct.patient_from_stack.inverse().after(&drawn.patient_from_stack);
     let normal = ct_from_own.rotate(Vector3::z());
@@ -33,6 +58,9 @@ pub fn onto(ct: &Volume, drawn: DrawnStack, warnings: &mut Vec<Warning>) -> Resu
             "{n_off} plane(s) of the segmentation lie between the CT's; they are used as they stand and not compared with the image"
         );
         warnings.push(Warning::new("segment.other_planes", text));
+    }
+    if let Some(twice) = planes.windows(2).find(|p| p[1].z_mm <= p[0].z_mm) {
+        return Err(Error::SamePlane { z_mm: twice[1].z_mm });
     }
     check_overlap(ct, &planes)?;
     Ok(DrawnStack { planes, patient_from_stack: ct.patient_from_stack, ..drawn })
@@ -80,6 +108,10 @@ fn check_overlap(ct: &Volume, planes: &[Drawn]) -> Result<(), Error> {
     }
     let [nx, ny, nz] = ct.dims.map(|n| n - 1);
     let (lo, hi) = (ct.stack_from_voxel(0.0, 0.0, 0), ct.stack_from_voxel(nx as f64, ny as f64, nz));
+    // Without a point there is nothing to lie elsewhere.
+    if boxed[0][0] > boxed[1][0] {
+        return Ok(());
+    }
     let axis = |a: usize| boxed[1][a] < lo[a] || boxed[0][a] > hi[a];
     match (0..3).find(|&a| axis(a)) {
         None => Ok(()),

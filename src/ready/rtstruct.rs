@@ -3,8 +3,9 @@
 //! Contours of one plane are combined by the even-odd rule: a contour within another is a hole, and a keyhole contour, which runs to its
 //! hole and back along the same line, opens. Planes need not be transaxial: they have the normal of their contours.
 
-use super::dicom::{Place, items, numbers, text, whole};
+use super::dicom::{Place, frame_of_reference, items, numbers, text, whole};
 use super::{Error, Label, Ready, Structure, chosen, seg};
+use crate::ct::FrameOfReference;
 use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
 use crate::progress::Task;
 use crate::sections::ready::{Drawn, DrawnStack};
@@ -46,7 +47,8 @@ pub(super) fn ready(
     let z: Vec<f64> = planes.iter().map(|p| p.z_mm).collect();
     let drawn =
         DrawnStack { planes, patient_from_stack: frame, pixel_mm: [pixel_mm; 2], are_outlines: false };
-    Ok(Ready { number, drawn, warnings: seg::gap_warning(&z).into_iter().collect() })
+    let warnings = seg::gap_warning(&z).into_iter().collect();
+    Ok(Ready { number, drawn, warnings, frame: Some(frame_of(object, number)) })
 }
 
 fn is_closed(contour: &InMemDicomObject) -> bool {
@@ -68,6 +70,20 @@ fn structures(object: &DefaultDicomObject) -> Vec<Structure> {
         (size > 0).then(|| Structure { number, name: name_of(number), size, unit: "contours" })
     };
     items(object, tags::ROI_CONTOUR_SEQUENCE).iter().filter_map(structure).collect()
+}
+
+/// The frame that a structure is drawn in: its own, else the only one of the set, else the object's.
+fn frame_of(object: &DefaultDicomObject, number: u32) -> FrameOfReference {
+    let own = items(object, tags::STRUCTURE_SET_ROI_SEQUENCE)
+        .iter()
+        .find(|s| whole(s, tags::ROI_NUMBER) == Some(number))
+        .map(|s| frame_of_reference(s, tags::REFERENCED_FRAME_OF_REFERENCE_UID));
+    let of_set = match items(object, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE) {
+        [only] => Some(frame_of_reference(only, tags::FRAME_OF_REFERENCE_UID)),
+        _ => None,
+    };
+    let stated = [own, of_set].into_iter().flatten().find(FrameOfReference::is_known);
+    stated.unwrap_or_else(|| frame_of_reference(object, tags::FRAME_OF_REFERENCE_UID))
 }
 
 /// The points of a contour, LPS, mm.

@@ -3,9 +3,10 @@
 //! Frames are told apart by the segment they belong to and put in order by their own positions. Binary frames follow each other bit by
 //! bit, without padding, the lowest bit of a byte first (PS3.5 8.1.1); fractional ones count from half of their maximum.
 
-use super::dicom::{Place, directions, items, numbers, point, text, whole};
+use super::dicom::{Place, directions, frame_of_reference, items, numbers, point, text, whole};
 use super::{Error, Label, Ready, Structure, chosen};
 use crate::ct::Warning;
+use crate::ct::axes::REFUSED;
 use crate::ct::formats::grid::Grid;
 use crate::geom::{Point3, Vector3};
 use crate::progress::{Cancelled, Task};
@@ -81,7 +82,8 @@ pub(super) fn ready(
         pixel_mm: stack.spacing_xy_mm,
         are_outlines: true,
     };
-    Ok(Ready { number, drawn, warnings })
+    let frame = Some(frame_of_reference(object, tags::FRAME_OF_REFERENCE_UID));
+    Ok(Ready { number, drawn, warnings, frame })
 }
 
 /// The segments that have voxels.
@@ -184,7 +186,7 @@ fn frames(place: Place<'_>, object: &DefaultDicomObject, n_frames: usize) -> Res
         let position =
             group(own, tags::PLANE_POSITION_SEQUENCE).and_then(|g| point(&g, tags::IMAGE_POSITION_PATIENT));
         let axes = group(own, tags::PLANE_ORIENTATION_SEQUENCE)
-            .and_then(|g| directions(&g, tags::IMAGE_ORIENTATION_PATIENT));
+            .map_or(Err(None), |g| directions(&g, tags::IMAGE_ORIENTATION_PATIENT));
         let spacing =
             group(own, tags::PIXEL_MEASURES_SEQUENCE).and_then(|g| numbers(&g, tags::PIXEL_SPACING));
         let spacing = spacing.filter(|s| s.len() == 2 && s.iter().all(|&v| v > 1e-6)).map(|s| [s[1], s[0]]);
@@ -194,11 +196,18 @@ fn frames(place: Place<'_>, object: &DefaultDicomObject, n_frames: usize) -> Res
             index,
             segment: segment.ok_or_else(|| place.missing("ReferencedSegmentNumber"))?,
             position: position.ok_or_else(|| place.missing("ImagePositionPatient"))?,
-            axes: axes.ok_or_else(|| place.missing("ImageOrientationPatient"))?,
+            axes: axes.map_err(|off| bad_axes(place, off))?,
             spacing_xy_mm: spacing.ok_or_else(|| place.missing("PixelSpacing"))?,
         })
     };
     per_frame.iter().enumerate().map(frame).collect()
+}
+
+fn bad_axes(place: Place<'_>, off: Option<f64>) -> Error {
+    let Some(off) = off else { return place.missing("ImageOrientationPatient") };
+    place.fault(format!(
+        "attribute ImageOrientationPatient is {off:.4} off two orthogonal unit vectors, expected {REFUSED} at most: export the segmentation again"
+    ))
 }
 
 /// The frames of a segment as a stack.

@@ -292,6 +292,10 @@ fn contour_item(points: &[Point3]) -> InMemDicomObject {
 }
 
 fn rtstruct(contours: Vec<Vec<Point3>>) -> Written {
+    write(structure_set(contours), uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+}
+
+fn structure_set(contours: Vec<Vec<Point3>>) -> InMemDicomObject {
     let mut object = InMemDicomObject::new_empty();
     let roi = item(|s| {
         put(s, tags::ROI_NUMBER, VR::IS, "5");
@@ -303,7 +307,7 @@ fn rtstruct(contours: Vec<Vec<Point3>>) -> Written {
         s.put(sequence(tags::CONTOUR_SEQUENCE, contours.iter().map(|c| contour_item(c)).collect()));
     });
     object.put(sequence(tags::ROI_CONTOUR_SEQUENCE, vec![own]));
-    write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+    object
 }
 
 fn circle(frame: &RigidTransform, radius: f64, z: f64) -> Vec<Point3> {
@@ -388,7 +392,135 @@ fn faults_of_contours_are_named() {
     }
 }
 
+// -- names, frames, labels --
+
+#[test]
+fn names_of_structures_are_for_the_operators_eyes_alone() {
+    let seg = write(Seg::default().object(), uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    for label in [None, Some(Label::Number(7))] {
+        let told = seg.load(label).unwrap_err();
+        assert!(told.to_string().contains("Jane Doe") && told.to_string().contains("Vein"));
+        let sent = told.text_without_path();
+        assert!(!sent.contains("Doe") && !sent.contains("Vein"), "{sent}");
+        assert!(!sent.contains(seg.path.to_str().unwrap()) && sent.contains("1 ("), "{sent}");
+    }
+}
+
+/// A UID that leads to a patient.
+const FRAME_UID: &str = "1.2.826.0.1.77.4711";
+
+#[test]
+fn the_frame_of_reference_is_read_and_never_shown() {
+    let mut object = Seg::default().object();
+    put(&mut object, tags::FRAME_OF_REFERENCE_UID, VR::UI, FRAME_UID);
+    let seg = write(object, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let ready = seg.load(Some(Label::Number(1))).unwrap();
+    assert_eq!(ready.frame, Some(FrameOfReference::new(FRAME_UID)));
+    assert!(!format!("{ready:?}").contains("4711"));
+}
+
+#[test]
+fn a_structures_own_frame_goes_before_that_of_its_set() {
+    let frame = |change: &dyn Fn(&mut InMemDicomObject)| {
+        let mut object = structure_set(vec![circle(&RigidTransform::identity(), 5.0, 0.0)]);
+        change(&mut object);
+        let written = write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        written.load(None).unwrap().frame.unwrap()
+    };
+    let of_set = |o: &mut InMemDicomObject| {
+        let own = item(|s| put(s, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.2.3"));
+        o.put(sequence(tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE, vec![own]));
+    };
+    let own = |o: &mut InMemDicomObject| {
+        let roi = item(|s| {
+            put(s, tags::ROI_NUMBER, VR::IS, "5");
+            put(s, tags::REFERENCED_FRAME_OF_REFERENCE_UID, VR::UI, FRAME_UID);
+        });
+        o.put(sequence(tags::STRUCTURE_SET_ROI_SEQUENCE, vec![roi]));
+    };
+    assert!(!frame(&|_| ()).is_known());
+    assert_eq!(frame(&of_set), FrameOfReference::new("1.2.3"));
+    assert_eq!(frame(&|o| [of_set(o), own(o)].into_iter().for_each(drop)), FrameOfReference::new(FRAME_UID));
+}
+
+#[test]
+fn another_frame_of_reference_is_refused_and_an_unknown_one_told() {
+    let check = |ct: &str, own: &str| {
+        let mut warnings = Vec::new();
+        let checked =
+            place::check_frame(&FrameOfReference::new(ct), &FrameOfReference::new(own), &mut warnings);
+        checked.map(|()| warnings.into_iter().map(|w| w.text).collect::<Vec<_>>())
+    };
+    assert_eq!(check(FRAME_UID, &format!("{FRAME_UID}\0")).unwrap(), [""; 0]);
+    let told = check(FRAME_UID, "1.2.3").unwrap_err().to_string();
+    assert!(
+        told.starts_with("the segmentation's FrameOfReferenceUID is not the CT's") && !told.contains("4711")
+    );
+    for (ct, own, start) in [
+        (FRAME_UID, "", "the segmentation does not state"),
+        ("", FRAME_UID, "the CT does not state"),
+        ("", "", "neither the CT nor the segmentation states"),
+    ] {
+        assert!(check(ct, own).unwrap()[0].starts_with(start));
+    }
+}
+
+#[test]
+fn axes_of_few_decimals_are_made_orthonormal_and_others_refused_with_their_fault() {
+    let with = |row: Vector3, column: Vector3| {
+        let object = Seg { row, column, ..Seg::default() }.object();
+        write(object, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+    };
+    // Of two decimals: farther than 1e-3 from orthonormal, within what a CT may be.
+    let two_decimals = with(Vector3::new(0.71, 0.71, 0.0), Vector3::new(-0.71, 0.71, 0.0));
+    assert_eq!(two_decimals.load(Some(Label::Number(1))).unwrap().drawn.planes.len(), 4);
+    assert_eq!(
+        with(Vector3::x(), Vector3::new(0.05, 1.0, 0.0)).error(Some(Label::Number(1))),
+        "FILE: attribute ImageOrientationPatient is 0.0500 off two orthogonal unit vectors, expected 0.01 at most: export the segmentation again"
+    );
+}
+
+#[test]
+fn an_image_is_no_label_map() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("image.nrrd");
+    let load = |n_values: u16| {
+        let header =
+            "NRRD0004\ntype: uint16\nsizes: 10 20 10\nspacings: 1 1 1\nendian: little\nencoding: raw\n\n";
+        let values = (0..2000).flat_map(|v: u16| (v % n_values).to_le_bytes());
+        std::fs::write(&path, header.bytes().chain(values).collect::<Vec<u8>>()).unwrap();
+        load(&path, None, &Task::quiet()).unwrap_err()
+    };
+    assert!(matches!(load(1001), Error::SeveralLabels { found, .. } if found.len() == 1000));
+    let told = load(1002).text_without_path();
+    assert_eq!(
+        told,
+        "the segmentation holds more than 1000 different values: a label map is needed, not an image: export the segmentation as labels"
+    );
+    assert!(matches!(load(1), Error::Nothing(_)));
+}
+
 // -- against a CT --
+
+#[test]
+fn planes_that_would_become_one_are_refused() {
+    let twice = place::onto(&ct(RigidTransform::identity()), drawn_at(&[2.0, 3.98, 4.02]), &mut Vec::new());
+    assert_eq!(
+        twice.unwrap_err().to_string(),
+        "two planes of the segmentation lie at z = 4.000 mm of the CT: export it with one for each plane of the CT, or leave --ct out"
+    );
+}
+
+#[test]
+fn what_holds_no_contour_lies_nowhere() {
+    let line = vec![Point3::origin(), Point3::new(5.0, 0.0, 0.0), Point3::new(10.0, 0.0, 0.0)];
+    let told = rtstruct(vec![line]).error(None);
+    assert_eq!(told, "FILE: its contours enclose nothing: export the structure again");
+    let mut empty = drawn_at(&[2.0, 4.0]);
+    empty.planes.iter_mut().for_each(|p| p.contours.clear());
+    let on = place::onto(&ct(RigidTransform::identity()), empty, &mut Vec::new()).unwrap();
+    assert!(on.planes.iter().all(|p| p.contours.is_empty()));
+}
 
 fn ct(patient_from_stack: RigidTransform) -> Volume {
     Volume {

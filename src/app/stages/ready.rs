@@ -67,7 +67,7 @@ impl Session<'_> {
             return Ok(known.clone());
         }
         if let Some(path) = self.ready.as_deref().filter(|p| p.exists()) {
-            let hash = hash_of_files(path)?;
+            let hash = hash_of_files(path).map_err(ready::Error::from)?;
             return Ok(self.ready_hash.get_or_init(|| hash).clone());
         }
         let before = self.case.made_from(Stage::Segment).and_then(|m| m.get("segmentation"));
@@ -80,12 +80,15 @@ impl Session<'_> {
             false => (None, Vec::new()),
         };
         self.note(Stage::Segment, "reading the segmentation");
-        let (ct, series) = image.map_or((None, None), |image| (Some(image.volume), image.series));
-        let Ready { drawn, warnings: odd, .. } = match loaded {
+        let Ready { drawn, warnings: odd, frame, .. } = match loaded {
             Some(loaded) => loaded,
             None => self.load_ready(task)?,
         };
         warnings.extend(odd);
+        if let (Some(image), Some(frame)) = (&image, frame) {
+            ready::place::check_frame(&image.frame, &frame, &mut warnings)?;
+        }
+        let (ct, series) = image.map_or((None, None), |image| (Some(image.volume), image.series));
         let drawn = match &ct {
             Some(ct) => ready::place::onto(ct, drawn, &mut warnings)?,
             None => drawn,

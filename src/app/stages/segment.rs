@@ -8,7 +8,7 @@ use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::{SegmentSettings, Source};
 use crate::app::volume_file::{self, MARGIN_MM};
-use crate::ct::{self, Loaded, SeriesChoice, SeriesMark, SeriesName, Volume, Warning};
+use crate::ct::{self, FrameOfReference, Loaded, SeriesChoice, SeriesMark, SeriesName, Volume, Warning};
 use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
@@ -62,6 +62,8 @@ pub(super) struct Image {
     pub(super) warnings: Vec<Warning>,
     /// Which one of several series it is.
     pub(super) series: Option<SeriesMark>,
+    /// What its coordinates refer to, to be compared with a segmentation's.
+    pub(super) frame: FrameOfReference,
 }
 
 impl Session<'_> {
@@ -142,7 +144,7 @@ impl Session<'_> {
     }
 
     fn find_contours(&mut self, task: &Task<'_>) -> Result<Made, Error> {
-        let Image { volume, mut warnings, series } = self.load_image(task)?;
+        let Image { volume, mut warnings, series, .. } = self.load_image(task)?;
         self.note(Stage::Segment, "finding the lumen");
         let settings = self.settings();
         let seeds_mm = seeds_mm(&settings.segment, &settings.source);
@@ -185,9 +187,9 @@ impl Session<'_> {
         let series = self.chosen_series(path, task)?;
         let choice = series.as_ref().map_or(SeriesChoice::Only, |mark| SeriesChoice::ByNumber(mark.number));
         let allow_gaps = self.settings().segment.allow_gaps;
-        let Loaded { volume, warnings, .. } =
+        let Loaded { volume, warnings, frame, .. } =
             ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
-        Ok(Image { volume, warnings, series })
+        Ok(Image { volume, warnings, series, frame })
     }
 
     /// The chosen series as it lies in the folder now: the one that the case was made from, whatever its number has become,
@@ -338,13 +340,17 @@ pub(super) fn lumen_bounds(stack: &SectionStack) -> Bounds2 {
 }
 
 /// The hash of all files below a path, whatever they are called and in whatever order they lie.
-pub(super) fn hash_of_files(path: &Path) -> Result<String, FileError> {
+///
+/// # Errors
+/// As for a CT that cannot be read: the path may hold a patient's name, as that of no other file does.
+pub(super) fn hash_of_files(path: &Path) -> Result<String, ct::Error> {
+    let unreadable = |e: FileError| ct::Error::Read { path: e.path, source: e.source };
     let mut files = Vec::new();
-    collect_files(path, &mut files)?;
+    collect_files(path, &mut files).map_err(unreadable)?;
     // An image's header may leave its values to another file; one that cannot be read says so when it is loaded.
     files.extend(ct::reader::companion(path).ok().flatten().filter(|p| p.exists()));
     let hashes: Result<Vec<String>, FileError> = files.par_iter().map(|f| atomic::hash_of_path(f)).collect();
-    let mut hashes = hashes?;
+    let mut hashes = hashes.map_err(unreadable)?;
     hashes.sort();
     Ok(atomic::hash_of_bytes(hashes.concat().as_bytes()))
 }

@@ -41,6 +41,14 @@ pub enum Fault {
         /// What to do.
         instead: &'static str,
     },
+    /// Values in a file that is not beside the header.
+    #[error(
+        "its {format} header names a file of values elsewhere, or what is no file: put the values beside the header and name them alone"
+    )]
+    ValuesElsewhere {
+        /// The format.
+        format: &'static str,
+    },
     /// Less than the header declares.
     #[error(
         "truncated: its header declares {expected_bytes} bytes of values, there are {found_bytes}: copy or export the file again"

@@ -156,7 +156,7 @@ impl Fields {
             }
         };
         let file = (!is_local).then(|| DataFile::Named(data_file.to_owned()));
-        Ok(DataPlace { file, packing, skip, skip_lines: 0 })
+        Ok(DataPlace { file, packing, skip })
     }
 }
 

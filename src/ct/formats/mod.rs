@@ -61,8 +61,6 @@ pub(crate) struct DataPlace {
     pub(crate) packing: Packing,
     /// Bytes before the (packed) values.
     pub(crate) skip: Skip,
-    /// Lines before the values, after `skip`.
-    pub(crate) skip_lines: usize,
 }
 
 /// The file that holds the values of a header that stands alone.
@@ -79,6 +77,15 @@ pub(crate) enum DataFile {
 pub(crate) enum Skip {
     /// This many bytes of the file.
     File(usize),
+    /// The file's first bytes, then lines of what follows, then bytes again.
+    Lines {
+        /// Where the first line begins.
+        start: usize,
+        /// How many lines.
+        n_lines: usize,
+        /// Bytes after them.
+        n_bytes: usize,
+    },
     /// This many bytes of what the file unpacks to.
     Unpacked(u64),
     /// Everything but the last bytes of the file, as many as the values need.

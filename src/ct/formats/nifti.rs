@@ -213,7 +213,7 @@ impl<'a> Fields<'a> {
         let skip = Skip::Unpacked(offset as u64);
         let packing = if is_packed { Packing::Gzip } else { Packing::Raw };
         let file = is_alone.then_some(DataFile::Beside(&IMAGE_ENDINGS));
-        Ok(DataPlace { file, packing, skip, skip_lines: 0 })
+        Ok(DataPlace { file, packing, skip })
     }
 
     /// A slope of zero means that values stand as they are.

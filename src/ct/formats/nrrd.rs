@@ -119,11 +119,11 @@ impl Fields {
         };
         let of_directions = self.field("space directions").map(|f| (f, places(&f, |t| t != "none")));
         let of_kinds = || self.field("kinds").map(|f| (f, places(&f, |t| matches!(t, "domain" | "space"))));
-        match of_directions.or_else(of_kinds) {
-            None => Ok(0),
-            Some((_, are_space)) if are_space == [false, true, true, true] => Ok(1),
-            Some((_, are_space)) if are_space[..3] == [true; 3] => Ok(0),
-            Some((field, _)) => Err(field.fault("three axes of space side by side")),
+        let Some((field, are_space)) = of_directions.or_else(of_kinds) else { return Ok(0) };
+        match are_space.as_slice() {
+            [false, true, true, true] => Ok(1),
+            [true, true, true, _] => Ok(0),
+            _ => Err(field.fault("an entry for each of the four axes, three of space side by side")),
         }
     }
 
@@ -234,7 +234,7 @@ impl Fields {
             return Err(unsupported("its values in several files", "write them into one file"));
         }
         let count = |name: &'static str| self.field(name).map(|f| count(&f)).transpose();
-        let skip_lines = count("line skip")?.flatten().unwrap_or(0);
+        let n_lines = count("line skip")?.flatten().unwrap_or(0);
         let start = if file.is_some() { 0 } else { end };
         let skip = match (count("byte skip")?, packing) {
             (Some(None), Packing::Raw) => Skip::AllButValues,
@@ -244,10 +244,10 @@ impl Fields {
             (Some(Some(n)), _) if n > 0 && packing == Packing::Gzip => {
                 return Err(unsupported("bytes to skip and packed values", "write it without byte skip"));
             }
-            (bytes, _) => Skip::File(start.saturating_add(bytes.flatten().unwrap_or(0))),
+            (bytes, _) => Skip::Lines { start, n_lines, n_bytes: bytes.flatten().unwrap_or(0) },
         };
         let file = file.map(|f| DataFile::Named(f.text.to_owned()));
-        Ok(DataPlace { file, packing, skip, skip_lines })
+        Ok(DataPlace { file, packing, skip })
     }
 }
 

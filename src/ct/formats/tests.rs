@@ -492,6 +492,49 @@ fn nrrd_axes_without_a_space_begin_where_their_cells_do() {
     assert_eq!((volume.origin_xy_mm, volume.plane_z_mm), ([10.5, 21.0], vec![30.0, 33.0]));
 }
 
+#[test]
+fn nrrd_skips_lines_first_and_bytes_after_them() {
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 2 3\nencoding: raw\n";
+    let first = |skips: &str, data: &[u8]| {
+        let bytes = [header.as_bytes(), skips.as_bytes(), b"\n", data].concat();
+        read(&bytes, 0).map(|(_, volume)| volume.hu[0])
+    };
+    let after_both = b"ab\ncdef\nxyz\x01\x02\x03\x04\x05\x06\x07\x08";
+    assert_eq!(first("line skip: 2\nbyte skip: 3\n", after_both), Ok(1.0));
+    // Counted from the end, lines before the values do not matter, and a value may look like a line's end.
+    assert_eq!(first("line skip: 1\nbyte skip: -1\n", b"ab\n\x0b\x0a\x0c\x0d\x0e\x0f\x10\x11"), Ok(11.0));
+    assert!(matches!(first("line skip: 4\n", after_both), Err(Fault::Truncated { .. })));
+}
+
+#[test]
+fn nrrd_axes_that_are_not_described_are_refused() {
+    let of = |axes: &str| {
+        let text = format!("NRRD0004\ntype: uint8\ndimension: 4\nsizes: 2 2 2 2\n{axes}\nencoding: raw\n\n");
+        recognise(text.as_bytes()).unwrap_err().to_string()
+    };
+    let expected = "an entry for each of the four axes, three of space side by side";
+    for axes in [
+        "space directions: (1,0,0) (0,1,0)",
+        "space directions:",
+        "kinds: domain",
+        "kinds: space space list space",
+    ] {
+        assert!(of(axes).contains(expected), "{axes}: {}", of(axes));
+    }
+}
+
+#[test]
+fn a_fault_quotes_numbers_and_keywords_and_no_other_text() {
+    let of = |text: &str| text::Field { format: "NRRD", name: "type", text }.fault("a type").to_string();
+    for quoted in ["4 x 2", "uint12", "(1,0,0) none none", "left-posterior"] {
+        assert!(of(quoted).contains(quoted), "{}", of(quoted));
+    }
+    for hidden in ["Doe^Jane", "Jane Doe", "Müller", "uint8 Doe", "(Doe, Jane)"] {
+        let told = of(hidden);
+        assert!(told.contains("states type as some text,") && !told.contains("Doe"), "{told}");
+    }
+}
+
 // -- damage --
 
 #[test]

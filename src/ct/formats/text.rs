@@ -5,6 +5,22 @@ use super::Fault;
 /// Longest text header that is believed.
 pub(super) const LONGEST_HEADER: usize = 1 << 20;
 
+/// Characters of a field that are quoted.
+const LONGEST_QUOTE: usize = 40;
+/// Longest word of the formats: `left-anterior-superior-time`.
+const LONGEST_KEYWORD: usize = 27;
+
+/// Whether a text is numbers, vectors of them and at most one keyword, however often it occurs.
+fn is_quotable(text: &str) -> bool {
+    let words = text.split(|c: char| c.is_whitespace() || "(),\"".contains(c)).filter(|w| !w.is_empty());
+    let mut keywords = words.filter(|w| w.parse::<f64>().is_err());
+    let Some(first) = keywords.next() else { return true };
+    let is_keyword = |w: &str| {
+        w.len() <= LONGEST_KEYWORD && w.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_".contains(&b))
+    };
+    is_keyword(first) && keywords.all(|w| w == first)
+}
+
 /// The lines of a header, each with the place where the next one begins; what is not UTF-8 is replaced.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (String, usize)> + '_ {
     let mut at = 0;
@@ -26,9 +42,11 @@ pub(super) struct Field<'a> {
 }
 
 impl Field<'_> {
+    /// A header may hold anything, a patient's name too: numbers and a keyword are quoted, other text is not.
     pub(super) fn fault(&self, expected: &'static str) -> Fault {
-        let found: String = self.text.chars().take(40).collect();
-        Fault::Field { format: self.format, field: self.name, found: format!("{found:?}"), expected }
+        let short: String = self.text.chars().take(LONGEST_QUOTE).collect();
+        let found = if is_quotable(self.text) { format!("{short:?}") } else { "some text".to_owned() };
+        Fault::Field { format: self.format, field: self.name, found, expected }
     }
 
     /// Numbers separated by blanks.

@@ -148,17 +148,17 @@ impl<'a> Source<'a> {
         let truncated = |found| Fault::Truncated { found_bytes: found, expected_bytes: declared };
         let (start, skip_unpacked) = match header.place.skip {
             Skip::File(n) => (n, 0),
+            Skip::Lines { start, n_lines, n_bytes } => {
+                let lines_end = after_lines(bytes, start, n_lines).ok_or_else(|| truncated(0))?;
+                (lines_end.saturating_add(n_bytes), 0)
+            }
             Skip::Unpacked(n) => (0, n),
             Skip::AllButValues => {
                 let declared = usize::try_from(declared).unwrap_or(usize::MAX);
                 (bytes.len().checked_sub(declared).ok_or_else(|| truncated(bytes.len() as u64))?, 0)
             }
         };
-        let mut packed = bytes.get(start..).ok_or_else(|| truncated(0))?;
-        for _ in 0..header.place.skip_lines {
-            let end = packed.iter().position(|&b| b == b'\n').ok_or_else(|| truncated(0))?;
-            packed = &packed[end + 1..];
-        }
+        let packed = bytes.get(start..).ok_or_else(|| truncated(0))?;
         let source = Self { header, packed, skip_unpacked, declared };
         source.check_length()?;
         Ok(source)
@@ -190,6 +190,11 @@ impl<'a> Source<'a> {
         values.try_reserve_exact(n).ok().ok_or(refused)?;
         Ok(values)
     }
+}
+
+/// Where the lines that begin at `start` end; `None` where there are fewer.
+fn after_lines(bytes: &[u8], start: usize, n_lines: usize) -> Option<usize> {
+    (0..n_lines).try_fold(start, |at, _| Some(at + 1 + bytes.get(at..)?.iter().position(|&b| b == b'\n')?))
 }
 
 /// The values of the wanted volume, gathered.

@@ -232,7 +232,7 @@ fn look_at(path: &Path) -> Kind {
 }
 
 /// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).
-fn has_dicom_mark(path: &Path) -> io::Result<bool> {
+pub(crate) fn has_dicom_mark(path: &Path) -> io::Result<bool> {
     let mut start = Vec::with_capacity(132);
     File::open(path)?.take(132).read_to_end(&mut start)?;
     Ok(start.get(128..) == Some(b"DICM"))

@@ -10,15 +10,15 @@ use super::super::formats::values::{self, GZIP_MAGIC, Packing};
 use super::super::formats::{self, DataFile, Fault, Header};
 use super::super::inspection::next_command;
 use super::super::{
-    Error, Inspection, LabelMap, Loaded, Orientation, PixelReport, SeriesChoice, SeriesMark, SeriesName,
-    SeriesReport, Verdict, Warning,
+    Error, FrameOfReference, Inspection, LabelMap, Loaded, Orientation, PixelReport, SeriesChoice,
+    SeriesMark, SeriesName, SeriesReport, Verdict, Warning,
 };
 use super::files::unreadable;
 use crate::geom::Vector3;
 use crate::progress::Task;
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Bytes that are looked at to know what a file is: the longest header.
 const START_BYTES: u64 = 1 << 20;
@@ -33,21 +33,26 @@ pub(super) struct ImageFile {
     n_files: usize,
 }
 
+/// A file that is one of the formats, its header read and nothing more.
+struct Recognised {
+    /// The header's file; another one where that of the values was named.
+    path: PathBuf,
+    header: Header,
+    /// The file's first bytes, and the file behind them.
+    start: Vec<u8>,
+    rest: File,
+}
+
 /// Reads a file where it is one of the formats; `None` where it is something else.
 pub(super) fn open(path: &Path) -> Result<Option<ImageFile>, Error> {
-    let Some((path, mut header, mut bytes)) = recognised(path)? else { return Ok(None) };
+    recognised(path)?.map(Recognised::with_values).transpose()
+}
+
+/// The volume that a name means, found by the header alone; `None` where the file is something else.
+pub(super) fn find(path: &Path, name: &SeriesName) -> Result<Option<SeriesMark>, Error> {
+    let Some(Recognised { path, header, .. }) = recognised(path)? else { return Ok(None) };
     let n_files = 1 + usize::from(header.place.file.is_some());
-    if let Some(file) = &header.place.file {
-        let is_beside = matches!(file, DataFile::Beside(_));
-        let place = beside(&path, file);
-        bytes = std::fs::read(&place).map_err(|e| unreadable(&place, e))?;
-        if is_beside {
-            // Each file of a NIfTI pair may be packed or not.
-            let is_packed = bytes.starts_with(&GZIP_MAGIC);
-            header.place.packing = if is_packed { Packing::Gzip } else { Packing::Raw };
-        }
-    }
-    Ok(Some(ImageFile { path, header, bytes, n_files }))
+    ImageFile { path, header, bytes: Vec::new(), n_files }.find(name).map(Some)
 }
 
 /// The other file that an image's header names, where it stands alone.
@@ -55,8 +60,8 @@ pub(super) fn open(path: &Path) -> Result<Option<ImageFile>, Error> {
 /// # Errors
 /// [`Error`] where the file cannot be read, or is an image that cannot be used.
 pub fn companion(path: &Path) -> Result<Option<PathBuf>, Error> {
-    let Some((path, header, _)) = recognised(path)? else { return Ok(None) };
-    Ok(header.place.file.map(|file| beside(&path, &file)))
+    let Some(Recognised { path, header, .. }) = recognised(path)? else { return Ok(None) };
+    header.place.file.as_ref().map(|file| beside(&path, header.format, file)).transpose()
 }
 
 /// The labels of a segmentation that is a label map in one of these formats; `None` where the file is something else.
@@ -68,35 +73,66 @@ pub fn load_labels(path: &Path, task: &Task<'_>) -> Result<Option<LabelMap>, Err
     image.labels(task).map(Some)
 }
 
-/// The header of a file, and its bytes; the header's path differs where the values' file was named.
-fn recognised(path: &Path) -> Result<Option<(PathBuf, Header, Vec<u8>)>, Error> {
+/// The header of a file.
+fn recognised(path: &Path) -> Result<Option<Recognised>, Error> {
     if !path.is_file() {
         return Ok(None);
     }
-    let mut bytes = Vec::new();
-    let mut file = File::open(path).map_err(|e| unreadable(path, e))?;
-    file.by_ref().take(START_BYTES).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
+    let mut start = Vec::new();
+    let mut rest = File::open(path).map_err(|e| unreadable(path, e))?;
+    rest.by_ref().take(START_BYTES).read_to_end(&mut start).map_err(|e| unreadable(path, e))?;
     let fault = |fault| Error::Image { path: path.to_owned(), fault };
-    let Some(header) = formats::recognise(&bytes).map_err(fault)? else {
+    let Some(header) = formats::recognise(&start).map_err(fault)? else {
         let header = path.with_extension("hdr");
         let is_image = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("img"));
         return if is_image && header.is_file() { recognised(&header) } else { Ok(None) };
     };
-    file.read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
-    Ok(Some((path.to_owned(), header, bytes)))
+    Ok(Some(Recognised { path: path.to_owned(), header, start, rest }))
 }
 
-fn beside(header: &Path, file: &DataFile) -> PathBuf {
-    match file {
-        DataFile::Named(name) => header.with_file_name("").join(name),
-        DataFile::Beside(endings) => {
-            let is_packed = header.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-            let plain = if is_packed { header.with_extension("") } else { header.to_owned() };
-            let mut places = endings.iter().map(|e| plain.with_extension(e));
-            let first = places.next().unwrap_or_default();
-            if first.exists() { first } else { places.find(|p| p.exists()).unwrap_or(first) }
+impl Recognised {
+    fn with_values(self) -> Result<ImageFile, Error> {
+        let Self { path, mut header, start: mut bytes, mut rest } = self;
+        let n_files = 1 + usize::from(header.place.file.is_some());
+        match &header.place.file {
+            None => {
+                rest.read_to_end(&mut bytes).map_err(|e| unreadable(&path, e))?;
+            }
+            Some(file) => {
+                let place = beside(&path, header.format, file)?;
+                bytes = std::fs::read(&place).map_err(|e| unreadable(&place, e))?;
+                if matches!(file, DataFile::Beside(_)) {
+                    // Each file of a NIfTI pair may be packed or not.
+                    let is_packed = bytes.starts_with(&GZIP_MAGIC);
+                    header.place.packing = if is_packed { Packing::Gzip } else { Packing::Raw };
+                }
+            }
         }
+        Ok(ImageFile { path, header, bytes, n_files })
     }
+}
+
+/// The file of the values: the header's folder or one below holds it, whatever the header says, and it is a file with an end.
+fn beside(header: &Path, format: &'static str, file: &DataFile) -> Result<PathBuf, Error> {
+    let is_plain = |c: Component<'_>| matches!(c, Component::Normal(_) | Component::CurDir);
+    let place = match file {
+        DataFile::Named(name) if Path::new(name).components().all(is_plain) => {
+            Some(header.with_file_name("").join(name))
+        }
+        DataFile::Named(_) => None,
+        DataFile::Beside(endings) => Some(with_an_ending(header, endings)),
+    };
+    let elsewhere = Error::Image { path: header.to_owned(), fault: Fault::ValuesElsewhere { format } };
+    place.filter(|p| p.is_file() || !p.exists()).ok_or(elsewhere)
+}
+
+/// The header's path with the first ending under which there is something.
+fn with_an_ending(header: &Path, endings: &[&str]) -> PathBuf {
+    let is_packed = header.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    let plain = if is_packed { header.with_extension("") } else { header.to_owned() };
+    let mut places = endings.iter().map(|e| plain.with_extension(e));
+    let first = places.next().unwrap_or_default();
+    if first.exists() { first } else { places.find(|p| p.exists()).unwrap_or(first) }
 }
 
 impl ImageFile {
@@ -154,6 +190,7 @@ impl ImageFile {
             warnings,
             modality: self.modality().to_owned(),
             n_files: self.n_files,
+            frame: FrameOfReference::default(),
         })
     }
 
@@ -205,7 +242,7 @@ impl ImageFile {
     }
 
     /// The volume that a name means; its number says all there is to keep, for the file itself is the case's source.
-    pub(super) fn find(&self, name: &SeriesName) -> Result<SeriesMark, Error> {
+    fn find(&self, name: &SeriesName) -> Result<SeriesMark, Error> {
         let number = match name {
             SeriesName::Number(number) => *number,
             SeriesName::Mark(mark) => mark.number,
@@ -216,33 +253,35 @@ impl ImageFile {
     }
 
     pub(super) fn inspect(&self, task: &Task<'_>) -> Result<Inspection, Error> {
-        let (mut series, mut faults) = (Vec::new(), Vec::new());
-        for index in 0..self.header.n_volumes {
-            let (report, fault) = self.report(index, task)?;
-            series.push(report);
-            faults.extend(fault);
-        }
+        // All volumes share the grid and the file: one pass over the values, kept of the middle one, tells what there is to tell.
+        let looked_at = self.look_at(self.header.n_volumes / 2, task)?;
+        let series = (0..self.header.n_volumes).map(|index| self.report(index, &looked_at)).collect();
+        let faults = looked_at.err().iter().map(Error::to_string).collect();
         Ok(Inspection { n_files: self.n_files, series, warnings: Vec::new(), faults })
     }
 
-    /// The report on a volume, and what is wrong with it, with the path.
-    fn report(&self, index: usize, task: &Task<'_>) -> Result<(SeriesReport, Option<String>), Error> {
-        let (loaded, fault) = match self.volume(index, task).map_err(|f| self.fault(f)) {
-            Ok(loaded) => (Some(loaded), None),
-            Err(Error::Cancelled(c)) => return Err(c.into()),
-            Err(fault) => (None, Some(fault)),
-        };
+    /// A volume, or what is wrong with it.
+    fn look_at(&self, index: usize, task: &Task<'_>) -> Result<Result<Loaded, Error>, Error> {
+        match self.volume(index, task).map_err(|f| self.fault(f)) {
+            Err(Error::Cancelled(c)) => Err(c.into()),
+            looked_at => Ok(looked_at),
+        }
+    }
+
+    /// The report on a volume.
+    fn report(&self, index: usize, looked_at: &Result<Loaded, Error>) -> SeriesReport {
+        let (loaded, fault) = (looked_at.as_ref().ok(), looked_at.as_ref().err());
         let grid = &self.header.grid;
-        let volume = loaded.as_ref().map(|l| &l.volume);
-        let warnings = loaded.as_ref().map_or_else(|| self.header.warnings.clone(), |l| l.warnings.clone());
-        let verdict = match (&fault, warnings.is_empty()) {
+        let volume = loaded.map(|l| &l.volume);
+        let warnings = loaded.map_or_else(|| self.header.warnings.clone(), |l| l.warnings.clone());
+        let verdict = match (fault, warnings.is_empty()) {
             (Some(_), _) => Verdict::Unusable,
             (None, true) => Verdict::Usable,
             (None, false) => Verdict::UsableWithWarnings,
         };
         let normal: Vector3 = grid.axes_mm[0].cross(&grid.axes_mm[1]).normalize();
         let slab_thickness_mm = self.header.slab_thickness_mm;
-        let report = SeriesReport {
+        SeriesReport {
             number: index + 1,
             modality: self.modality().to_owned(),
             distinction: String::new(),
@@ -260,11 +299,10 @@ impl ImageFile {
             pixels: self.pixels(),
             encoding: self.header.encoding(),
             verdict,
-            reason: fault.as_ref().map(|f| f.text_with(|_| "the file".to_owned())),
+            reason: fault.map(|f| f.text_with(|_| "the file".to_owned())),
             warnings,
-            next: next_command(index + 1, fault.as_ref(), self.header.n_volumes > 1),
-        };
-        Ok((report, fault.map(|f| f.to_string())))
+            next: next_command(index + 1, fault, self.header.n_volumes > 1),
+        }
     }
 
     fn pixels(&self) -> PixelReport {
@@ -305,4 +343,83 @@ fn more_values() -> Warning {
         "ct.more_values",
         "the file goes on after the values that its header declares; the rest was left out",
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ct::reader;
+    use std::fs;
+    use tempfile::TempDir;
+
+    const NRRD: &str = "NRRD0004\ntype: uint8\nsizes: 2 2 2\nspacings: 1 1 1\nencoding: raw\n";
+
+    /// A header that names its values, a file of values beside it, below it and outside.
+    fn place(data_file: &str) -> (TempDir, PathBuf) {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("folder");
+        fs::create_dir_all(folder.join("below")).unwrap();
+        for values in ["outside.raw", "folder/beside.raw", "folder/below/values.raw"] {
+            fs::write(place.path().join(values), [7; 8]).unwrap();
+        }
+        std::os::unix::fs::symlink("/dev/zero", folder.join("endless.raw")).unwrap();
+        let header = folder.join("header.nhdr");
+        let data_file = data_file.replace("PLACE", place.path().to_str().unwrap());
+        fs::write(&header, format!("{NRRD}data file: {data_file}\n\n")).unwrap();
+        (place, header)
+    }
+
+    #[test]
+    fn values_are_read_from_the_headers_folder_and_from_nowhere_else() {
+        for inside in ["beside.raw", "./beside.raw", "below/values.raw"] {
+            let (_place, header) = place(inside);
+            let loaded = reader::load(&header, &SeriesChoice::Only, &Task::quiet()).unwrap();
+            assert_eq!((loaded.volume.hu[0], loaded.n_files), (7.0, 2), "{inside}");
+        }
+        for outside in [
+            "../outside.raw",
+            "PLACE/outside.raw",
+            "/dev/zero",
+            "endless.raw",
+            "below/../beside.raw",
+            "below",
+        ] {
+            let (_place, header) = place(outside);
+            let refused = |e: Error| matches!(e, Error::Image { fault: Fault::ValuesElsewhere { .. }, .. });
+            assert!(
+                refused(reader::load(&header, &SeriesChoice::Only, &Task::quiet()).unwrap_err()),
+                "{outside}"
+            );
+            assert!(refused(companion(&header).unwrap_err()), "{outside}");
+        }
+    }
+
+    #[test]
+    fn a_header_is_looked_at_without_the_values_behind_it() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("large.nrrd");
+        fs::write(&path, format!("{NRRD}\n")).unwrap();
+        // A hole that no machine's memory holds.
+        File::options().append(true).open(&path).unwrap().set_len(1 << 42).unwrap();
+        assert_eq!(companion(&path).unwrap(), None);
+        assert_eq!(reader::find(&path, &SeriesName::Number(1), "", &Task::quiet()).unwrap().number, 1);
+    }
+
+    #[test]
+    fn volumes_of_one_file_are_reported_each() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("series.nrrd");
+        let header =
+            NRRD.replace("sizes: 2 2 2", "sizes: 2 2 2 3").replace("spacings: 1 1 1", "spacings: 1 1 1 1");
+        let with = |n: usize| {
+            fs::write(&path, [format!("{header}\n").into_bytes(), vec![1; n]].concat()).unwrap();
+            reader::inspect(&path, &Task::quiet()).unwrap()
+        };
+        let whole = with(24);
+        assert_eq!(whole.series.iter().map(|s| s.number).collect::<Vec<_>>(), [1, 2, 3]);
+        assert!(whole.faults.is_empty() && whole.series.iter().all(|s| s.n_planes == Some(2)));
+        let cut = with(23);
+        assert_eq!(cut.faults.len(), 1, "one file has one fault: {:?}", cut.faults);
+        assert!(cut.series.iter().all(|s| s.verdict == Verdict::Unusable));
+    }
 }

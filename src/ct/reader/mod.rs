@@ -21,12 +21,16 @@ mod stacks;
 mod syntax;
 
 pub use super::codec::is_decoding;
+pub(crate) use files::has_dicom_mark;
 pub use image::{companion, load_labels};
 
 use super::grouping::group;
 use super::series::{Header, Series, listing};
 use super::stack::{Stack, arrange};
-use super::{Error, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume, Warning};
+use super::{
+    Error, FrameOfReference, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume,
+    Warning,
+};
 use crate::progress::{Cancelled, Task};
 use files::{Folder, scan};
 use pixels::Findings;
@@ -75,6 +79,7 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
         warnings,
         modality: series.images[0].modality.clone(),
         n_files: stack.images.len() + stack.duplicates.len(),
+        frame: FrameOfReference::new(&series.images[0].identity[1]),
     })
 }
 
@@ -84,8 +89,8 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
 /// # Errors
 /// [`Error::NoSuchSeries`], [`Error::NoSeriesOfUid`] or [`Error::SeriesGone`] where it is not there; as [`load`] for the folder.
 pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Result<SeriesMark, Error> {
-    if let Some(image) = image::open(path)? {
-        return image.find(name);
+    if let Some(mark) = image::find(path, name)? {
+        return Ok(mark);
     }
     let all = group(scan(path, task)?.images);
     let position = match name {

@@ -506,7 +506,7 @@ fn real(below: &str) -> Option<PathBuf> {
 #[test]
 fn the_aortic_bifurcation_has_its_seed_where_it_belongs() {
     let Some(path) = real("1_aortic_bifurcation_mra/dicom") else { return };
-    let Loaded { volume, warnings, modality, n_files } =
+    let Loaded { volume, warnings, modality, n_files, frame: _ } =
         load(&path, &SeriesChoice::Only, &Task::quiet()).unwrap();
     assert_eq!((volume.dims, n_files, modality.as_str()), ([157, 34, 393], 393, "CT"));
     let seed = volume.stack_from_voxel(82.0, 15.0, 160);
