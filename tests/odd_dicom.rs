@@ -70,6 +70,15 @@ impl Folder {
         fs::write(self.file(4), &bytes[..keep(bytes.len())]).unwrap();
     }
 
+    /// Bytes put before the pixel data of image 4.
+    fn insert(&self, bytes: &[u8]) {
+        let mut file = fs::read(self.file(4)).unwrap();
+        let at = file.len() - PIXEL_BYTES - 12;
+        assert_eq!(file[at..at + 4], [0xe0, 0x7f, 0x10, 0]);
+        file.splice(at..at, bytes.iter().copied());
+        fs::write(self.file(4), file).unwrap();
+    }
+
     /// A second set of images at the same places, told apart by the given change.
     fn doubled(&self, change: impl Fn(&mut DefaultDicomObject)) {
         for n in 1..=N_PLANES {
@@ -129,6 +138,14 @@ fn compressed(object: &mut DefaultDicomObject, syntax: &str, bytes: Vec<u8>) {
     let fragments = PixelFragmentSequence::new_fragments(C::from_vec(vec![bytes]));
     object.put(DataElement::new(tags::PIXEL_DATA, VR::OB, Value::PixelSequence(fragments)));
     object.update_meta(|m| m.transfer_syntax = syntax.into());
+}
+
+/// A private sequence of undefined length as PS3.5 6.2.2 has it in a file of explicit encoding: UN, its content implicit. The one
+/// element in it claims `length` bytes and has 4.
+fn unknown_sequence(length: u32) -> Vec<u8> {
+    let item = [&[0xfe, 0xff, 0x00, 0xe0, 0xff, 0xff, 0xff, 0xff][..], &[1, 0x70, 0x11, 0x10]].concat();
+    let ends = [0xfe, 0xff, 0x0d, 0xe0, 0, 0, 0, 0, 0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0];
+    [b"\x01\x70\x10\x10UN\0\0\xff\xff\xff\xff", &item[..], &length.to_le_bytes(), b"ABCD", &ends].concat()
 }
 
 /// One fault: its name, what does it, and what is said.
@@ -323,6 +340,35 @@ fn truncated_and_damaged() {
             |f| f.edit_all(|_, o| compressed(o, "1.2.840.10008.1.2.4.100", vec![1; 64])),
             Err(
                 "ct/IM0001.dcm: compressed as an unknown transfer syntax, which is not supported: export the series uncompressed (explicit VR little endian)",
+            ),
+        ),
+        ("a private sequence in implicit encoding", |f| f.insert(&unknown_sequence(4)), Ok(&[])),
+        (
+            "a private sequence with an element too long",
+            |f| f.insert(&unknown_sequence(0xffff_fff0)),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (an element runs beyond the end of the file): copy or export it again",
+            ),
+        ),
+        (
+            "a private sequence without an end",
+            |f| f.insert(&unknown_sequence(4)[..36]),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (something stands between the items of a sequence): copy or export it again",
+            ),
+        ),
+        (
+            "an item outside of a sequence, of 2 GB",
+            |f| f.insert(&[0xfe, 0xff, 0x00, 0xe0, 0xff, 0xff, 0xff, 0x7f]),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (an item stands outside of a sequence): copy or export it again",
+            ),
+        ),
+        (
+            "an element between the items of a sequence",
+            |f| f.insert(b"\x01\x70\x10\x10SQ\0\0\xff\xff\xff\xff\x01\x70\x11\x10UN\0\0\xf0\xff\xff\xff"),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (something stands between the items of a sequence): copy or export it again",
             ),
         ),
         (
@@ -843,4 +889,44 @@ fn a_file_that_may_not_be_read_is_named() {
     let expected =
         "cannot read ct/IM0003.dcm: Permission denied (os error 13): check that it exists and may be read";
     assert_eq!(folder.said(false).unwrap_err(), expected);
+}
+
+/// Two series of eight planes each; what is told of each when image 3 of the second is what `damage` makes of it.
+fn told_of_two_series(damage: fn(Vec<u8>) -> Vec<u8>) -> [(Result<Vec<String>, String>, Verdict); 2] {
+    let folder = Folder::new();
+    folder.doubled(|o| put(o, tags::SERIES_INSTANCE_UID, VR::UI, "1.2.3"));
+    let file = folder.path().join("Z3.dcm");
+    fs::write(&file, damage(fs::read(&file).unwrap())).unwrap();
+    let inspection = reader::inspect(&folder.path(), &Task::quiet()).unwrap();
+    [1, 2].map(|number| {
+        let options = Options { choice: SeriesChoice::ByNumber(number), allow_gaps: false };
+        let loaded = reader::load_with(&folder.path(), &options, &Task::quiet());
+        let texts =
+            loaded.map(|l| l.warnings.into_iter().map(|w| format!("{}: {}", w.code, w.text)).collect());
+        let name = |p: &Path| p.strip_prefix(folder.path()).unwrap_or(p).display().to_string();
+        (texts.map_err(|e| e.text_with(name)), inspection.series[number - 1].verdict)
+    })
+}
+
+#[test]
+fn a_damaged_file_spoils_the_series_that_it_names_and_all_where_it_names_none() {
+    let [first, second] = told_of_two_series(|bytes| bytes[..bytes.len() - 100].to_vec());
+    let told = vec!["ct.damaged_elsewhere: 1 damaged file(s) of other series left out".to_owned()];
+    assert_eq!(first, (Ok(told), Verdict::Usable));
+    let truncated = "Z3.dcm: truncated: 1052 bytes, its pixels need 1152: copy or export it again".to_owned();
+    assert_eq!(second, (Err(truncated), Verdict::Unusable));
+    let unmarked = "Z3.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again";
+    for told in told_of_two_series(|bytes| bytes[..100].to_vec()) {
+        assert_eq!(told, (Err(unmarked.to_owned()), Verdict::Unusable));
+    }
+    // A UID that no readable file has tells nothing: it may be the damage.
+    let other_uid = |bytes: Vec<u8>| {
+        let at = bytes.windows(5).rposition(|w| w == b"1.2.3").unwrap();
+        [&bytes[..at], b"1.2.9", &bytes[at + 5..bytes.len() - 100]].concat()
+    };
+    assert!(
+        told_of_two_series(other_uid)
+            .iter()
+            .all(|(said, verdict)| said.is_err() && *verdict == Verdict::Unusable)
+    );
 }

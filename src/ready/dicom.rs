@@ -8,7 +8,7 @@ use crate::geom::{Point3, Vector3};
 use crate::progress::Task;
 use dicom_core::Tag;
 use dicom_dictionary_std::uids;
-use dicom_object::{InMemDicomObject, open_file};
+use dicom_object::InMemDicomObject;
 use std::path::{Path, PathBuf};
 
 /// Reads a DICOM SEG or RTSTRUCT.
@@ -18,11 +18,7 @@ pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Resul
         return Err(Error::Foreign(path.to_owned()));
     }
     let place = Place(path);
-    crate::ct::reader::check_lengths(path)?;
-    // The library's own words are left out: they may quote what identifies a patient.
-    let object = open_file(path).ok();
-    let object = object
-        .ok_or_else(|| place.fault("damaged DICOM file, it cannot be parsed: copy or export it again"))?;
+    let object = crate::ct::reader::open_whole(path)?;
     task.check()?;
     match object.meta().media_storage_sop_class_uid().trim_end_matches(['\0', ' ']) {
         uids::SEGMENTATION_STORAGE => seg::ready(place, &object, label, task),

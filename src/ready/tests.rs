@@ -582,3 +582,19 @@ fn a_file_of_another_kind_is_refused() {
         "FILE is no segmentation: expected a label map (NIfTI, MetaImage, NRRD), a DICOM SEG or an RTSTRUCT"
     );
 }
+
+/// Elements of unknown tag and undefined length are sequences, whose bytes may claim anything.
+#[test]
+fn a_huge_length_within_an_unknown_element_is_not_believed() {
+    for class in [uids::SEGMENTATION_STORAGE, uids::RT_STRUCTURE_SET_STORAGE] {
+        let written = write(InMemDicomObject::new_empty(), class, uids::IMPLICIT_VR_LITTLE_ENDIAN);
+        let mut bytes = std::fs::read(&written.path).unwrap();
+        // An item of wrong length, then an element of almost 4 GB.
+        bytes.extend(
+            b"\x06\x20\x39\x00\xff\xff\xff\xff\xfe\xff\x00\xe0\xff\xff\xab\xff\xff\x06\x30\x40\0\xff\xff\xfe",
+        );
+        std::fs::write(&written.path, bytes).unwrap();
+        let said = written.error(None);
+        assert!(said.contains("an element runs beyond the end of the file"), "{said}");
+    }
+}

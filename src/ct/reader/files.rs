@@ -3,10 +3,10 @@
 //! A folder means all files below it, and a DICOMDIR (PS3.10 8) those and the ones that it names; any other DICOM file
 //! means itself. A DICOMDIR in a folder is heeded too: what it names and is not there, is told.
 
-use super::super::series::Header;
+use super::super::series::{Header, Series};
 use super::super::{Error, PHANTOM_TRUTH_FILE, Warning};
 use super::header::{self, Content};
-use super::{in_parallel, left_out};
+use super::{in_parallel, left_out, lengths};
 use crate::progress::Task;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -22,13 +22,32 @@ pub(super) struct Folder {
     /// About what was left out.
     pub(super) warnings: Vec<Warning>,
     /// DICOM files that cannot be read.
-    pub(super) faults: Vec<Error>,
+    pub(super) damages: Vec<Damage>,
+}
+
+/// A DICOM file that cannot be read.
+#[derive(Debug)]
+pub(super) struct Damage {
+    pub(super) fault: Error,
+    /// Its SeriesInstanceUID, where that can be read in spite of it; compared, never shown.
+    series: Option<String>,
+}
+
+impl Damage {
+    /// Whether it may be a plane of that series: unless it says that it is one of another series of the folder.
+    pub(super) fn concerns(&self, series: &Series, all: &[Series]) -> bool {
+        !self.is_of_one_of(all) || self.series.as_ref().is_some_and(|uid| series.has_uid(uid))
+    }
+
+    pub(super) fn is_of_one_of(&self, all: &[Series]) -> bool {
+        self.series.as_ref().is_some_and(|uid| all.iter().any(|s| s.has_uid(uid)))
+    }
 }
 
 /// What one file is.
 enum Kind {
     Foreign,
-    Dicom(Result<Content, Error>),
+    Dicom(Result<Content, Damage>),
 }
 
 /// Looks at all files that a path means.
@@ -63,7 +82,7 @@ fn scan_folder(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
         return Err(Error::NoDicom { path: folder.to_owned(), n_files: files.len() });
     }
     if let (Some(missing), true) = (named.missing, finding.folder.images.is_empty()) {
-        finding.folder.faults.push(missing);
+        finding.folder.damages.push(Damage { fault: missing, series: None });
     }
     finding.folder.images.sort_by(|a, b| (&a.path, a.frame.number).cmp(&(&b.path, b.frame.number)));
     finding.folder.warnings.extend(named.warning);
@@ -97,7 +116,7 @@ struct Named {
 
 impl Default for Finding {
     fn default() -> Self {
-        let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), faults: Vec::new() };
+        let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), damages: Vec::new() };
         Self { folder, n_foreign: 0, n_localizers: 0, n_captures: 0, n_others: 0, directories: Vec::new() }
     }
 }
@@ -114,7 +133,7 @@ impl Finding {
                 "ct.directory_damaged",
                 "a DICOMDIR cannot be read: whether all files that it names are there is not known",
             )),
-            Kind::Dicom(Err(fault)) => self.folder.faults.push(fault),
+            Kind::Dicom(Err(damage)) => self.folder.damages.push(damage),
             Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
             Kind::Foreign => self.n_foreign += 1,
         }
@@ -124,7 +143,7 @@ impl Finding {
     const fn is_without_dicom(&self) -> bool {
         let Self { folder, n_localizers, n_captures, n_others, directories, .. } = self;
         folder.images.is_empty()
-            && folder.faults.is_empty()
+            && folder.damages.is_empty()
             && *n_localizers + *n_captures + *n_others == 0
             && directories.is_empty()
     }
@@ -220,15 +239,16 @@ pub(super) fn unreadable(path: &Path, source: io::Error) -> Error {
 }
 
 fn look_at(path: &Path) -> Kind {
-    match has_dicom_mark(path) {
-        Err(e) => Kind::Dicom(Err(unreadable(path, e))),
-        Ok(true) => Kind::Dicom(header::read(path)),
+    let content = match has_dicom_mark(path) {
+        Err(e) => Err(unreadable(path, e)),
+        Ok(true) => header::read(path),
         // A file that is called DICOM and is not was damaged: it may have been a plane.
         Ok(false) if is_called_dicom(path) => {
-            Kind::Dicom(Err(Error::Damaged { path: path.to_owned(), what: "the mark DICM is missing" }))
+            Err(Error::Damaged { path: path.to_owned(), what: "the mark DICM is missing" })
         }
-        Ok(false) => Kind::Foreign,
-    }
+        Ok(false) => return Kind::Foreign,
+    };
+    Kind::Dicom(content.map_err(|fault| Damage { fault, series: lengths::series_of(path) }))
 }
 
 /// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).

@@ -8,14 +8,15 @@ use super::super::axes::orthonormal;
 use super::super::encoding::{Frame, Loss, Packing};
 use super::super::series::{Header, PixelFormat, Shape};
 use super::super::traits::{Trait, Traits};
-use super::lengths::{self, Layout};
+use super::lengths::Layout;
+use super::open::open;
 use super::places;
 use super::stacks::{self, Dimensions};
 use super::syntax::syntax_of;
 use crate::geom::{Point3, Vector3};
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions};
+use dicom_object::{DefaultDicomObject, InMemDicomObject};
 use std::path::Path;
 
 pub(super) use super::syntax::EXPLICIT_BIG_ENDIAN_UID;
@@ -57,10 +58,8 @@ const MODALITIES: [&str; 12] = ["CT", "MR", "PT", "NM", "XA", "RF", "CR", "DX", 
 
 /// Reads a header, up to the pixels.
 pub(super) fn read(path: &Path) -> Result<Content, Error> {
-    let layout = lengths::check(path)?;
-    let object = OpenFileOptions::new().read_until(tags::PIXEL_DATA).open_file(path);
     // The library's own words are left out here and below: they may quote what identifies a patient.
-    let object = object.ok().ok_or_else(|| damaged(path, "its header cannot be parsed"))?;
+    let (object, layout) = open(path, Some(tags::PIXEL_DATA))?;
     Attributes { path, object: &object, frame: None }.content(&layout)
 }
 

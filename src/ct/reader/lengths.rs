@@ -3,9 +3,12 @@
 //! The DICOM library sets memory aside for as many bytes as an element claims to have: one wrong byte could ask for
 //! 4 GB. So the headers of all elements are walked first (PS3.5 7.1 to 7.5, A.4), values skipped; which also tells exactly how
 //! many bytes a truncated file lacks, and where each fragment of compressed pixels lies, so that one frame of many can
-//! be read alone. A deflated file is inflated for that, piece by piece. Sequences of undefined length whose meaning is unknown are
-//! walked as implicit VR little endian (PS3.5 6.2.2). Sequences in sequences beyond a depth that nobody writes are refused: the
-//! library calls itself for each.
+//! be read alone. A deflated file is inflated for that, piece by piece. Sequences in sequences beyond a depth that nobody writes
+//! are refused: the library calls itself for each.
+//!
+//! The walk takes every byte for what the library takes it for, and refuses what leaves that open; else a length
+//! could hide where the two differ. One thing the library reads wrongly: elements of unknown kind and undefined length, which are
+//! implicit VR little endian in any file (PS3.5 6.2.2). Their places are told, so that it is not shown them.
 
 use super::super::Error;
 use super::files::unreadable;
@@ -27,6 +30,8 @@ const UNDEFINED: u32 = u32::MAX;
 const ITEM: Tag = Tag(0xfffe, 0xe000);
 const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
+/// Tag, VR, two bytes that mean nothing, length.
+const LONG_HEADER_BYTES: u64 = 12;
 /// Longest UID there is.
 const LONGEST_UID: u32 = 64;
 /// Deepest nesting that is believed.
@@ -45,6 +50,8 @@ pub(super) struct Layout {
     pub(super) deflated_from: Option<u64>,
     /// Whether pixels of 8 bits stand in words.
     pub(super) is_in_words: bool,
+    /// Elements that the library must not see, ascending.
+    pub(super) cuts: Vec<Range<u64>>,
 }
 
 /// The pixel data element.
@@ -73,19 +80,40 @@ pub(super) struct Fragment {
 /// # Errors
 /// [`Error::Truncated`] where the pixels run beyond the end, [`Error::Damaged`] where anything else does.
 pub(super) fn check(path: &Path) -> Result<Layout, Error> {
+    let Start { mut walk, encoding, deflated_from } = start(path)?;
+    walk.data_set(encoding)?;
+    Ok(Layout { pixels: walk.pixels, deflated_from, is_in_words: walk.is_in_words, cuts: walk.cuts })
+}
+
+/// The SeriesInstanceUID of a file, damaged or not, where one can be read before any damage.
+pub(super) fn series_of(path: &Path) -> Option<String> {
+    let Start { mut walk, encoding, .. } = start(path).ok()?;
+    // How far it comes is what there is to tell from.
+    walk.data_set(encoding).ok();
+    let [uid] = walk.series.as_slice() else { return None };
+    let uid = std::str::from_utf8(uid).ok()?.trim_end_matches(['\0', ' ']);
+    let is_uid = !uid.is_empty() && uid.chars().all(|c| c.is_ascii_digit() || c == '.');
+    is_uid.then(|| uid.to_owned())
+}
+
+/// A walk at the first element of a data set.
+struct Start<'a> {
+    walk: Walk<'a>,
+    encoding: Encoding,
+    deflated_from: Option<u64>,
+}
+
+fn start(path: &Path) -> Result<Start<'_>, Error> {
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
     let length = file.metadata().map_err(|e| unreadable(path, e))?.len();
-    let input = Input::Plain { reader: BufReader::new(file), length };
-    let mut walk = Walk::new(path, input);
+    let mut walk = Walk::new(path, Input::Plain { reader: BufReader::new(file), length });
     walk.skip(START_BYTES)?;
     let encoding = walk.meta_group()?;
-    let mut deflated_from = None;
+    let deflated_from = encoding.is_deflated.then_some(walk.position);
     if encoding.is_deflated {
-        deflated_from = Some(walk.position);
         walk = Walk::new(path, walk.input.inflated());
     }
-    walk.data_set(encoding)?;
-    Ok(Layout { pixels: walk.pixels, deflated_from, is_in_words: walk.is_in_words })
+    Ok(Start { walk, encoding, deflated_from })
 }
 
 /// How element headers are written.
@@ -163,6 +191,8 @@ struct Level {
     /// How its elements are written.
     encoding: Encoding,
     kind: LevelKind,
+    /// Where the element begins that is to be cut out with it.
+    cut_from: Option<u64>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -181,6 +211,9 @@ struct Walk<'a> {
     is_in_words: bool,
     /// Whether the first item of the pixels, the table of frames, was passed.
     is_table_read: bool,
+    cuts: Vec<Range<u64>>,
+    /// Every SeriesInstanceUID of the data set itself; a sound file has one.
+    series: Vec<Vec<u8>>,
 }
 
 impl<'a> Walk<'a> {
@@ -193,19 +226,26 @@ impl<'a> Walk<'a> {
             pixels: None,
             is_in_words: false,
             is_table_read: false,
+            cuts: Vec::new(),
+            series: Vec::new(),
         }
     }
 
     /// Walks the file meta group; returns how the data set behind it is encoded.
     fn meta_group(&mut self) -> Result<Encoding, Error> {
         let mut syntax = Vec::new();
-        // Tags are little endian here: the group's low byte stands first.
-        while self.peek()? == Some(2) {
+        let mut end = None;
+        while self.is_in_meta_group(end)? {
             let element = self.element(EXPLICIT)?;
-            if element.tag == tags::TRANSFER_SYNTAX_UID && element.length <= LONGEST_UID {
-                syntax = self.read_bytes(element.length as usize)?;
-            } else {
-                self.skip_value(&element)?;
+            match element.tag {
+                tags::FILE_META_INFORMATION_GROUP_LENGTH if element.length == 4 => {
+                    let length = u32::from_le_bytes(self.array()?);
+                    end = Some(self.position + u64::from(length));
+                }
+                tags::TRANSFER_SYNTAX_UID if element.length <= LONGEST_UID => {
+                    syntax = self.read_bytes(element.length as usize)?;
+                }
+                _ => self.skip_value(&element)?,
             }
         }
         let name = String::from_utf8_lossy(&syntax);
@@ -217,6 +257,15 @@ impl<'a> Walk<'a> {
         })
     }
 
+    /// Whether another element of the file meta group follows: up to its end where that is said.
+    fn is_in_meta_group(&mut self, end: Option<u64>) -> Result<bool, Error> {
+        match end {
+            Some(end) => Ok(self.position < end),
+            // Tags are little endian here: the group's low byte stands first.
+            None => Ok(self.peek()? == Some(2)),
+        }
+    }
+
     fn data_set(&mut self, encoding: Encoding) -> Result<(), Error> {
         while self.peek()?.is_some() {
             while self.levels.last().is_some_and(|l| l.end.is_some_and(|end| end <= self.position)) {
@@ -226,25 +275,65 @@ impl<'a> Walk<'a> {
             let element = self.element(encoding)?;
             self.visit(&element, encoding)?;
         }
-        Ok(())
+        if self.levels.iter().any(|l| l.cut_from.is_some()) { Err(self.ends_early()) } else { Ok(()) }
     }
 
     fn visit(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
-        let is_in_fragments = self.levels.last().is_some_and(|l| l.kind == LevelKind::Fragments);
+        use LevelKind::{Fragments, Item, Sequence};
+        match (self.levels.last().map(|l| l.kind), element.tag) {
+            (Some(Fragments), ITEM) => self.fragment(element),
+            (Some(Sequence), ITEM) => self.enter(element, encoding, Item),
+            (Some(Sequence | Fragments), SEQUENCE_END) | (Some(Item), ITEM_END) => {
+                self.leave();
+                Ok(())
+            }
+            (Some(Sequence | Fragments), _) => {
+                Err(damaged(self.path, "something stands between the items of a sequence"))
+            }
+            // Ends of what was never begun do no harm.
+            (None, ITEM_END) | (_, SEQUENCE_END) if element.length == 0 => Ok(()),
+            (_, ITEM | ITEM_END | SEQUENCE_END) => {
+                Err(damaged(self.path, "an item stands outside of a sequence"))
+            }
+            _ => self.visit_value(element, encoding),
+        }
+    }
+
+    fn visit_value(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
         match element.tag {
-            ITEM if is_in_fragments => self.fragment(element),
-            ITEM => self.enter(element, encoding, LevelKind::Item),
-            ITEM_END => self.leave(LevelKind::Item),
-            SEQUENCE_END => self.leave(LevelKind::Sequence),
             tags::PIXEL_DATA => self.pixel_data(element, encoding),
             _ if element.vr == VR::SQ => self.enter(element, encoding, LevelKind::Sequence),
-            _ if element.length == UNDEFINED => self.enter(element, IMPLICIT, LevelKind::Sequence),
+            _ if element.length == UNDEFINED => self.enter_unknown(element, encoding),
+            tags::SERIES_INSTANCE_UID if self.levels.is_empty() && element.length <= LONGEST_UID => {
+                self.check_within(element)?;
+                let uid = self.read_bytes(element.length as usize)?;
+                self.series.push(uid);
+                Ok(())
+            }
             _ if element.length > LONGEST_VALUE => {
                 self.check_within(element)?;
                 Err(damaged(self.path, "an element of its header has more than 256 MiB"))
             }
             _ => self.skip_value(element),
         }
+    }
+
+    /// Enters a sequence that is not called one.
+    fn enter_unknown(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
+        // Within what states its length nothing can be left out, nor in what is inflated on the way.
+        let can_be_cut = encoding.is_explicit
+            && element.vr == VR::UN
+            && matches!(self.input, Input::Plain { .. })
+            && self.levels.iter().all(|l| l.end.is_none());
+        if !can_be_cut {
+            return self.enter(element, encoding, LevelKind::Sequence);
+        }
+        let cut_from = self.position - LONG_HEADER_BYTES;
+        self.enter(element, IMPLICIT, LevelKind::Sequence)?;
+        if let Some(level) = self.levels.last_mut() {
+            level.cut_from = Some(cut_from);
+        }
+        Ok(())
     }
 
     fn pixel_data(&mut self, element: &Element, encoding: Encoding) -> Result<(), Error> {
@@ -273,16 +362,13 @@ impl<'a> Walk<'a> {
             return Err(damaged(self.path, "its sequences are nested too deep"));
         }
         let end = (element.length != UNDEFINED).then(|| self.position + u64::from(element.length));
-        self.levels.push(Level { end, encoding, kind });
+        self.levels.push(Level { end, encoding, kind, cut_from: None });
         Ok(())
     }
 
-    /// Leaves all up to the innermost level of that kind, fragments counting as a sequence.
-    fn leave(&mut self, kind: LevelKind) -> Result<(), Error> {
-        let is_item = |l: &Level| l.kind == LevelKind::Item;
-        let innermost = self.levels.iter().rposition(|l| is_item(l) == (kind == LevelKind::Item));
-        self.levels.truncate(innermost.unwrap_or(self.levels.len()));
-        Ok(())
+    fn leave(&mut self) {
+        let cut_from = self.levels.pop().and_then(|l| l.cut_from);
+        self.cuts.extend(cut_from.map(|start| start..self.position));
     }
 
     /// An item of compressed pixels: the offset table if it is the first, else a fragment.

@@ -2,8 +2,8 @@
 //! touches files.
 //!
 //! All files below a folder are looked at. What is not DICOM, localizers and objects without image planes are
-//! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series. A file that is
-//! no DICOM is told by its first bytes.
+//! left out with a warning; a DICOM file that cannot be read is an error, because it may be a plane of the series, unless what
+//! can be read of it names another series of the folder. A file that is no DICOM is told by its first bytes.
 //!
 //! Transfer syntaxes: uncompressed (implicit and explicit, both byte orders), deflated, RLE, JPEG baseline, extended and
 //! lossless, JPEG-LS, JPEG 2000. Multi-frame objects (Enhanced CT and its like) give an image for each frame.
@@ -15,6 +15,7 @@ mod files;
 mod header;
 mod image;
 mod lengths;
+mod open;
 mod pixels;
 mod places;
 mod stacks;
@@ -32,6 +33,7 @@ use super::{
     Warning,
 };
 use crate::progress::{Cancelled, Task};
+use dicom_object::DefaultDicomObject;
 use files::{Folder, scan};
 use pixels::Findings;
 use rayon::prelude::*;
@@ -63,13 +65,18 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
     if let Some(image) = image::open(path)? {
         return image.load(options.choice, task);
     }
-    let folder = scan(path, task)?;
-    if let Some(fault) = folder.faults.into_iter().next() {
-        return Err(fault);
+    let Folder { images, mut warnings, damages, .. } = scan(path, task)?;
+    let all = group(images);
+    let (own, elsewhere): (Vec<_>, Vec<_>) = match choose(path, &all, options.choice) {
+        Ok(series) => damages.into_iter().partition(|d| d.concerns(series, &all)),
+        // A damaged file may be why there is nothing to choose.
+        Err(_) => damages.into_iter().partition(|d| !d.is_of_one_of(&all)),
+    };
+    if let Some(damage) = own.into_iter().next() {
+        return Err(damage.fault);
     }
-    let mut warnings = folder.warnings;
-    let all = group(folder.images);
     let series = choose(path, &all, options.choice)?;
+    warnings.extend(left_out("ct.damaged_elsewhere", elsewhere.len(), "damaged file(s) of other series"));
     let mut stack = arrange(series, options.allow_gaps)?;
     warnings.append(&mut stack.warnings);
     let (volume, findings) = read_volume(series, &stack, task)?;
@@ -126,25 +133,27 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
     if let Some(image) = image::open(path)? {
         return image.inspect(task);
     }
-    let Folder { images, n_files, warnings, faults } = scan(path, task)?;
+    let Folder { images, n_files, warnings, damages } = scan(path, task)?;
     let all = group(images);
     if all.is_empty() {
-        return Err(faults.into_iter().next().unwrap_or_else(|| Error::NoImages(path.to_owned())));
+        let damage = damages.into_iter().next();
+        return Err(damage.map_or_else(|| Error::NoImages(path.to_owned()), |d| d.fault));
     }
-    let mut texts: Vec<String> = faults.iter().map(Error::to_string).collect();
+    let mut texts: Vec<String> = damages.iter().map(|d| d.fault.to_string()).collect();
     let mut reports = Vec::with_capacity(all.len());
     for (i, series) in all.iter().enumerate() {
         let (stack, fault) = examine(series, task)?;
         texts.extend(fault.as_ref().map(Error::to_string));
-        let fault = faults.first().or(fault.as_ref());
+        let damage = damages.iter().find(|d| d.concerns(series, &all));
+        let fault = damage.map(|d| &d.fault).or(fault.as_ref());
         reports.push(SeriesReport::new(i + 1, series, stack.as_ref(), fault, all.len() > 1));
     }
     Ok(Inspection { n_files, series: reports, warnings, faults: texts })
 }
 
-/// Checks that every element of a DICOM file lies within it, before anything believes their lengths.
-pub(crate) fn check_lengths(path: &Path) -> Result<(), Error> {
-    lengths::check(path).map(|_| ())
+/// Reads a whole DICOM file, whatever it holds, once every element is known to lie within it.
+pub(crate) fn open_whole(path: &Path) -> Result<DefaultDicomObject, Error> {
+    open::open(path, None).map(|(object, _)| object)
 }
 
 /// The stack of a series, where it makes one, and what stands against its use.

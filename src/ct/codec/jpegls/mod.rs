@@ -7,7 +7,7 @@
 //!
 //! It deliberately reads one component: no colour, no mapping tables, no point transform.
 //!
-//! In near-lossless streams each sample differs from the original by NEAR at most. Cost: about 20 ns a sample.
+//! In near-lossless streams each sample differs from the original by NEAR at most. Cost: one pass, linear in the samples.
 //!
 //! ```
 //! use lumenfab::ct::codec::{Fault, Size, jpegls};

@@ -1,0 +1,47 @@
+//! Opens a DICOM file with the library, once nothing in it can lead that astray.
+
+use super::super::Error;
+use super::files::unreadable;
+use super::header::damaged;
+use super::lengths::{self, Layout};
+use dicom_core::Tag;
+use dicom_object::{DefaultDicomObject, OpenFileOptions};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::Path;
+
+/// Reads a file that carries the DICOM mark, up to the outermost element `until` where one is named.
+///
+/// # Errors
+/// [`Error::Damaged`] or [`Error::Truncated`] where an element runs beyond the end or nothing can be parsed.
+pub(super) fn open(path: &Path, until: Option<Tag>) -> Result<(DefaultDicomObject, Layout), Error> {
+    let layout = lengths::check(path)?;
+    let file = File::open(path).map_err(|e| unreadable(path, e))?;
+    let reader = BufReader::new(Cut { file, position: 0, cuts: layout.cuts.clone() });
+    let options = until.into_iter().fold(OpenFileOptions::new(), OpenFileOptions::read_until);
+    // The library's own words are left out: they may quote what identifies a patient.
+    let object = options.from_reader(reader).ok();
+    Ok((object.ok_or_else(|| damaged(path, "its header cannot be parsed"))?, layout))
+}
+
+/// A file without some of its parts.
+struct Cut {
+    file: File,
+    position: u64,
+    /// Ascending, none within another.
+    cuts: Vec<Range<u64>>,
+}
+
+impl Read for Cut {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        if let Some(cut) = self.cuts.iter().find(|c| c.contains(&self.position)) {
+            self.position = self.file.seek(SeekFrom::Start(cut.end))?;
+        }
+        let next = self.cuts.iter().map(|c| c.start).find(|&start| start > self.position);
+        let most = next.map_or(u64::MAX, |start| start - self.position);
+        let n = (&mut self.file).take(most).read(bytes)?;
+        self.position += n as u64;
+        Ok(n)
+    }
+}
