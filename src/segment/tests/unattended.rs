@@ -184,6 +184,7 @@ proptest! {
         let area = mask.n_voxels() as f64 / N[2] as f64 * PIXEL_MM * PIXEL_MM;
         let truth = std::f64::consts::PI * tube.radius.powi(2);
         prop_assert!((area / truth - 1.0).abs() < 0.15, "{} for {}: {:?}", area, truth, found.candidates);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
         let [x, y] = tube.middle(12).map(|c| (c / PIXEL_MM).round() as usize);
         prop_assert!(mask.contains(x, y, 12));
         let again = find_unattended(&volume, &params, &Task::quiet()).unwrap();
