@@ -1,6 +1,6 @@
 //! Segmentations made elsewhere to contours per plane: label maps, DICOM SEG, RTSTRUCT.
 //!
-//! A label map becomes curves between its pixels ([`sections::ready`]); contours of an RTSTRUCT are taken as drawn, holes by the even-odd
+//! A label map becomes curves between its pixels ([`crate::sections::ready`]); contours of an RTSTRUCT are taken as drawn, holes by the even-odd
 //! rule, so that keyhole contours open. One structure is taken: the only one, or the one that is chosen by its number or name.
 //! With a CT the planes are brought into its frame ([`place`]), without one they stand in their own.
 //!

@@ -1,7 +1,7 @@
 //! Contours of a segmentation made elsewhere, through the same door as those found in an image.
 //!
-//! A label map becomes curves between its pixels ([`outline`]); contours are taken as they are drawn. Neither is ever moved by grey
-//! values. The topology over the planes is resolved by the rules of [`consistency`], each change reported, and points are spaced
+//! A label map becomes curves between its pixels (`outline`); contours are taken as they are drawn. Neither is ever moved by grey
+//! values. The topology over the planes is resolved by the rules of `consistency`, each change reported, and points are spaced
 //! evenly, as for every other contour.
 
 use super::consistency::{self, Loop, Origin, Plane};

@@ -1,6 +1,6 @@
 //! Whether a grown region has left the vessel, and where.
 //!
-//! The region is a graph of lobes in parts ([`super::graph`]). From the parts that hold a seed, neighbouring parts
+//! The region is a graph of lobes in parts (`graph`). From the parts that hold a seed, neighbouring parts
 //! are judged one by one, through the widest passage first. A passage leads out of the vessel where behind it lies
 //!
 //! - something much larger than the vessel: the heart, bone, the background;

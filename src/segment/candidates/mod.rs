@@ -10,7 +10,7 @@
 //!
 //! What it does not do: it does not tell an artery from a vein, nor one vessel from another: the others are listed.
 //!
-//! Cost: two passes over the coarse picture for each of [`N_LEVELS`] levels.
+//! Cost: two passes over the coarse picture for each level of intensity.
 
 mod blobs;
 mod tracks;
