@@ -46,7 +46,7 @@ fn cylinder_and_pipe_are_valid_and_have_the_volume_of_the_closed_form() {
 
 #[test]
 fn branched_lumens_are_valid_and_smooth() {
-    for (kind, n_faces) in [(Vessels::Carotid, 9), (Vessels::Merge, 9)] {
+    for (kind, n_faces) in [(Vessels::Carotid, 9), (Vessels::Merge, 12)] {
         let solid = phantom(kind, Wanted::Cast);
         let brep = Brep::of(&solid, SkinChoice::All);
         assert_eq!(kinds(&brep), [], "{kind:?}");
