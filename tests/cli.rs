@@ -383,7 +383,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
     fs::write(place.path("thesis/chapter1.tex"), "").unwrap();
     for dir in ["a", "b"] {
         fs::create_dir(place.path(dir)).unwrap();
-        fs::write(place.path(dir).join("x.toml"), "").unwrap();
+        fs::write(place.path(dir).join("x.toml"), "[phantom]\n").unwrap();
     }
     fs::write(place.path("bad.toml"), "seed_mm = [[1, 2, 3]]\nwall = 1\n").unwrap();
     for (args, line) in [
