@@ -45,19 +45,30 @@ fn cylinder_and_pipe_are_valid_and_have_the_volume_of_the_closed_form() {
 }
 
 #[test]
-fn branched_lumens_are_valid_and_smooth() {
-    // One degree and 1e-3 mm are asked for; where the vessel of `Merge` has split and joins again, 1.33 and 7.05e-3 are seen:
-    // still to be mended.
-    let expected = [(Vessels::Carotid, 9, 1.0, 1e-3), (Vessels::Merge, 12, 1.4, 8e-3)];
-    for (kind, n_faces, most_deg, most_mm) in expected {
-        let solid = phantom(kind, Wanted::Cast);
-        let brep = Brep::of(&solid, SkinChoice::All);
+fn branched_lumens_are_valid() {
+    for (kind, n_faces) in [(Vessels::Carotid, 9), (Vessels::Merge, 12)] {
+        let brep = Brep::of(&phantom(kind, Wanted::Cast), SkinChoice::All);
         assert_eq!(kinds(&brep), [], "{kind:?}");
         assert_eq!(brep.faces.len(), n_faces);
-        let (jump, at) = brep.normal_jump_deg(201).unwrap();
-        assert!(jump < most_deg, "{kind:?}: {jump} at {at}");
-        assert!(solid.lumen.moved_mm < most_mm, "{kind:?}: {}", solid.lumen.moved_mm);
     }
+}
+
+fn assert_smooth(kind: Vessels) {
+    let solid = phantom(kind, Wanted::Cast);
+    let (jump, at) = Brep::of(&solid, SkinChoice::All).normal_jump_deg(201).unwrap();
+    assert!(jump < 1.0, "{kind:?}: {jump} at {at}");
+    assert!(solid.lumen.moved_mm < 1e-3, "{kind:?}: {}", solid.lumen.moved_mm);
+}
+
+#[test]
+fn a_lumen_that_splits_is_smooth() {
+    assert_smooth(Vessels::Carotid);
+}
+
+#[test]
+#[ignore = "not reached yet: the normals jump by 1.33 degrees where the branches join, welding moves the skin by 0.00705 mm"]
+fn a_lumen_that_splits_and_joins_again_is_smooth() {
+    assert_smooth(Vessels::Merge);
 }
 
 #[test]
