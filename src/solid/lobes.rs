@@ -38,6 +38,8 @@ const MOST_STEPS: f64 = 1500.0;
 const CONTOUR_STEPS: f64 = 18.0;
 /// Planes where the daughters have joined again that tell how they come there.
 const REJOINED_PLANES: usize = 2;
+/// Planes on either side of an event that are corrected.
+const CORRECTED_PLANES: usize = 3;
 /// Times that a correction is itself corrected by what it leaves at the contour's points.
 const CORRECTION_ROUNDS: usize = 2;
 /// Gap between daughters, relative to their radius, below which their first plane already shows the blend.
@@ -179,6 +181,10 @@ pub(super) struct LobeField {
     control: Vec<f64>,
     blend: Blend,
     corrections: Vec<Correction>,
+    /// Of the spline in w through the corrections.
+    correction_basis: Basis,
+    /// One row a control point: the share that each correction has in it.
+    correction_shares: Vec<f64>,
     /// A lobe that belongs to each daughter.
     lobe_of: Vec<usize>,
 }
@@ -220,8 +226,22 @@ impl LobeField {
                 .collect(),
             None => (0..lobes.len()).collect(),
         };
-        let mut field = Self { lobes, basis, control, blend, corrections: Vec::new(), lobe_of };
+        let mut field = Self {
+            lobes,
+            basis: basis.clone(),
+            control,
+            blend,
+            corrections: Vec::new(),
+            correction_basis: basis,
+            correction_shares: Vec::new(),
+            lobe_of,
+        };
         field.corrections = field.residual_corrections(planes, radius)?;
+        let sites: Vec<f64> = field.corrections.iter().map(|c| c.w).collect();
+        let n = sites.len();
+        let unit: Vec<f64> = (0..n * n).map(|i| if i % (n + 1) == 0 { 1.0 } else { 0.0 }).collect();
+        field.correction_basis = Basis::not_a_knot(&sites).ok()?;
+        field.correction_shares = field.correction_basis.interpolate(&sites, &unit, n);
         Some(field)
     }
 
@@ -229,7 +249,7 @@ impl LobeField {
     fn residual_corrections(&self, planes: &EventPlanes, radius: f64) -> Option<Vec<Correction>> {
         let behind = planes.beyond.iter().flat_map(|beyond| beyond.planes.first());
         let near: Vec<&Plane> =
-            planes.parents.iter().take(2).chain(planes.daughters.iter().take(2)).chain(behind).collect();
+            planes.parents.iter().take(CORRECTED_PLANES).chain(planes.daughters.iter().take(CORRECTED_PLANES)).chain(behind).collect();
         let mut corrections: Vec<Correction> = near
             .into_par_iter()
             .map(|plane| {
@@ -267,12 +287,13 @@ impl LobeField {
         self.lobes[i].centre + Vector2::new(params[PARAMS * i], params[PARAMS * i + 1])
     }
 
-    /// Lagrange weights of the corrections, clamped beyond the outermost ones.
+    /// Weights of the corrections: the spline's through them, clamped beyond the outermost ones.
     fn correction_weights(&self, w: f64) -> Vec<f64> {
-        let c = &self.corrections;
-        let w = w.clamp(c[0].w, c[c.len() - 1].w);
-        let others = |j: usize| c.iter().enumerate().filter(move |(m, _)| *m != j);
-        (0..c.len()).map(|j| others(j).map(|(_, o)| (w - o.w) / (c[j].w - o.w)).product()).collect()
+        let [low, high] = self.correction_basis.range();
+        let mut weights = Vec::new();
+        let span = self.correction_basis.at(w.clamp(low, high));
+        Basis::combine(span, &self.correction_shares, self.corrections.len(), &mut weights);
+        weights
     }
 }
 
