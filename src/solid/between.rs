@@ -24,6 +24,8 @@ const MOST_MOVED: f64 = 0.25;
 const LEAST_INTERVAL: f64 = 0.6;
 /// Planes nearer to each other than this share of the radius leave nothing to be told between them.
 const LEAST_APART: f64 = 0.3;
+/// Where in an interval sections are added, as shares of it.
+const SHARES: [f64; 3] = [0.25, 0.5, 0.75];
 /// Steps from the tube to the zero of the distances.
 const STEPS: usize = 4;
 
@@ -123,16 +125,18 @@ pub(super) fn between(surface: &TubeSurface, sections: &[GivenSection]) -> Vec<G
         .collect();
     // A section left out is predicted from two on either side: it speaks of the intervals between those.
     let is_doubtful = |k: &usize| is_misled[k - 1..=(k + 2).min(is_misled.len() - 1)].contains(&true);
-    let halfway = |k: usize| {
+    let added = |k: usize| {
         let around = [0, 1, 2, 3].map(|i| &sections[k + i - 1]);
-        halfway(surface, around, MOST_MOVED * radius_mm(&sections[k].1))
+        let most_mm = MOST_MOVED * radius_mm(&sections[k].1);
+        SHARES.into_iter().filter_map(move |share| moved(surface, around, share, most_mm))
     };
-    (1..sections.len().saturating_sub(2)).filter(wide).filter(is_doubtful).filter_map(halfway).collect()
+    (1..sections.len().saturating_sub(2)).filter(wide).filter(is_doubtful).flat_map(added).collect()
 }
 
-/// The tube's section half-way between the middle two of four, moved onto the zero of the interpolated distances.
-fn halfway(surface: &TubeSurface, around: [&GivenSection; 4], most_mm: f64) -> Option<GivenSection> {
-    let z_mm = 0.5 * (around[1].0 + around[2].0);
+/// The tube's section at a share of the way between the middle two of four, moved onto the zero of the interpolated
+/// distances.
+fn moved(surface: &TubeSurface, around: [&GivenSection; 4], share: f64, most_mm: f64) -> Option<GivenSection> {
+    let z_mm = around[1].0 + share * (around[2].0 - around[1].0);
     let stencil = Stencil::at(around, z_mm)?;
     let points = surface.section(z_mm).points();
     let moved = points.iter().map(|p| p + stencil.way(*p, most_mm)).collect();
