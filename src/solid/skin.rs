@@ -30,7 +30,8 @@ pub enum Correspondence {
     /// The start of each section is turned until the tube twists least.
     #[default]
     LeastTwist,
-    /// The published rule, for comparison: every section starts where x is least.
+    /// The published rule, for comparison: the first section starts where x is least, every other one at the point
+    /// nearest to the start of the one before.
     Published,
 }
 
@@ -191,10 +192,10 @@ fn starts_mm(curves: &[ClosedCurve], correspondence: Correspondence) -> Vec<f64>
     let mut starts_mm: Vec<f64> = Vec::with_capacity(curves.len());
     let mut previous: Vec<Point2> = Vec::new();
     for curve in curves {
-        let start_mm = if previous.is_empty() || correspondence == Correspondence::Published {
-            least_x_start(curve, n_points)
-        } else {
-            least_twist_start(curve, &previous)
+        let start_mm = match (previous.first(), correspondence) {
+            (None, _) => least_x_start(curve, n_points),
+            (Some(_), Correspondence::LeastTwist) => least_twist_start(curve, &previous),
+            (Some(start), Correspondence::Published) => nearest_start(curve, *start, n_points),
         };
         previous = curve.resampled(n_points, start_mm);
         starts_mm.push(start_mm);
@@ -268,6 +269,13 @@ fn least_x_start(curve: &ClosedCurve, n_points: usize) -> f64 {
     let points = curve.resampled(n_points, 0.0);
     let least = (0..n_points).min_by(|&a, &b| points[a].x.total_cmp(&points[b].x)).unwrap_or(0);
     curve.length_mm() * least as f64 / n_points as f64
+}
+
+/// The published rule for the sections that follow: start at the point nearest to where the one before starts.
+fn nearest_start(curve: &ClosedCurve, start: Point2, n_points: usize) -> f64 {
+    let off = |i: &usize| (curve.at_length(curve.length_mm() * *i as f64 / n_points as f64) - start).norm_squared();
+    let nearest = (0..n_points).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+    curve.length_mm() * nearest as f64 / n_points as f64
 }
 
 /// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
