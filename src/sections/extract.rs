@@ -36,6 +36,8 @@ pub enum Boundary {
     Model,
     /// Half-way between lumen and wall, measured along each contour, corrected for the blur of curved edges.
     HalfMaximum,
+    /// Where the grey value falls most steeply, found by a closed active contour, corrected for the blur of curved edges.
+    Snake,
     /// The end of the window that faces the wall.
     WindowEdge,
 }

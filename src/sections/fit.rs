@@ -54,12 +54,16 @@ impl<'a> Stack<'a> {
             None => self.planes.iter().map(|p| vec![None; p.loops.len()]).collect(),
         };
         let jobs: Vec<(&Plane, Vec<Option<Target>>)> = self.planes.iter().zip(targets).collect();
-        let moved =
-            self.over(&jobs, [40, 60], |(plane, targets)| moved(plane, &self.image(plane), targets))?;
+        let moved = match boundary {
+            Boundary::Snake => self.snakes(&jobs)?,
+            _ => self.over(&jobs, [40, 60], |(plane, targets)| moved(plane, &self.image(plane), targets))?,
+        };
         // Contours without a target are no measurements: they show no noise.
         let noise = moved.iter().flatten().filter_map(|(curve, target)| {
             target.and_then(|_| Spectrum::of(&curve.points).noise_mm3(curve.smoothing_mm))
         });
+        // An active contour has been smoothed by its stiffness.
+        let noise = noise.filter(|_| boundary != Boundary::Snake);
         let noise_mm3 = quantile(noise.collect(), 0.5).unwrap_or(0.0);
         let jobs: Vec<(&Plane, Vec<Aimed>)> = self.planes.iter().zip(moved).collect();
         let first =
@@ -68,6 +72,24 @@ impl<'a> Stack<'a> {
             Some(half) if boundary == Boundary::Model => self.modelled(&half, first),
             _ => Ok(first),
         }
+    }
+
+    /// Active contours, from the first plane to the last: each starts from what was found in the plane before.
+    fn snakes(&self, jobs: &[(&Plane, Vec<Option<Target>>)]) -> Result<Vec<Vec<Aimed>>, Cancelled> {
+        let mut all: Vec<Vec<Aimed>> = Vec::with_capacity(jobs.len());
+        for (plane, targets) in jobs {
+            self.task.check()?;
+            let image = self.image(plane);
+            let below: Vec<Contour> = all.last().into_iter().flatten().map(|(c, _)| c.contour()).collect();
+            let of = |(l, target): (&Loop, &Option<Target>)| match target {
+                Some(target) if l.origin != Origin::Made => {
+                    (refine::snake(&l.contour, &below, &image, target.blur_mm), Some(*target))
+                }
+                _ => (Curve::new(&l.contour, image.pixel_mm()), None),
+            };
+            all.push(plane.loops.iter().zip(targets).map(of).collect());
+        }
+        Ok(all)
     }
 
     fn image(&self, plane: &Plane) -> Image<'a> {

@@ -1,5 +1,7 @@
 //! Closed contours per CT plane: the type, its exchange format, and how it is got from mask and grey values.
 
+#[cfg(test)]
+mod accuracy;
 mod base;
 mod consistency;
 mod curve;

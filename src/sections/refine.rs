@@ -9,6 +9,10 @@
 //! "Correction for the dislocation of curved surfaces caused by the PSF in 2D and 3D CT images", IEEE Trans.
 //! PAMI 27, 2005), s being the blur's standard deviation, which the sharpest edges of the stack tell.
 
+mod snake;
+
+pub(super) use snake::snake;
+
 use super::curve::{curvatures, gaussian, normals, smoothed_closed};
 use super::denoise::Spectrum;
 use super::edge::{Edge, Profile};
@@ -119,6 +123,10 @@ impl Curve {
         let smooth = smoothed_closed(&steps, &gaussian(smoothing_mm / spacing_mm));
         let points = smooth.into_iter().map(Point2::from).collect();
         Self { points, moved_mm: vec![0.0; n], spacing_mm, radius_mm, smoothing_mm }
+    }
+
+    pub(super) fn contour(&self) -> Contour {
+        Contour::new(self.points.clone())
     }
 
     fn kernel(&self, length_mm: f64) -> Vec<f64> {
