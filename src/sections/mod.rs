@@ -6,6 +6,7 @@ mod base;
 mod consistency;
 mod curve;
 mod denoise;
+mod detached;
 mod edge;
 pub mod extract;
 mod fit;
