@@ -70,7 +70,7 @@ fn table() {
     );
     for kind in [Kind::Carotid, Kind::Tube] {
         for polarity in [Contrast::Bright, Contrast::Dark] {
-            for noise_hu in [10.0, 25.0, 50.0] {
+            for noise_hu in [0.0, 25.0, 50.0] {
                 let cells = compared(kind, polarity, noise_hu).map(|[m, b]| format!("{m:.4} {b:+.4}"));
                 println!("{:<8} {polarity:<7?} {noise_hu:>5}  {}", kind.name(), cells.join("  "));
             }
