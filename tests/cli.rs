@@ -339,6 +339,29 @@ fn a_lumen_that_cannot_be_found_is_refused_with_one_line_and_leaves_nothing_behi
 }
 
 #[test]
+fn a_case_file_starts_the_segmentation_that_it_corrects() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let seed = seed.trim_start_matches("--seed-mm=");
+    let file = |window: &str| {
+        let text = format!("ct = \"ct\"\nseed_mm = [[{seed}]]\n{window}");
+        fs::write(place.path("corrected.toml"), text).unwrap();
+    };
+    file("window_hu = [-2000, 6000]\n");
+    let leak = place.refused(1, &["segment", "corrected.toml"]);
+    assert!(leak.contains("leaks to the image border in plane "), "{leak}");
+    place.has_only(&["corrected.toml", "ct"]);
+    file("");
+    for done in [true, false] {
+        let case = place.json(0, &["segment", "corrected.toml"]);
+        assert_eq!(case["stages"][0]["done"], done, "{case}");
+    }
+    assert!(place.path("corrected/sections.json").is_file());
+    let both = place.refused(2, &["segment", "corrected", "--out", "other"]);
+    assert!(both.starts_with("--out: found it together with the case "), "{both}");
+}
+
+#[test]
 fn ports_that_do_not_exist_or_vanish_are_said_so() {
     let place = Place::new();
     let error = place.refused(1, &["run", "--port", "nowhere", "--out", "case"]);

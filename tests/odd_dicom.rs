@@ -91,7 +91,7 @@ impl Folder {
 
     /// What is said about it, paths as names below the folder: an error, or warnings.
     fn said(&self, allow_gaps: bool) -> Result<Vec<String>, String> {
-        let options = Options { choice: SeriesChoice::Only, allow_gaps };
+        let options = Options { choice: SeriesChoice::Only, allow_gaps, ..Options::default() };
         let loaded = reader::load_with(&self.path(), &options, &Task::quiet());
         let below = |path: &Path| {
             let name = path.strip_prefix(self.place.path()).unwrap_or(path);
@@ -899,7 +899,7 @@ fn told_of_two_series(damage: fn(Vec<u8>) -> Vec<u8>) -> [(Result<Vec<String>, S
     fs::write(&file, damage(fs::read(&file).unwrap())).unwrap();
     let inspection = reader::inspect(&folder.path(), &Task::quiet()).unwrap();
     [1, 2].map(|number| {
-        let options = Options { choice: SeriesChoice::ByNumber(number), allow_gaps: false };
+        let options = Options { choice: SeriesChoice::ByNumber(number), ..Options::default() };
         let loaded = reader::load_with(&folder.path(), &options, &Task::quiet());
         let texts =
             loaded.map(|l| l.warnings.into_iter().map(|w| format!("{}: {}", w.code, w.text)).collect());

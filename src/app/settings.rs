@@ -518,7 +518,10 @@ impl CaseFile {
     }
 
     fn source(&self) -> Result<Source, SettingError> {
-        let ready = |has_ct| Ok(Source::Ready { has_ct, label: self.label.clone() });
+        let ready = |has_ct| {
+            self.only_ready()?;
+            Ok(Source::Ready { has_ct, label: self.label.clone() })
+        };
         match self.named_source().unwrap_or(SourceName::Phantom) {
             SourceName::Segmentation => ready(false),
             SourceName::CtAndSegmentation => ready(true),
@@ -539,6 +542,22 @@ impl CaseFile {
             }
             SourceName::Ct => Ok(Source::Ct),
         }
+    }
+
+    /// Refuses what is said of finding a lumen beside a segmentation in which it has been found.
+    fn only_ready(&self) -> Result<(), SettingError> {
+        let of_growing = [
+            ("phantom", self.phantom.is_some()),
+            ("seed_mm", self.seed_mm.as_ref().is_some_and(|seeds| !seeds.0.is_empty())),
+            ("window_hu", self.window_hu.is_some()),
+            ("polarity", self.polarity.is_some_and(|p| p != Polarity::default())),
+            ("boundary", self.boundary.is_some_and(|b| b != Boundary::default())),
+            ("segment", self.segment.as_ref().is_some_and(|c| !c.is_empty())),
+        ];
+        let Some((name, _)) = of_growing.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
+        let expected = "none: a ready segmentation is taken as it is; leave this out, or the segmentation";
+        let fault = Fault { found: "one beside a segmentation".into(), expected: expected.into() };
+        Err(SettingError { name: name.into(), fault })
     }
 
     /// The source that is stated, else the one that paths are given of.
@@ -818,6 +837,32 @@ mod tests {
             wrong,
             "segment.block[1].z_mm: found 2,1, expected two finite heights in mm, the first not above the second"
         );
+    }
+
+    #[test]
+    fn nothing_about_growing_is_taken_beside_a_ready_segmentation() {
+        let ready = "segmentation = \"labels.nrrd\"\n";
+        for (key, line) in [
+            ("phantom", "[phantom]\nkind = \"tube\"\n"),
+            ("seed_mm", "seed_mm = [[1, 2, 3]]\n"),
+            ("seed_mm", "seed_mm = \"auto\"\n"),
+            ("window_hu", "window_hu = [100, 300]\n"),
+            ("polarity", "polarity = \"dark\"\n"),
+            ("boundary", "boundary = \"snake\"\n"),
+            ("segment", "[[segment.block]]\nz_mm = [1, 2]\n"),
+        ] {
+            for with_ct in ["", "ct = \"d\"\n"] {
+                let refused = settings(&format!("{with_ct}{ready}{line}")).unwrap_err();
+                assert_eq!(
+                    refused,
+                    format!(
+                        "{key}: found one beside a segmentation, expected none: a ready segmentation is taken as it is; leave this out, or the segmentation"
+                    )
+                );
+            }
+        }
+        let kept = settings(&format!("{ready}z_mm = [1, 9]\n")).unwrap();
+        assert_eq!(settings(&CaseFile::of_case("i", &kept).to_toml()).unwrap(), kept);
     }
 
     #[test]

@@ -123,10 +123,11 @@ pub(crate) struct CtArgs {
     #[arg(long, value_parser = named([("bright", Polarity::Bright), ("dark", Polarity::Dark), ("auto", Polarity::Auto)]))]
     pub(crate) polarity: Option<Polarity>,
     /// Which grey value the boundary is. model: the likeliest cause of the image; half-maximum: half-way between lumen
-    /// and wall; window-edge: the end of the window that faces the wall; auto: where a window is given its edge,
-    /// else the model's [default: auto]
+    /// and wall; snake: the steepest fall, by a closed active contour; window-edge: the end of the window that faces
+    /// the wall; auto: where a window is given its edge, else the model's [default: auto]
     #[arg(long, value_parser = named([("auto", Boundary::Auto), ("model", Boundary::Model),
-        ("half-maximum", Boundary::HalfMaximum), ("window-edge", Boundary::WindowEdge)]))]
+        ("half-maximum", Boundary::HalfMaximum), ("snake", Boundary::Snake),
+        ("window-edge", Boundary::WindowEdge)]))]
     pub(crate) boundary: Option<Boundary>,
     /// Planes to use: heights along the stack's normal, mm, A < B [default: all]
     #[arg(long, value_name = "A,B", value_parser = settings::parse_z_mm, allow_hyphen_values = true)]
@@ -164,14 +165,14 @@ pub(crate) struct PrinterArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("origin").args(["ct", "segmentation"]).multiple(true))]
+#[command(group = ArgGroup::new("origin").args(["ct", "segmentation", "case"]).multiple(true))]
 pub(crate) struct SegmentArgs {
-    /// Case directory, to do the stage again
-    #[arg(required_unless_present = "out", conflicts_with = "out")]
+    /// Case directory, to do the stage again; or a case file (TOML), to start the case that it describes or go on with it
+    #[arg(value_name = "CASE|CASE.toml", required_unless_present = "out")]
     pub(crate) case: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) ct: CtArgs,
-    /// Case directory to make
+    /// Case directory to make [default for a case file: beside it, its name without .toml]
     #[arg(long, value_name = "CASE", requires = "origin")]
     pub(crate) out: Option<PathBuf>,
 }

@@ -35,7 +35,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Run(args) => return run_cases(&args, &face, &context),
         Command::Phantom(args) => make_phantom(&args, &face, &context),
         Command::Inspect { path } => inspect(&path, &face, &context),
-        Command::Segment(args) => segment(&args, context).map(|o| show_case(&face, &o)),
+        Command::Segment(args) => segment(&args, &face, context),
         Command::Solid(args) => solid(&args, context).map(|o| show_case(&face, &o)),
         Command::Slice(args) => slice(&args, context).map(|o| show_case(&face, &o)),
         Command::Print(args) => print(&args, &face, context),
@@ -168,7 +168,8 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
         return Err("--ct: found several cases, expected one".into());
     }
     let several = cases.len() > 1 || cases != args.cases;
-    let named = |name: PathBuf| Ok(Named { job: job(&name, args, several)?, name });
+    let named =
+        |name: PathBuf| Ok(Named { job: job(&name, args.patch(), args.out.as_deref(), several)?, name });
     let jobs: Jobs = cases.into_iter().map(named).collect::<Result<_, String>>()?;
     refuse_shared_directory(&jobs)?;
     Ok(jobs)
@@ -199,24 +200,30 @@ fn refuse_shared_directory(jobs: &Jobs) -> Result<(), String> {
     Ok(())
 }
 
-fn job(path: &Path, args: &RunArgs, several: bool) -> Result<Result<Job, Error>, String> {
+/// What is to be done for a case directory or a case file; `patch` is what the flags say.
+fn job(
+    path: &Path,
+    patch: CaseFile,
+    out: Option<&Path>,
+    several: bool,
+) -> Result<Result<Job, Error>, String> {
     if path.is_dir() {
-        if args.out.is_some() {
+        if out.is_some() {
             return Err(format!(
                 "--out: found it together with the case {}, expected one of the two",
                 path.display()
             ));
         }
-        return Ok(Ok(Job { dir: path.to_owned(), parameters: args.patch() }));
+        return Ok(Ok(Job { dir: path.to_owned(), parameters: patch }));
     }
     let beside = path.with_extension("");
-    let dir = match &args.out {
+    let dir = match out {
         Some(out) if several => out.join(beside.file_name().unwrap_or_default()),
-        Some(out) => out.clone(),
+        Some(out) => out.to_owned(),
         None => beside,
     };
     let job = |file| {
-        let parameters: CaseFile = args.patch().over(file);
+        let parameters: CaseFile = patch.over(file);
         // The built-in phantom is for whoever names no case at all: a file without an image is a slip.
         if parameters.named_source().is_none() && parameters.phantom.is_none() {
             let problem =
@@ -240,16 +247,22 @@ fn stage<'a>(
     Ok(session.into_outcome())
 }
 
-fn segment(args: &SegmentArgs, context: Context<'_>) -> Result<Outcome, Error> {
-    let mut session = match (&args.case, &args.out) {
-        (Some(case), _) => Session::open(case, args.ct.patch(), context)?,
-        (None, out) => {
-            let dir = out.as_deref().unwrap_or(Path::new(DEFAULT_OUT));
-            Session::open_or_create(dir, args.ct.patch(), context)?
-        }
+fn segment(args: &SegmentArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    let (patch, out) = (args.ct.patch(), args.out.as_deref());
+    let mut session = match &args.case {
+        // A path that leads nowhere is told as a case that is missing.
+        Some(case) if out.is_none() && !case.is_file() => Session::open(case, patch, context)?,
+        Some(case) => match job(case, patch, out, false) {
+            Ok(job) => {
+                let Job { dir, parameters } = job?;
+                Session::open_or_create(&dir, parameters, context)?
+            }
+            Err(line) => return Ok(face.usage_error(&line)),
+        },
+        None => Session::open_or_create(out.unwrap_or(Path::new(DEFAULT_OUT)), patch, context)?,
     };
     session.segment()?;
-    Ok(session.into_outcome())
+    Ok(show_case(face, &session.into_outcome()))
 }
 
 fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
@@ -347,8 +360,13 @@ fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Resul
 fn inspect(path: &Path, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
     let task = Task::new(&|_, _| {}, context.cancel.clone());
     let inspection = ct::reader::inspect(path, &task)?;
-    // With their paths for the operator who has to find the files; the result has none.
-    inspection.faults.iter().for_each(|fault| face.line(&format!("unusable: {fault}")));
+    // With their paths for the operator who has to find the files; the result has none, and says what needs none.
+    let is_told = |fault: &str| inspection.series.iter().any(|s| s.reason.as_deref() == Some(fault));
+    for (n, fault) in inspection.faults.iter().enumerate() {
+        if !is_told(fault) && !inspection.faults[..n].contains(fault) {
+            face.line(&format!("unusable: {fault}"));
+        }
+    }
     face.result(&inspection, &inspection.to_string());
     Ok(0)
 }

@@ -25,12 +25,14 @@ pub enum Error {
     #[error("{} holds no file: name the folder that holds the DICOM files of the series", .0.display())]
     Empty(PathBuf),
     /// There are files but none is DICOM.
-    #[error("{} holds no DICOM file among its {n_files}: name the folder of a series as the scanner or archive exports it", path.display())]
+    #[error("{} holds no DICOM file among its {n_files}: {}", path.display(), instead(*n_image_files))]
     NoDicom {
         /// The folder.
         path: PathBuf,
         /// Files in it.
         n_files: usize,
+        /// How many of them are NIfTI, MetaImage or NRRD.
+        n_image_files: usize,
     },
     /// There are DICOM files but no image with a place in the patient.
     #[error("{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder", .0.display())]
@@ -227,6 +229,15 @@ pub enum Error {
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+/// What to name in the place of a folder without DICOM files.
+fn instead(n_image_files: usize) -> String {
+    match n_image_files {
+        0 => "name the folder of a series as the scanner or archive exports it".into(),
+        1 => "one of them is an image file (NIfTI, MetaImage, NRRD), name that file itself".into(),
+        n => format!("{n} of them are image files (NIfTI, MetaImage, NRRD), name one of those itself"),
+    }
 }
 
 impl Error {

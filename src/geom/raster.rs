@@ -141,6 +141,17 @@ pub(crate) fn blurred(image: &[f64], width: usize, sigma_pixels: [f64; 2]) -> Ve
     blur_columns(&blur_rows(image, width, &kx), width, &ky)
 }
 
+/// The same, where what lies beyond the border or is no number does not count; what is no number stays so.
+pub(crate) fn blurred_within(image: &[f64], width: usize, sigma_pixels: [f64; 2]) -> Vec<f64> {
+    let known = |of: fn(f64) -> f64| -> Vec<f64> {
+        let value = |v: &f64| if v.is_finite() { of(*v) } else { 0.0 };
+        blurred(&image.iter().map(value).collect::<Vec<f64>>(), width, sigma_pixels)
+    };
+    let (sums, weights) = (known(|v| v), known(|_| 1.0));
+    let mean = |((s, w), v): ((f64, f64), &f64)| if v.is_finite() { s / w } else { *v };
+    sums.into_iter().zip(weights).zip(image).map(mean).collect()
+}
+
 /// Pixels that the blur reaches beyond an edge.
 pub(crate) fn blur_reach(blur_sigma_mm: f64, pixel_mm: f64) -> usize {
     gaussian(blur_sigma_mm / pixel_mm).len() / 2

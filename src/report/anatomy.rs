@@ -435,6 +435,50 @@ mod tests {
         assert!((narrow.minimum_diameter_mm.unwrap() - 1.5).abs() < 1e-3);
     }
 
+    /// The greatest degree of stenosis of any branch, percent.
+    fn degree(sections: &SectionStack) -> f64 {
+        let anatomy = measure_contours(sections);
+        let of = |b: &Branch| b.stages[0].stenosis.stenosis_nascet_percent;
+        anatomy.branches.iter().filter_map(of).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_phantoms_stenosis_is_measured_within_two_points_of_its_truth() {
+        use crate::phantom::{self, Contrast, Kind, Vessel};
+        use crate::progress::Task;
+        use crate::{sections, segment};
+        for polarity in [Contrast::Bright, Contrast::Dark] {
+            let params = phantom::Params {
+                kind: Kind::Stenosis,
+                polarity,
+                noise_hu: 25.0,
+                n_pixels: 200,
+                ..phantom::Params::default()
+            };
+            let volume = phantom::volume(&params, &Task::quiet());
+            let seeds_patient_mm = vec![phantom::default_seed(&params)];
+            let found = segment::segment(
+                &volume,
+                &segment::Params { seeds_patient_mm, ..segment::Params::default() },
+                &Task::quiet(),
+            );
+            let extracted =
+                sections::extract(&volume, &found.unwrap(), &sections::Params::default(), &Task::quiet());
+            let measured = extracted.unwrap().stack;
+            let vessel = Vessel::new(Kind::Stenosis);
+            let exact = |p: &PlaneSections| PlaneSections {
+                z_mm: p.z_mm,
+                contours: vessel.region_at(p.z_mm, 256).contours,
+            };
+            let truth = SectionStack {
+                planes: measured.planes.iter().map(exact).collect(),
+                patient_from_stack: measured.patient_from_stack,
+            };
+            let (found, exact) = (degree(&measured), degree(&truth));
+            assert!(exact > 60.0 && (found - exact).abs() < 2.0, "{polarity:?}: {found} of {exact}");
+        }
+    }
+
     #[test]
     fn read_upside_down_the_degree_is_the_same() {
         let mut planes: Vec<Vec<Contour>> = carotid().planes.into_iter().map(|p| p.contours).collect();

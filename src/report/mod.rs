@@ -27,6 +27,7 @@ mod image;
 mod lumen;
 mod page;
 mod picture;
+pub mod preview;
 pub mod record;
 mod stages;
 mod strokes;

@@ -6,14 +6,16 @@
 
 use super::march::Grid;
 use crate::ct::Volume;
-use crate::geom::{Contour, Point2};
+use crate::geom::{Contour, Point2, raster};
 use crate::segment::Segmentation;
+use std::ops::Range;
 
 /// Contours of plane k in the stack frame, mm: outer ones counter-clockwise, holes clockwise.
 pub(super) fn contours(volume: &Volume, segmentation: &Segmentation, k: usize) -> Vec<Contour> {
     let Some((columns, rows)) = segmentation.mask.plane_box(k) else { return Vec::new() };
     let (sign, edge_hu) = (segmentation.sign(), segmentation.edge_hu_at(k));
-    let above = |i: usize, j: usize| sign * (f64::from(volume.at(i, j, k)) - edge_hu);
+    let patch = Patch::of(volume, segmentation.smoothing_mm, [&columns, &rows], k);
+    let above = |i: usize, j: usize| sign * (patch.at(i, j) - edge_hu);
     let inside = |i: usize, j: usize| segmentation.mask.contains(i, j, k);
     let depth = typical_depth(
         columns.clone().flat_map(|i| rows.clone().filter(move |&j| inside(i, j)).map(move |j| above(i, j))),
@@ -40,6 +42,37 @@ pub(super) fn contours(volume: &Volume, segmentation: &Segmentation, k: usize) -
         Point2::new(p.x, p.y)
     };
     grid.loops().into_iter().map(|l| Contour::new(l.into_iter().map(to_mm).collect())).collect()
+}
+
+/// The values around a box and one pixel beyond it, as the region was grown in them.
+struct Patch {
+    first: [usize; 2],
+    width: usize,
+    values: Vec<f64>,
+}
+
+impl Patch {
+    fn of(volume: &Volume, smoothing_mm: f64, [columns, rows]: [&Range<usize>; 2], k: usize) -> Self {
+        let [nx, ny, _] = volume.dims;
+        let pixel_mm = volume.pixel_spacing_xy_mm;
+        let grown = |r: &Range<usize>, d: usize, n: usize| {
+            let reach = raster::blur_reach(smoothing_mm, pixel_mm[d]) + 1;
+            r.start.saturating_sub(reach)..(r.end + reach).min(n)
+        };
+        let (columns, rows) = (grown(columns, 0, nx), grown(rows, 1, ny));
+        let pixels = rows.clone().flat_map(|j| columns.clone().map(move |i| (i, j)));
+        let values: Vec<f64> = pixels.map(|(i, j)| f64::from(volume.at(i, j, k))).collect();
+        let values = if smoothing_mm > 0.0 {
+            raster::blurred_within(&values, columns.len(), pixel_mm.map(|p| smoothing_mm / p))
+        } else {
+            values
+        };
+        Self { first: [columns.start, rows.start], width: columns.len(), values }
+    }
+
+    fn at(&self, i: usize, j: usize) -> f64 {
+        self.values[(j - self.first[1]) * self.width + i - self.first[0]]
+    }
 }
 
 /// Mean height of the mask's pixels above the level, never zero.

@@ -62,12 +62,12 @@ pub(super) struct Plane {
 }
 
 /// An outer contour ready for overlap tests.
-struct Outer {
+pub(super) struct Outer {
     /// Where it stands among the plane's loops.
-    at: usize,
+    pub(super) at: usize,
     bounds: Bounds2,
     region: Region,
-    area_mm2: f64,
+    pub(super) area_mm2: f64,
     below: Vec<usize>,
     above: Vec<usize>,
 }
@@ -132,7 +132,7 @@ fn drop_fragments(plane: &mut Plane, least_mm2: f64, warnings: &mut SectionWarni
 }
 
 /// Removes outer contours together with their holes.
-fn remove_outers(plane: &mut Plane, outers: &[usize]) {
+pub(super) fn remove_outers(plane: &mut Plane, outers: &[usize]) {
     if outers.is_empty() {
         return;
     }
@@ -179,7 +179,7 @@ fn overlapping<'a>(one: &'a Outer, others: &'a [Outer]) -> impl Iterator<Item = 
     (0..others.len()).filter(move |&o| overlap(one, &others[o]))
 }
 
-fn prepared(plane: &Plane, holes: bool) -> Vec<Outer> {
+pub(super) fn prepared(plane: &Plane, holes: bool) -> Vec<Outer> {
     let wanted = plane.loops.iter().enumerate().filter(|(_, l)| l.is_hole() == holes);
     wanted
         .filter_map(|(at, l)| {
@@ -192,11 +192,16 @@ fn prepared(plane: &Plane, holes: bool) -> Vec<Outer> {
 }
 
 fn overlap(a: &Outer, b: &Outer) -> bool {
+    overlap_by(a, b, LEAST_OVERLAP)
+}
+
+/// Whether they overlap by more than this share of the smaller one.
+pub(super) fn overlap_by(a: &Outer, b: &Outer, least: f64) -> bool {
     let apart = a.bounds.min.x > b.bounds.max.x
         || b.bounds.min.x > a.bounds.max.x
         || a.bounds.min.y > b.bounds.max.y
         || b.bounds.min.y > a.bounds.max.y;
-    !apart && a.region.intersection(&b.region).area_mm2() > LEAST_OVERLAP * a.area_mm2.min(b.area_mm2)
+    !apart && a.region.intersection(&b.region).area_mm2() > least * a.area_mm2.min(b.area_mm2)
 }
 
 fn linked(planes: &[Plane]) -> Vec<Vec<Outer>> {

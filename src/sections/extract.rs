@@ -1,7 +1,8 @@
 //! Mask and grey values to smooth closed contours per CT plane.
 //!
 //! 1. The window's edge as an iso-line of the grey values inside the mask: the topology of every plane.
-//! 2. The topology over the planes: fragments, islands, pinholes and one-plane flicker go, and are reported.
+//! 2. The topology over the planes: fragments, islands, pinholes and one-plane flicker go, and what has lost its
+//!    connection to the seeds' vessel, all of which is reported.
 //! 3. The contours move to the half level between lumen and wall, measured on either side of them, and are
 //!    corrected for what blur does to curved edges; unless a window's edge or the half level was asked for, they go on
 //!    from there to the likeliest cause of the image, smoothed along the vessel as far as the noise asks for.
@@ -14,10 +15,12 @@
 //! the window's edge by at most three pixels.
 
 use super::consistency::{self, Loop, Origin, Plane};
-use super::fit::{Fitted, Stack};
+use super::detached;
+use super::fit::{Fitted, Stack, WindowOffset};
 use super::warnings::SectionWarnings;
 use super::{PlaneSections, SectionStack, base};
 use crate::ct::{Volume, Warning};
+use crate::geom::Point2;
 use crate::progress::{Cancelled, Task};
 use crate::segment::Segmentation;
 use rayon::prelude::*;
@@ -25,6 +28,9 @@ use serde::{Deserialize, Serialize};
 
 /// More points make no contour better, they only cost.
 pub(super) const MOST_POINTS: usize = 1024;
+/// A window's edge that puts contours further off than this is told, pixels.
+const BIASED_PIXELS: f64 = 0.25;
+
 /// Which grey value the boundary is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -36,6 +42,8 @@ pub enum Boundary {
     Model,
     /// Half-way between lumen and wall, measured along each contour, corrected for the blur of curved edges.
     HalfMaximum,
+    /// Where the grey value falls most steeply, found by a closed active contour, corrected for the blur of curved edges.
+    Snake,
     /// The end of the window that faces the wall.
     WindowEdge,
 }
@@ -137,7 +145,9 @@ pub fn extract(
     check(volume, segmentation, params)?;
     let mut warnings = SectionWarnings::default();
     let planes = topology(volume, segmentation, task, &mut warnings)?;
-    let fitted = Stack { volume, segmentation, params, planes: &planes, task }.fit()?;
+    let fit = Stack { volume, segmentation, params, planes: &planes, task };
+    let fitted = fit.fit()?;
+    let biased = fit.window_offset().and_then(|offset| window_bias(offset, volume));
     let mut sections = Vec::with_capacity(planes.len());
     for (plane, Fitted { contours, n_crossing, n_parted }) in planes.iter().zip(fitted) {
         if n_crossing > 0 {
@@ -149,7 +159,20 @@ pub fn extract(
         sections.push(PlaneSections { z_mm: plane.z_mm, contours });
     }
     let stack = SectionStack { planes: sections, patient_from_stack: volume.patient_from_stack };
-    Ok(Extracted { stack, warnings: warnings.into_warnings() })
+    let warnings = warnings.into_warnings().into_iter().chain(biased).collect();
+    Ok(Extracted { stack, warnings })
+}
+
+/// Says where a window's edge is not the lumen's.
+fn window_bias(offset: WindowOffset, volume: &Volume) -> Option<Warning> {
+    let [sx, sy] = volume.pixel_spacing_xy_mm;
+    let WindowOffset { edge_hu, half_hu, outside_mm } = offset;
+    let side = if outside_mm > 0.0 { "outside" } else { "inside" };
+    let text = format!(
+        "the window ends at {edge_hu:.0} HU, while lumen and wall meet half-way at {half_hu:.0} HU: contours at the window's edge lie about {:.2} mm {side} the lumen's; --boundary model puts them on it",
+        outside_mm.abs()
+    );
+    (outside_mm.abs() > BIASED_PIXELS * (sx * sy).sqrt()).then(|| Warning::new("sections.window_edge", text))
 }
 
 fn check(volume: &Volume, segmentation: &Segmentation, params: &Params) -> Result<(), Error> {
@@ -184,5 +207,11 @@ fn topology(
     let mut planes: Vec<Plane> =
         segmentation.planes.clone().into_par_iter().map(first).collect::<Result<_, Cancelled>>()?;
     consistency::resolve(&mut planes, sx * sy, warnings);
+    let place = |&[i, j, k]: &[usize; 3]| {
+        let p = volume.stack_from_voxel(i as f64, j as f64, k);
+        (k, Point2::new(p.x, p.y))
+    };
+    let seeds: Vec<detached::Seed> = segmentation.seeds.iter().map(place).collect();
+    detached::drop_detached(&mut planes, &seeds, warnings);
     consistency::without_empty_ends(planes, warnings)
 }

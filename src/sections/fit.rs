@@ -10,7 +10,7 @@ use super::denoise::Spectrum;
 use super::edge::Edge;
 use super::extract::{Boundary, MOST_POINTS, Params};
 use super::model::{Levels, Optics};
-use super::refine::{self, Curve, Image, Target};
+use super::refine::{self, Curve, Fall, Image, Target};
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Region};
 use crate::progress::{Cancelled, Task};
@@ -20,6 +20,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Levels are pooled over this many planes below and above.
 const POOLED_PLANES: usize = 4;
+/// So many planes tell whether a window's edge is where the lumen's is.
+const MOST_LOOKED_AT: usize = 8;
 /// Contours whose radii differ by no more than this factor have the same levels.
 const LIKE_SIZE: f64 = 1.5;
 
@@ -54,8 +56,10 @@ impl<'a> Stack<'a> {
             None => self.planes.iter().map(|p| vec![None; p.loops.len()]).collect(),
         };
         let jobs: Vec<(&Plane, Vec<Option<Target>>)> = self.planes.iter().zip(targets).collect();
-        let moved =
-            self.over(&jobs, [40, 60], |(plane, targets)| moved(plane, &self.image(plane), targets))?;
+        let moved = match boundary {
+            Boundary::Snake => self.snakes(&jobs, half.as_ref())?,
+            _ => self.over(&jobs, [40, 60], |(plane, targets)| moved(plane, &self.image(plane), targets))?,
+        };
         // Contours without a target are no measurements: they show no noise.
         let noise = moved.iter().flatten().filter_map(|(curve, target)| {
             target.and_then(|_| Spectrum::of(&curve.points).noise_mm3(curve.smoothing_mm))
@@ -70,6 +74,29 @@ impl<'a> Stack<'a> {
         }
     }
 
+    /// Active contours, from the first plane to the last: each starts from what was found in the plane before.
+    fn snakes(
+        &self,
+        jobs: &[(&Plane, Vec<Option<Target>>)],
+        half: Option<&HalfLevels>,
+    ) -> Result<Vec<Vec<Aimed>>, Cancelled> {
+        let fall = half.map(|half| Fall::new(&half.levels, half.optics));
+        let mut all: Vec<Vec<Aimed>> = Vec::with_capacity(jobs.len());
+        for (plane, targets) in jobs {
+            self.task.check()?;
+            let image = self.image(plane);
+            let below: Vec<Contour> = all.last().into_iter().flatten().map(|(c, _)| c.contour()).collect();
+            let of = |(l, target): (&Loop, &Option<Target>)| match target.zip(fall) {
+                Some((target, fall)) if l.origin != Origin::Made => {
+                    (refine::snake(&l.contour, &below, &image, target, fall), Some(target))
+                }
+                _ => (Curve::new(&l.contour, image.pixel_mm()), None),
+            };
+            all.push(plane.loops.iter().zip(targets).map(of).collect());
+        }
+        Ok(all)
+    }
+
     fn image(&self, plane: &Plane) -> Image<'a> {
         Image::new(self.volume, plane.k, self.segmentation.sign())
     }
@@ -80,6 +107,26 @@ impl<'a> Stack<'a> {
             (Boundary::Auto, WindowSource::Given) => Boundary::WindowEdge,
             (chosen, _) => chosen,
         }
+    }
+
+    /// How far the window's edge lies from half-way between lumen and wall, where it is the boundary; looked at on a few planes.
+    pub(super) fn window_offset(&self) -> Option<WindowOffset> {
+        if self.boundary() != Boundary::WindowEdge {
+            return None;
+        }
+        let step = self.planes.len().div_ceil(MOST_LOOKED_AT).max(1);
+        let of = |plane: &Plane| {
+            let edge_hu = self.segmentation.edge_hu_at(plane.k);
+            let edges = plane_edges(plane, &self.image(plane)).into_iter().filter_map(|m| m.edge);
+            edges.map(|edge| WindowOffset::of(&edge, edge_hu, self.segmentation.sign())).collect::<Vec<_>>()
+        };
+        let all: Vec<WindowOffset> = self.planes.iter().step_by(step).flat_map(of).collect();
+        let middle = |value: fn(&WindowOffset) -> f64| quantile(all.iter().map(value).collect(), 0.5);
+        Some(WindowOffset {
+            edge_hu: middle(|o| o.edge_hu)?,
+            half_hu: middle(|o| o.half_hu)?,
+            outside_mm: middle(|o| o.outside_mm)?,
+        })
     }
 
     fn window_edges(&self) -> Vec<Vec<Option<Target>>> {
@@ -150,6 +197,23 @@ impl<'a> Stack<'a> {
         let mut points = contour.points.clone();
         points.rotate_left(leftmost.unwrap_or(0));
         Contour::new(points).resampled(n)
+    }
+}
+
+/// A window's edge against the level half-way between lumen and wall.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WindowOffset {
+    pub(super) edge_hu: f64,
+    pub(super) half_hu: f64,
+    /// How far outside the lumen's edge contours at the window's edge lie, mm, to first order in the blurred edge's slope.
+    pub(super) outside_mm: f64,
+}
+
+impl WindowOffset {
+    fn of(edge: &Edge, edge_hu: f64, sign: f64) -> Self {
+        let half = edge.half_level();
+        let slope = (edge.lumen - edge.wall) / (edge.blur_mm * std::f64::consts::TAU.sqrt());
+        Self { edge_hu, half_hu: sign * half, outside_mm: (half - sign * edge_hu) / slope }
     }
 }
 

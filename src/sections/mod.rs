@@ -1,9 +1,12 @@
 //! Closed contours per CT plane: the type, its exchange format, and how it is got from mask and grey values.
 
+#[cfg(test)]
+mod accuracy;
 mod base;
 mod consistency;
 mod curve;
 mod denoise;
+mod detached;
 mod edge;
 pub mod extract;
 mod fit;

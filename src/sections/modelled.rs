@@ -10,6 +10,9 @@ use crate::progress::Cancelled;
 /// Planes fitted to either side of a doubtful one before it is decided.
 const AROUND: usize = 4;
 
+/// The image speaks for or against a gap within so many standard deviations of the blur around the contour.
+const EVIDENCE_BLURS: f64 = 3.0;
+
 /// An undivided contour of a plane, and what it may be instead.
 struct Doubt {
     plane: usize,
@@ -88,7 +91,10 @@ impl Stack<'_> {
             let (one, several) = (fit(starts)?, fit(&parted)?);
             for doubt in group {
                 let n = doubt.plane - range.start;
-                if several.evidence_over(&one, n) > LEAST_EVIDENCE && are_simple(&several.contours[n]) {
+                // Another doubtful contour of the plane, or another vessel, has no say.
+                let around = doubt.undivided.bounds().map(|b| b.grown(EVIDENCE_BLURS * scan.optics.blur_mm));
+                let evidence = around.map_or(0.0, |around| several.evidence_over(&one, n, &around));
+                if evidence > LEAST_EVIDENCE && are_simple(&several.contours[n]) {
                     starts[doubt.plane].replace(&doubt.undivided, &doubt.parts);
                     found[doubt.plane] = Some(several.contours[n].clone());
                 }

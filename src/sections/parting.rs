@@ -8,11 +8,12 @@
 
 use super::march::Grid;
 use crate::ct::Volume;
-use crate::geom::raster::blurred;
-use crate::geom::{Contour, Point2, Region};
+use crate::geom::{Contour, Point2, Region, raster};
 
 /// Levels tried between the half level and the lumen's, as parts of the contrast.
 const LEVELS: [f64; 9] = [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9];
+/// Cores are looked for in the image blurred by this part of its own blur: noise would tear them.
+const SEARCH_BLUR: f64 = 0.7;
 /// A core has at least this part of the area of the branch that it belongs to.
 const LEAST_CORE: f64 = 0.2;
 /// The image speaks for a gap when that is so much likelier (twice the logarithm): noise reaches 10 in one of 1000.
@@ -72,7 +73,10 @@ impl Patch {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image")]
         let range = |low: f64, high: f64, origin: f64, pixel: f64, n: usize| {
             let index = |v: f64| ((v - origin) / pixel).clamp(0.0, (n - 1) as f64);
-            (index(low).floor() as usize).saturating_sub(1)..(index(high).ceil() as usize + 2).min(n)
+            // What lies outside the contour is part of what blur mixes inside it.
+            let margin = raster::blur_reach(SEARCH_BLUR * image.blur_mm, pixel) + 1;
+            (index(low).floor() as usize).saturating_sub(margin)
+                ..(index(high).ceil() as usize + margin + 1).min(n)
         };
         let columns = range(bounds.min.x, bounds.max.x, ox, pixel_mm[0], nx);
         let rows = range(bounds.min.y, bounds.max.y, oy, pixel_mm[1], ny);
@@ -81,7 +85,8 @@ impl Patch {
         let values: Vec<f64> =
             pixels().map(|(i, j)| image.sign * f64::from(image.volume.at(i, j, image.k))).collect();
         let inside = pixels().map(|(i, j)| contour.contains(at(i, j))).collect();
-        let values = blurred(&values, columns.len(), pixel_mm.map(|p| 0.7 * image.blur_mm / p));
+        let sigma_pixels = pixel_mm.map(|p| SEARCH_BLUR * image.blur_mm / p);
+        let values = raster::blurred_within(&values, columns.len(), sigma_pixels);
         let grid = Grid { n_cols: columns.len(), n_rows: rows.len(), values };
         Some(Self { grid, first: [columns.start, rows.start], origin: Point2::new(ox, oy), pixel_mm, inside })
     }

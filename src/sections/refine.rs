@@ -9,6 +9,10 @@
 //! "Correction for the dislocation of curved surfaces caused by the PSF in 2D and 3D CT images", IEEE Trans.
 //! PAMI 27, 2005), s being the blur's standard deviation, which the sharpest edges of the stack tell.
 
+mod snake;
+
+pub(super) use snake::{Fall, snake};
+
 use super::curve::{curvatures, gaussian, normals, smoothed_closed};
 use super::denoise::Spectrum;
 use super::edge::{Edge, Profile};
@@ -119,6 +123,10 @@ impl Curve {
         let smooth = smoothed_closed(&steps, &gaussian(smoothing_mm / spacing_mm));
         let points = smooth.into_iter().map(Point2::from).collect();
         Self { points, moved_mm: vec![0.0; n], spacing_mm, radius_mm, smoothing_mm }
+    }
+
+    pub(super) fn contour(&self) -> Contour {
+        Contour::new(self.points.clone())
     }
 
     fn kernel(&self, length_mm: f64) -> Vec<f64> {
@@ -241,14 +249,21 @@ pub(super) fn cleaned(mut curve: Curve, noise_mm3: f64, blur_mm: f64) -> Curve {
 fn smooth_offsets(curve: &Curve, image: &Image<'_>, level: f64) -> Vec<f64> {
     let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
     let profiles = curve.profiles(image, Averaging::AlongContour, limit + image.pixel_mm());
-    let found: Vec<Vector2> = (0..curve.points.len())
+    let found: Vec<Option<f64>> = (0..curve.points.len())
         .map(|i| {
             let limits = [-limit - curve.moved_mm[i], limit - curve.moved_mm[i]];
-            profiles.crossing_mm(i, level, limits).map_or(Vector2::zeros(), |d| Vector2::new(d, 1.0))
+            profiles.crossing_mm(i, level, limits)
         })
         .collect();
+    smoothed_offsets(curve, &found)
+}
+
+/// Offsets smoothed along the contour; where none was found its neighbours decide.
+fn smoothed_offsets(curve: &Curve, found: &[Option<f64>]) -> Vec<f64> {
     // Sum of offsets and sum of weights, side by side.
-    let smooth = smoothed_closed(&found, &curve.kernel(curve.smoothing_mm));
+    let weighted: Vec<Vector2> =
+        found.iter().map(|d| d.map_or(Vector2::zeros(), |d| Vector2::new(d, 1.0))).collect();
+    let smooth = smoothed_closed(&weighted, &curve.kernel(curve.smoothing_mm));
     smooth.into_iter().map(|s| if s.y > 1e-3 { s.x / s.y } else { 0.0 }).collect()
 }
 

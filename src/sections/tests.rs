@@ -149,6 +149,21 @@ fn a_neighbour_outside_the_mask_is_not_joined() {
     assert!((size.x - 5.0).abs() < 0.15 && (size.y - 5.0).abs() < 0.1, "{size}");
 }
 
+#[test]
+fn a_window_whose_edge_is_not_the_lumens_is_told() {
+    let volume = Scene::default().volume(|x, y, _| if from_centre(x, y) < 3.0 { 300.0 } else { 50.0 });
+    let at = |lo: f64| {
+        let segmentation = segmented(&volume, [CENTRE[0], CENTRE[1], 1.0], Some([lo, 500.0]));
+        extract(&volume, &segmentation, &Params::default(), &Task::quiet()).unwrap()
+    };
+    assert!(at(175.0).warnings.is_empty(), "{:?}", at(175.0).warnings);
+    let wide = at(100.0);
+    assert_eq!(codes(&wide), ["sections.window_edge"]);
+    let (mean, _) = errors(&wide.stack.planes[1].contours[0], 3.0);
+    let told = format!("about {mean:.1}");
+    assert!(wide.warnings[0].text.contains(&told), "{mean}: {}", wide.warnings[0].text);
+}
+
 /// Disks of 2 mm at y = 7 with the given x in each plane, bridged where they overlap.
 fn disks(planes: &[&[f64]]) -> Volume {
     let scene = Scene { n: [80, 56, planes.len()], ..Scene::default() };

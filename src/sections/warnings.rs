@@ -11,6 +11,7 @@ enum Kind {
     Hole,
     Island,
     Stub,
+    Detached,
     Bridged,
     Unbridged,
     Split,
@@ -21,11 +22,12 @@ enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Fragment,
         Self::Hole,
         Self::Island,
         Self::Stub,
+        Self::Detached,
         Self::Bridged,
         Self::Unbridged,
         Self::Split,
@@ -41,6 +43,10 @@ impl Kind {
             Self::Hole => ("sections.passing_hole", "holes that do not last three planes were filled"),
             Self::Island => ("sections.island", "islands seen in one plane only were dropped"),
             Self::Stub => ("sections.stub", "side branches seen in one plane only were dropped"),
+            Self::Detached => (
+                "sections.detached",
+                "contours that nothing joins to the vessel of a seed were dropped (give a seed in them to keep them)",
+            ),
             Self::Bridged => {
                 ("sections.bridged", "contours that are one in the planes below and above were bridged")
             }
@@ -79,7 +85,7 @@ impl SectionWarnings {
     }
 
     fn count(&mut self, kind: Kind, z_mm: f64, n: usize) {
-        self.0.push((kind, z_mm, format!("{n} contours")));
+        self.0.push((kind, z_mm, format!("{n} contour{}", if n == 1 { "" } else { "s" })));
     }
 
     pub(super) fn fragment(&mut self, z_mm: f64, area_mm2: f64) {
@@ -96,6 +102,10 @@ impl SectionWarnings {
 
     pub(super) fn stub(&mut self, z_mm: f64, area_mm2: f64) {
         self.area(Kind::Stub, z_mm, area_mm2);
+    }
+
+    pub(super) fn detached(&mut self, z_mm: f64, area_mm2: f64) {
+        self.area(Kind::Detached, z_mm, area_mm2);
     }
 
     pub(super) fn bridged(&mut self, z_mm: f64, n: usize) {

@@ -261,12 +261,19 @@ pub struct Rules {
 impl Rules {
     /// Whether a voxel may not be lumen.
     #[must_use]
-    pub fn blocks(&self, volume: &Volume, [i, j, k]: [usize; 3]) -> bool {
-        !self.blocks.is_empty() && {
-            let in_stack = volume.stack_from_voxel(i as f64, j as f64, k);
-            let p = volume.patient_from_stack.apply(in_stack);
-            self.blocks.iter().any(|b| b.holds(in_stack.z, p))
+    pub fn blocks(&self, volume: &Volume, voxel: [usize; 3]) -> bool {
+        self.block_at(volume, voxel).is_some()
+    }
+
+    /// Which block takes a voxel away, counted from 0.
+    #[must_use]
+    pub fn block_at(&self, volume: &Volume, [i, j, k]: [usize; 3]) -> Option<usize> {
+        if self.blocks.is_empty() {
+            return None;
         }
+        let in_stack = volume.stack_from_voxel(i as f64, j as f64, k);
+        let p = volume.patient_from_stack.apply(in_stack);
+        self.blocks.iter().position(|b| b.holds(in_stack.z, p))
     }
 
     /// The window that was given for a plane.

@@ -68,6 +68,42 @@ pub enum Error {
         /// Upper end of the window.
         hi: f64,
     },
+    /// A correction takes the seed away.
+    #[error(
+        "seed {seed} lies in what segment.block[{block}] keeps out: move the seed, or change or remove that block"
+    )]
+    SeedBlocked {
+        /// The seed.
+        seed: Place,
+        /// Which block, counted from 1.
+        block: usize,
+    },
+    /// The seed is beside the contour that was drawn for its plane.
+    #[error(
+        "seed {seed} lies outside the contour drawn for its plane (segment.contour, z {z_mm:.3} mm): move the seed inside it, or draw it around the seed"
+    )]
+    SeedOutsideDrawn {
+        /// The seed.
+        seed: Place,
+        /// Height of the plane in the stack frame, mm.
+        z_mm: f64,
+    },
+    /// What was grown is no vessel but what surrounds it.
+    #[error(
+        "the region grown from seed {seed} covers {area_mm2:.0} mm2, {share_percent:.0} % of the image, in plane {plane} (z {z_mm:.3} mm): that is no vessel but what surrounds it; put the seed inside the lumen, or say --polarity bright or dark"
+    )]
+    Background {
+        /// The first seed.
+        seed: Place,
+        /// The plane in which it covers most, from 0.
+        plane: usize,
+        /// Its height in the stack frame, mm.
+        z_mm: f64,
+        /// Share of the image, percent.
+        share_percent: f64,
+        /// Its section there, mm2.
+        area_mm2: f64,
+    },
     /// No voxel of the planes lies in the window.
     #[error(
         "window {lo:.0} to {hi:.0} HU selects nothing: the planes hold values from {least:.0} to {most:.0} HU, change --window-hu"
@@ -84,13 +120,31 @@ pub enum Error {
     },
     /// No window was given and none could be found.
     #[error(
-        "no wall was found within {reach_mm:.0} mm of seed {seed}: put the seed inside the lumen or give --window-hu LOW,HIGH"
+        "no wall was found within {reach_mm:.0} mm of seed {seed}, where one has to stand out by {least_hu:.0} HU, three times the noise: put the seed inside the lumen or give --window-hu LOW,HIGH"
     )]
     NoContrast {
         /// The first seed.
         seed: Place,
         /// How far was searched, mm.
         reach_mm: f64,
+        /// Three times the noise, HU.
+        least_hu: f64,
+    },
+    /// Noise hides the boundary.
+    #[error(
+        "noise of {noise_hu:.0} HU around seed {seed} is {percent:.0} % of the contrast between lumen ({lumen_hu:.0} HU) and wall ({wall_hu:.0} HU): no boundary can be trusted beyond 50 %; take a smoother reconstruction or thicker slices, or give --window-hu LOW,HIGH to go on all the same"
+    )]
+    TooNoisy {
+        /// The first seed.
+        seed: Place,
+        /// Standard deviation of a pixel's noise, HU.
+        noise_hu: f64,
+        /// The same as part of the contrast, percent.
+        percent: f64,
+        /// Level of the lumen, HU.
+        lumen_hu: f64,
+        /// Level of the wall, HU.
+        wall_hu: f64,
     },
     /// The region runs out of the image.
     #[error(

@@ -33,6 +33,9 @@ const N_FADED: usize = 3;
 /// A section that reaches the border of the image is the vessel's up to this part of its radius beyond the section
 /// before: a vessel hardly moves or widens more between two planes.
 const REACH: f64 = 0.5;
+/// A lumen's level that differs from the last planes' by this part of the contrast was measured in something else: contrast
+/// medium thins out gently.
+const ABRUPT: f64 = 0.35;
 /// Levels are measured in the largest lobes of a plane only.
 const MOST_LOBES: usize = 3;
 
@@ -93,12 +96,13 @@ impl Walk<'_> {
         let mut from: Vec<Voxel> = seeds.to_vec();
         let (mut reach_mm, mut area, mut n_lost, mut clear) = (None, None, 0, Clear::default());
         for k in planes {
-            let window = median(&last[last.len().saturating_sub(N_LAST)..]).window_hu();
-            let Some(section) = self.section(k, window, &from, reach_mm)? else { break };
+            let before = median(&last[last.len().saturating_sub(N_LAST)..]);
+            let Some(section) = self.section(k, before.window_hu(), &from, reach_mm)? else { break };
             if area.is_some_and(|before: usize| section.inside.len() as f64 > JUMP * before as f64) {
                 break;
             }
-            let measured = self.measure(&section);
+            let is_gentle = |l: &Levels| (l.lumen_hu - before.lumen_hu).abs() < ABRUPT * self.contrast();
+            let measured = self.measure(&section).filter(is_gentle);
             clear.see(k, measured.is_some_and(|l| self.share(l) >= CLEAR));
             match measured {
                 Some(levels) => {
@@ -116,6 +120,11 @@ impl Walk<'_> {
             from = section.inside;
         }
         Ok(clear.ended)
+    }
+
+    /// The seed's contrast, HU.
+    fn contrast(&self) -> f64 {
+        (self.start.lumen_hu - self.start.wall_hu).abs()
     }
 
     /// A contrast as a part of the seed's.

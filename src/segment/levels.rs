@@ -65,15 +65,27 @@ impl Levels {
     }
 }
 
+/// How far the lumen reaches around the seeds, mm: the median distance to where rays leave it.
+pub(super) fn radius_mm(volume: &Volume, seeds: &[Voxel], levels: Levels) -> Option<f64> {
+    let rays: Vec<Vec<f64>> = seeds.iter().flat_map(|&seed| rays_from(volume, seed)).collect();
+    let least = 0.5 * (levels.lumen_hu - levels.wall_hu).abs();
+    let reached = |ray: &Vec<f64>| ray.iter().position(|v| (v - levels.lumen_hu).abs() > least);
+    median(rays.iter().filter_map(reached).map(|at| at as f64 * step_mm(volume)).collect())
+}
+
+/// What a wall has to stand out by around the seeds, HU.
+pub(super) fn least_step_hu(volume: &Volume, seeds: &[Voxel]) -> f64 {
+    NOISE_FACTOR * median(seeds.iter().map(|&s| noise_hu(volume, s)).collect()).unwrap_or(0.0)
+}
+
 /// Finds the levels around the seeds; `None` where fewer than a quarter of the rays meet a wall.
 #[must_use]
 pub fn find(volume: &Volume, seeds: &[Voxel], polarity: Polarity) -> Option<Levels> {
     let rays: Vec<Vec<f64>> = seeds.iter().flat_map(|&seed| rays_from(volume, seed)).collect();
     let lumen = median(seeds.iter().flat_map(|&s| neighbourhood(volume, s)).collect())?;
-    let noise = median(seeds.iter().map(|&s| noise_hu(volume, s)).collect())?;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few samples")]
     let near = (NEAR_MM / step_mm(volume)).ceil() as usize;
-    let least = NOISE_FACTOR * noise;
+    let least = least_step_hu(volume, seeds);
     // Noise at the seed is no level: what lies half-way to the departures tells the lumen's, and with it better ones.
     let first = agreeing(&rays, lumen, least, near, polarity)?;
     let lumen = inner_level(&first)?;
@@ -233,26 +245,28 @@ fn neighbourhood(volume: &Volume, [i, j, k]: Voxel) -> Vec<f64> {
     around(j, ny).flat_map(|j| around(i, nx).map(move |i| f64::from(volume.at(i, j, k)))).collect()
 }
 
-/// Standard deviation of the noise around the seed, from differences between pixels: the median makes edges
-/// harmless. Three pixels apart they are independent in a CT's correlated noise; structures coarser than the
-/// pixels would count as noise there, which the difference of neighbours bounds.
-fn noise_hu(volume: &Volume, [i, j, k]: Voxel) -> f64 {
+/// Standard deviation of the noise around the seed, HU. Three pixels apart it is independent in a CT's correlated noise;
+/// structures coarser than the pixels would count as noise there, which the difference of neighbours bounds.
+pub(super) fn noise_hu(volume: &Volume, seed: Voxel) -> f64 {
+    difference_hu(volume, seed, 3).min(2.5 * difference_hu(volume, seed, 1))
+}
+
+/// Standard deviation of differences between pixels so many columns apart around the seed, per pixel, HU: the median makes
+/// edges harmless.
+pub(super) fn difference_hu(volume: &Volume, [i, j, k]: Voxel, lag: usize) -> f64 {
     let [nx, ny, _] = volume.dims;
     let half = 24;
     let columns = i.saturating_sub(half)..(i + half).min(nx);
     let rows = j.saturating_sub(half)..(j + half).min(ny);
-    let spread = |lag: usize| {
-        let last = columns.end.saturating_sub(lag);
-        let difference = |i: usize, j: usize| f64::from(volume.at(i + lag, j, k) - volume.at(i, j, k)).abs();
-        let pairs = rows.clone().flat_map(|j| (columns.start..last).map(move |i| (i, j)));
-        // 1.4826 turns a median of absolute deviations into a standard deviation; two pixels carry noise.
-        1.4826 / std::f64::consts::SQRT_2
-            * median(pairs.map(|(i, j)| difference(i, j)).collect()).unwrap_or(0.0)
-    };
-    spread(3).min(2.5 * spread(1))
+    let last = columns.end.saturating_sub(lag);
+    let difference = |i: usize, j: usize| f64::from(volume.at(i + lag, j, k) - volume.at(i, j, k)).abs();
+    let pairs = rows.flat_map(|j| (columns.start..last).map(move |i| (i, j)));
+    let typical = median(pairs.map(|(i, j)| difference(i, j)).collect()).unwrap_or(0.0);
+    // 1.4826 turns a median of absolute deviations into a standard deviation; two pixels carry noise.
+    1.4826 / std::f64::consts::SQRT_2 * typical
 }
 
-fn median(values: Vec<f64>) -> Option<f64> {
+pub(super) fn median(values: Vec<f64>) -> Option<f64> {
     quantile(values, 0.5)
 }
 

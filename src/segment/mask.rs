@@ -74,6 +74,14 @@ impl Mask {
         self.inside.iter().filter(|&&v| v != 0).count()
     }
 
+    /// How many of them lie in plane k.
+    #[must_use]
+    pub fn n_voxels_of(&self, k: usize) -> usize {
+        let area = self.columns.len() * self.rows.len();
+        let own = self.planes.contains(&k).then(|| &self.inside[(k - self.planes.start) * area..][..area]);
+        own.map_or(0, |plane| plane.iter().filter(|&&v| v != 0).count())
+    }
+
     /// The smallest box of columns and rows around the voxels of plane k; `None` where it has none.
     #[must_use]
     pub fn plane_box(&self, k: usize) -> Option<(Range<usize>, Range<usize>)> {
@@ -105,6 +113,7 @@ mod tests {
         let mask = Mask::from_fn(3..8, 2..6, 4..6, |i, j, k| k == 4 && (4..6).contains(&i) && j == 3);
         assert!(mask.contains(4, 3, 4) && !mask.contains(6, 3, 4) && !mask.contains(0, 0, 0));
         assert_eq!(mask.n_voxels(), 2);
+        assert_eq!([3, 4, 5].map(|k| mask.n_voxels_of(k)), [0, 2, 0]);
         assert_eq!(mask.plane_box(4), Some((4..6, 3..4)));
         assert_eq!(mask.plane_box(5), None);
         assert_eq!(mask.plane_box(9), None);

@@ -36,6 +36,8 @@ pub mod guard;
 pub mod levels;
 mod lobes;
 pub mod mask;
+mod noise;
+mod plausible;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -53,6 +55,7 @@ use crate::progress::Task;
 use corrections::Rules;
 use grow::{Grown, Slab, Voxel};
 use guard::Site;
+use noise::Noise;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -121,8 +124,13 @@ pub struct Segmentation {
     pub plane_windows_hu: Vec<[f64; 2]>,
     /// Where that window came from.
     pub window_source: WindowSource,
+    /// By how much the planes were smoothed before the region was grown: standard deviation of a Gaussian, mm; 0 unless
+    /// noise asked for it.
+    pub smoothing_mm: f64,
     /// [`Polarity::Bright`] or [`Polarity::Dark`], never `Auto`.
     pub polarity: Polarity,
+    /// What it was grown from: the seeds, and the pixels in every contour that the operator has drawn.
+    pub seeds: Vec<Voxel>,
     /// The planes in which the lumen was found.
     pub planes: Range<usize>,
     /// Contours that the operator has drawn, by plane: they stand for what would be found there.
@@ -164,13 +172,24 @@ impl Segmentation {
 /// cancellation.
 pub fn segment(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Segmentation, Error> {
     check_ranges(params)?;
+    segment_in(volume, params, planes_in_range(volume, params.z_mm)?, task)
+}
+
+/// The same in these planes.
+fn segment_in(
+    volume: &Volume,
+    params: &Params,
+    asked: Range<usize>,
+    task: &Task<'_>,
+) -> Result<Segmentation, Error> {
     let rules = params.corrections.resolve(volume)?;
-    let asked = planes_in_range(volume, params.z_mm)?;
     let seeds = seed_voxels(volume, params, &asked)?;
+    refuse_corrected_seeds(volume, params, &rules, &seeds)?;
     task.report(0, 4);
-    let Chosen { windows_hu, planes, source, mut warnings } =
+    let Chosen { windows_hu, planes, source, smooth, mut warnings } =
         choose_windows(volume, params, &rules, &asked, &seeds, task)?;
-    let slab = Slab { volume, planes, windows_hu, rules: &rules };
+    let image = smooth.as_ref().map_or(volume, |s| &s.image);
+    let slab = Slab { volume: image, planes, windows_hu, rules: &rules };
     let seeds = checked_seeds(&slab, params, &seeds, source)?;
     task.report(1, 4);
     let mut lumen = grow_lumen(&slab, params, &seeds, source, task)?;
@@ -185,6 +204,7 @@ pub fn segment(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Segm
         let z_mm = volume.plane_z_mm[covered.start];
         return Err(Error::RegionTooFlat { found: covered.len(), z_mm });
     }
+    warnings.extend(plausible::check(volume, &mask, params.seeds_patient_mm[0])?);
     warnings.extend(range_not_reached(volume, &asked, &covered));
     task.report(4, 4);
     Ok(Segmentation {
@@ -192,7 +212,9 @@ pub fn segment(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Segm
         plane_windows_hu: covered.clone().map(|k| slab.window_hu(k)).collect(),
         mask,
         window_source: source,
+        smoothing_mm: smooth.as_ref().map_or(0.0, |s| s.sigma_mm),
         polarity: lumen.polarity,
+        seeds: [seeds, slab.drawn()].concat(),
         drawn: rules
             .drawn
             .into_iter()
@@ -255,6 +277,28 @@ fn seed_voxels(volume: &Volume, params: &Params, planes: &Range<usize>) -> Resul
     params.seeds_patient_mm.iter().map(voxel).collect()
 }
 
+/// Refuses seeds that the operator's own corrections take away.
+fn refuse_corrected_seeds(
+    volume: &Volume,
+    params: &Params,
+    rules: &Rules,
+    seeds: &[Voxel],
+) -> Result<(), Error> {
+    for (&[i, j, k], &place) in seeds.iter().zip(&params.seeds_patient_mm) {
+        let (seed, z_mm) = (Place(place), volume.plane_z_mm[k]);
+        match rules.drawn.get(&k) {
+            Some(drawn) if drawn.mask.contains(i, j, k) => {}
+            Some(_) => return Err(Error::SeedOutsideDrawn { seed, z_mm }),
+            None => {
+                if let Some(n) = rules.block_at(volume, [i, j, k]) {
+                    return Err(Error::SeedBlocked { seed, block: n + 1 });
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The smallest LPS box around all voxels, their halves included.
 fn extent_patient(volume: &Volume) -> (Point3, Point3) {
     let [nx, ny, nz] = volume.dims;
@@ -278,7 +322,24 @@ struct Chosen {
     /// The planes that are used.
     planes: Range<usize>,
     source: WindowSource,
+    /// What the region is grown in, where the image is too noisy.
+    smooth: Option<Smooth>,
     warnings: Vec<Warning>,
+}
+
+/// A smoothed copy of the image.
+struct Smooth {
+    image: Volume,
+    sigma_mm: f64,
+}
+
+impl Smooth {
+    fn of(volume: &Volume, sigma_mm: f64, task: &Task<'_>) -> Result<Option<Self>, Error> {
+        if sigma_mm <= 0.0 {
+            return Ok(None);
+        }
+        Ok(Some(Self { image: noise::smoothed(volume, sigma_mm, task)?, sigma_mm }))
+    }
 }
 
 fn choose_windows(
@@ -296,19 +357,28 @@ fn choose_windows(
             windows_hu,
             planes: asked.clone(),
             source: WindowSource::Given,
+            smooth: None,
             warnings: Vec::new(),
         });
     }
-    let levels = levels::find(volume, seeds, params.polarity)
-        .ok_or(Error::NoContrast { seed: Place(params.seeds_patient_mm[0]), reach_mm: levels::REACH_MM })?;
-    let followed = follow::follow(volume, asked, rules, seeds, levels, task)?;
+    let seed = params.seeds_patient_mm[0];
+    let levels = levels::find(volume, seeds, params.polarity).ok_or_else(|| Error::NoContrast {
+        seed: Place(seed),
+        reach_mm: levels::REACH_MM,
+        least_hu: levels::least_step_hu(volume, seeds),
+    })?;
+    let noise = Noise::around(volume, seeds, levels).looked_at_closer(volume, seeds[0], params.polarity);
+    let mut warnings: Vec<Warning> = noise.check(seed)?.into_iter().collect();
+    let smooth = Smooth::of(volume, noise.smoothing_mm(volume, seeds), task)?;
+    let image = smooth.as_ref().map_or(volume, |s| &s.image);
+    let followed = follow::follow(image, asked, rules, seeds, levels, task)?;
     // Where somebody attends, or has said which planes, the lumen is looked for in all of them.
     let may_shorten = params.on_leak == OnLeak::Cut && params.z_mm.is_none() && followed.clear.len() > 1;
     let planes = if may_shorten { followed.clear.clone() } else { asked.clone() };
     let windows_hu =
         planes.clone().map(|k| corrected(k, followed.levels[k - asked.start].window_hu())).collect();
-    let warnings = faded(volume, asked, &planes).into_iter().collect();
-    Ok(Chosen { windows_hu, planes, source: WindowSource::Found(levels), warnings })
+    warnings.extend(faded(volume, asked, &planes));
+    Ok(Chosen { windows_hu, planes, source: WindowSource::Found(levels), smooth, warnings })
 }
 
 /// Says where the vessel has faded.

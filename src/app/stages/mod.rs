@@ -1,6 +1,7 @@
 //! The stages, each from files of the case to files of the case.
 
 pub mod export;
+mod preview;
 pub mod print;
 mod ready;
 pub mod report;

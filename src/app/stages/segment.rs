@@ -186,9 +186,9 @@ impl Session<'_> {
         self.note(Stage::Segment, "reading the CT");
         let series = self.chosen_series(path, task)?;
         let choice = series.as_ref().map_or(SeriesChoice::Only, |mark| SeriesChoice::ByNumber(mark.number));
-        let allow_gaps = self.settings().segment.allow_gaps;
+        let SegmentSettings { allow_gaps, z_mm, .. } = self.settings().segment;
         let Loaded { volume, warnings, frame, .. } =
-            ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps }, task)?;
+            ct::reader::load_with(path, &ct::reader::Options { choice, allow_gaps, z_mm }, task)?;
         Ok(Image { volume, warnings, series, frame })
     }
 

@@ -47,7 +47,13 @@ impl Session<'_> {
     /// [`Error`] where there are no contours, where they make no solid or none that is valid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
         self.require(Stage::Segment)?;
-        self.stage(Stage::Solid, Self::build_solid)?;
+        if let Err(refused) = self.stage(Stage::Solid, Self::build_solid) {
+            if !refused.is_interruption() {
+                self.show_contours();
+            }
+            return Err(refused);
+        }
+        self.hide_contours()?;
         self.topology = Some(self.matching()?.summary);
         Ok(())
     }

@@ -1,7 +1,8 @@
 //! JPEG 2000 by the `jpeg2k` library, whose decoder is a translation of OpenJPEG to Rust.
 //!
 //! It believes what a stream says of its size, and panics on some damaged ones: so the size segment (ITU-T T.800 A.5.1) is
-//! read here first, and panics are caught. A stream that ends early is refused, not filled up.
+//! read here first, and panics are caught. The library is given the codestream that was checked, without the boxes of a file
+//! around it, in which another one might hide. A stream that ends early is refused, not filled up.
 
 use super::{Fault, Samples, Size, panics_caught};
 use jpeg2k::{DecodeParameters, Image, ImageComponent};
@@ -15,9 +16,10 @@ const MOST_TILES: u32 = 4096;
 
 /// Decodes one image.
 pub(super) fn decode(bytes: &[u8], size: Size) -> Result<Samples, Fault> {
-    check_size(bytes, size)?;
+    let stream = codestream(bytes)?;
+    check_size(stream, size)?;
     let strict = DecodeParameters::new().strict(true);
-    let image = panics_caught(|| Image::from_bytes_with(bytes, strict));
+    let image = panics_caught(|| Image::from_bytes_with(stream, strict));
     let Some(Ok(image)) = image else {
         return Err(Fault::Damaged("the JPEG 2000 pixels cannot be decoded"));
     };
@@ -43,12 +45,16 @@ fn samples(component: &ImageComponent, size: Size) -> Result<Samples, Fault> {
     Ok(Samples { words, precision_bits: component.precision(), is_signed: component.is_signed() })
 }
 
-/// Checks what the stream says before a decoder believes it.
-fn check_size(bytes: &[u8], expected: Size) -> Result<(), Fault> {
+/// The codestream, where boxes of a file stand before it.
+fn codestream(bytes: &[u8]) -> Result<&[u8], Fault> {
     let head = &bytes[..bytes.len().min(LONGEST_BOXES)];
-    let at = head.windows(4).position(|w| w == START);
-    let at = at.ok_or(Fault::Damaged("the compressed pixels hold no JPEG 2000 codestream"))?;
-    let segment = bytes.get(at + 4..at + 45).ok_or(Fault::Truncated)?;
+    let at = head.windows(START.len()).position(|w| w == START);
+    at.map(|at| &bytes[at..]).ok_or(Fault::Damaged("the compressed pixels hold no JPEG 2000 codestream"))
+}
+
+/// Checks what the codestream says before a decoder believes it.
+fn check_size(stream: &[u8], expected: Size) -> Result<(), Fault> {
+    let segment = stream.get(4..45).ok_or(Fault::Truncated)?;
     let word = |i: usize| u32::from_be_bytes([segment[i], segment[i + 1], segment[i + 2], segment[i + 3]]);
     let [right, bottom, left, top, tile_width, tile_height] = [4, 8, 12, 16, 20, 24].map(word);
     let found =
@@ -115,6 +121,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_stream_that_was_checked_is_the_one_that_is_decoded() {
+        // Boxes of a file whose codestream is a large one, with a small one as a decoy before it.
+        let (small, words) = stream("bits12_unsigned");
+        let mut large = small.clone();
+        large[8..12].copy_from_slice(&[0, 0, 0x20, 0]);
+        let boxed = |kind: &[u8; 4], content: &[u8]| {
+            let length = u32::try_from(content.len() + 8).unwrap().to_be_bytes();
+            [&length[..], kind, content].concat()
+        };
+        let signature = boxed(b"jP  ", &[0x0d, 0x0a, 0x87, 0x0a]);
+        let file = [signature.clone(), boxed(b"uuid", &small), boxed(b"jp2c", &large)].concat();
+        if let Ok(samples) = decode(&file, SIZE) {
+            assert_eq!(samples.words, words);
+        }
+        let plain = [signature, boxed(b"jp2c", &small)].concat();
+        assert_eq!(decode(&plain, SIZE).unwrap().words, words);
     }
 
     #[test]

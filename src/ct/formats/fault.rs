@@ -117,6 +117,14 @@ pub enum Fault {
         /// The value.
         found: f64,
     },
+    /// Labels in the place of intensities.
+    #[error(
+        "it holds even patches of whole numbers from 0 to {most}, a label map and no image: give it with --segmentation, and with --ct the image that it was drawn on"
+    )]
+    LabelMap {
+        /// The largest label.
+        most: f32,
+    },
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] crate::progress::Cancelled),

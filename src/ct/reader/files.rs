@@ -6,7 +6,7 @@
 use super::super::series::{Header, Series};
 use super::super::{Error, PHANTOM_TRUTH_FILE, Warning};
 use super::header::{self, Content};
-use super::{in_parallel, left_out, lengths};
+use super::{image, in_parallel, left_out, lengths};
 use crate::progress::Task;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -47,6 +47,8 @@ impl Damage {
 /// What one file is.
 enum Kind {
     Foreign,
+    /// NIfTI, MetaImage or NRRD.
+    Image,
     Dicom(Result<Content, Damage>),
 }
 
@@ -57,7 +59,7 @@ pub(super) fn scan(path: &Path, task: &Task<'_>) -> Result<Folder, Error> {
         return scan_folder(path, task);
     }
     match look_at(path) {
-        Kind::Foreign => Err(Error::NotAFolder(path.to_owned())),
+        Kind::Foreign | Kind::Image => Err(Error::NotAFolder(path.to_owned())),
         Kind::Dicom(found) if matches!(found, Ok(Content::Directory(_))) || is_called_directory(path) => {
             match path.parent() {
                 Some(folder) if folder != Path::new("") => scan_folder(folder, task),
@@ -79,7 +81,8 @@ fn scan_folder(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     finding = look_at_all(&named.unlisted, finding, task)?;
     files.extend(named.unlisted);
     if finding.is_without_dicom() {
-        return Err(Error::NoDicom { path: folder.to_owned(), n_files: files.len() });
+        let n_image_files = finding.n_image_files;
+        return Err(Error::NoDicom { path: folder.to_owned(), n_files: files.len(), n_image_files });
     }
     if let (Some(missing), true) = (named.missing, finding.folder.images.is_empty()) {
         finding.folder.damages.push(Damage { fault: missing, series: None });
@@ -98,6 +101,7 @@ fn look_at_all(files: &[PathBuf], finding: Finding, task: &Task<'_>) -> Result<F
 struct Finding {
     folder: Folder,
     n_foreign: usize,
+    n_image_files: usize,
     n_localizers: usize,
     n_captures: usize,
     n_others: usize,
@@ -117,7 +121,15 @@ struct Named {
 impl Default for Finding {
     fn default() -> Self {
         let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), damages: Vec::new() };
-        Self { folder, n_foreign: 0, n_localizers: 0, n_captures: 0, n_others: 0, directories: Vec::new() }
+        Self {
+            folder,
+            n_foreign: 0,
+            n_image_files: 0,
+            n_localizers: 0,
+            n_captures: 0,
+            n_others: 0,
+            directories: Vec::new(),
+        }
     }
 }
 
@@ -136,6 +148,7 @@ impl Finding {
             Kind::Dicom(Err(damage)) => self.folder.damages.push(damage),
             Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
             Kind::Foreign => self.n_foreign += 1,
+            Kind::Image => self.n_image_files += 1,
         }
         self
     }
@@ -182,6 +195,9 @@ impl Finding {
     fn into_folder(self, n_files: usize) -> Folder {
         let mut warnings: Vec<Warning> = Vec::new();
         warnings.extend(left_out("ct.not_dicom", self.n_foreign, "file(s) that are not DICOM"));
+        let images =
+            "image file(s) that are not DICOM (NIfTI, MetaImage, NRRD: to use one, name the file itself)";
+        warnings.extend(left_out("ct.image_file", self.n_image_files, images));
         warnings.extend(left_out("ct.localizer", self.n_localizers, "localizer image(s)"));
         warnings.extend(left_out("ct.secondary_capture", self.n_captures, "picture(s) of a screen"));
         warnings.extend(left_out(
@@ -246,6 +262,7 @@ fn look_at(path: &Path) -> Kind {
         Ok(false) if is_called_dicom(path) => {
             Err(Error::Damaged { path: path.to_owned(), what: "the mark DICM is missing" })
         }
+        Ok(false) if image::is_one(path) => return Kind::Image,
         Ok(false) => return Kind::Foreign,
     };
     Kind::Dicom(content.map_err(|fault| Damage { fault, series: lengths::series_of(path) }))

@@ -22,6 +22,10 @@ use std::path::{Component, Path, PathBuf};
 
 /// Bytes that are looked at to know what a file is: the longest header.
 const START_BYTES: u64 = 1 << 20;
+/// Labels that are still few.
+const MOST_LABEL: f32 = 255.0;
+/// The most pairs of neighbours in a row that differ in a label map.
+const LABEL_STEPS: f64 = 0.1;
 /// What voxels without a value become: air.
 const NO_VALUE_HU: f32 = -1024.0;
 
@@ -71,6 +75,25 @@ pub fn companion(path: &Path) -> Result<Option<PathBuf>, Error> {
 pub fn load_labels(path: &Path, task: &Task<'_>) -> Result<Option<LabelMap>, Error> {
     let Some(image) = open(path)? else { return Ok(None) };
     image.labels(task).map(Some)
+}
+
+/// The largest value where they are those of a label map: few whole numbers from 0, in patches. In an image of anything
+/// neighbours differ, by noise if nothing else; `width` is the length of a row.
+fn largest_label(values: &[f32], width: usize) -> Option<f32> {
+    let most = values.iter().copied().fold(0.0, f32::max);
+    let is_label = |v: &f32| *v >= 0.0 && *v <= MOST_LABEL && v.fract() == 0.0;
+    let has_patches = || {
+        let pairs = || values.chunks_exact(width.max(1)).flat_map(|row| row.windows(2));
+        let n_steps = pairs().filter(|w| w[0].total_cmp(&w[1]).is_ne()).count();
+        n_steps as f64 <= LABEL_STEPS * pairs().count() as f64
+    };
+    let has_background = || values.iter().any(|v| *v <= 0.0);
+    (most >= 1.0 && values.iter().all(is_label) && has_background() && has_patches()).then_some(most)
+}
+
+/// Whether a file is one of these formats, usable or not.
+pub(super) fn is_one(path: &Path) -> bool {
+    !matches!(recognised(path), Ok(None) | Err(Error::Read { .. }))
 }
 
 /// The header of a file.
@@ -182,6 +205,9 @@ impl ImageFile {
         let mut warnings = self.header.warnings.iter().chain(&placed.warnings).cloned().collect();
         #[expect(clippy::cast_possible_truncation, reason = "24 bits hold every intensity of a CT")]
         let mut read = values::read(&self.header, &self.bytes, index, task, |v, _| Ok(v as f32))?;
+        if let Some(most) = largest_label(&read.values, placed.dims[0]) {
+            return Err(Fault::LabelMap { most });
+        }
         let slab_thickness_mm = self.slab_thickness(&placed, &mut warnings);
         warnings.extend(filled(&mut read.values));
         warnings.extend(read.goes_on.then(more_values));
@@ -392,6 +418,23 @@ mod tests {
             );
             assert!(refused(companion(&header).unwrap_err()), "{outside}");
         }
+    }
+
+    #[test]
+    fn labels_are_told_from_intensities() {
+        let patch = |inside: f32| -> Vec<f32> {
+            let is_in = |p: usize| (8..20).contains(&(p % 32)) && (4..14).contains(&(p / 32));
+            (0..32 * 20).map(|p| if is_in(p) { inside } else { 0.0 }).collect()
+        };
+        assert_eq!(largest_label(&patch(1.0), 32), Some(1.0));
+        assert_eq!(largest_label(&patch(117.0), 32), Some(117.0));
+        // An image's contrast, values below 0 or between whole numbers, noise, nothing at all.
+        assert_eq!(largest_label(&patch(300.0), 32), None);
+        assert_eq!(largest_label(&patch(-3.0), 32), None);
+        assert_eq!(largest_label(&patch(0.5), 32), None);
+        assert_eq!(largest_label(&patch(0.0), 32), None);
+        let noisy: Vec<f32> = (0_u16..640).map(|p| f32::from(p * 7 % 23)).collect();
+        assert_eq!(largest_label(&noisy, 32), None);
     }
 
     #[test]

@@ -38,6 +38,8 @@ const LONGEST_UID: u32 = 64;
 const DEEPEST: usize = 32;
 /// Longest value of a header, bytes: deflated files may grow a thousandfold.
 const LONGEST_VALUE: u32 = 1 << 28;
+/// The most that all of a deflated file but its pixels may inflate to, bytes: what states its length nowhere else.
+const MOST_INFLATED: u64 = 1 << 28;
 /// Longest offset table, bytes: one entry for each of a million frames.
 const LONGEST_TABLE: u32 = 1 << 22;
 
@@ -405,6 +407,7 @@ impl<'a> Walk<'a> {
     }
 
     fn element(&mut self, encoding: Encoding) -> Result<Element, Error> {
+        self.check_inflated()?;
         let start = self.array::<4>()?;
         let tag = Tag(encoding.u16([start[0], start[1]]), encoding.u16([start[2], start[3]]));
         if tag.0 == 0xfffe || !encoding.is_explicit {
@@ -416,6 +419,21 @@ impl<'a> Walk<'a> {
         let length =
             if has_long_length(vr) { encoding.u32(self.array()?) } else { encoding.u16([c, d]).into() };
         Ok(Element { tag, vr, length })
+    }
+
+    /// A few bytes may inflate to anything: what stands beside the pixels, whose length is checked against the image's size, must
+    /// stay within bounds.
+    fn check_inflated(&self) -> Result<(), Error> {
+        let of_pixels = match &self.pixels {
+            Some(Pixels::Native(range)) => range.end - range.start,
+            _ => 0,
+        };
+        if matches!(self.input, Input::Inflated(_))
+            && self.position - of_pixels.min(self.position) > MOST_INFLATED
+        {
+            return Err(damaged(self.path, "its deflated elements inflate beyond any header's length"));
+        }
+        Ok(())
     }
 
     fn peek(&mut self) -> Result<Option<u8>, Error> {

@@ -27,7 +27,7 @@ pub use image::{companion, load_labels};
 
 use super::grouping::group;
 use super::series::{Header, Series, listing};
-use super::stack::{Stack, arrange};
+use super::stack::{Gaps, Stack, arrange};
 use super::{
     Error, FrameOfReference, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume,
     Warning,
@@ -41,12 +41,23 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How to read a folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Options {
     /// Which series.
     pub choice: SeriesChoice,
     /// Whether a stack with missing planes is used, with a warning.
     pub allow_gaps: bool,
+    /// Heights along the stack's normal that will be used, mm: outside them missing planes do no harm; `None`: all.
+    pub z_mm: Option<[f64; 2]>,
+}
+
+impl Options {
+    fn gaps(&self) -> Gaps {
+        match self.z_mm {
+            Some(used) if !self.allow_gaps => Gaps::RefusedWithin(used),
+            _ => self.allow_gaps.into(),
+        }
+    }
 }
 
 /// Reads the chosen series, refusing one with missing planes.
@@ -54,7 +65,7 @@ pub struct Options {
 /// # Errors
 /// [`Error`]: nothing to read, several series, damaged files, a geometry that makes no regular stack, interruption.
 pub fn load(path: &Path, choice: &SeriesChoice, task: &Task<'_>) -> Result<Loaded, Error> {
-    load_with(path, &Options { choice: *choice, allow_gaps: false }, task)
+    load_with(path, &Options { choice: *choice, ..Options::default() }, task)
 }
 
 /// Reads a series as the options say.
@@ -77,7 +88,7 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
     }
     let series = choose(path, &all, options.choice)?;
     warnings.extend(left_out("ct.damaged_elsewhere", elsewhere.len(), "damaged file(s) of other series"));
-    let mut stack = arrange(series, options.allow_gaps)?;
+    let mut stack = arrange(series, options.gaps())?;
     warnings.append(&mut stack.warnings);
     let (volume, findings) = read_volume(series, &stack, task)?;
     warnings.append(&mut findings.warnings());
@@ -143,8 +154,9 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
     let mut reports = Vec::with_capacity(all.len());
     for (i, series) in all.iter().enumerate() {
         let (stack, fault) = examine(series, task)?;
-        texts.extend(fault.as_ref().map(Error::to_string));
         let damage = damages.iter().find(|d| d.concerns(series, &all));
+        // A damaged file is why its plane is missing.
+        texts.extend(fault.as_ref().filter(|_| damage.is_none()).map(Error::to_string));
         let fault = damage.map(|d| &d.fault).or(fault.as_ref());
         reports.push(SeriesReport::new(i + 1, series, stack.as_ref(), fault, all.len() > 1));
     }

@@ -579,3 +579,29 @@ fn decoded_values_are_those_of_an_independent_decoder() {
     let sum: f64 = plane.iter().map(|&v| f64::from(v)).sum();
     assert_eq!((least, most, sum), (-2048.0, 1433.0, -197_733_355.0));
 }
+
+#[test]
+fn a_deflated_file_may_not_inflate_to_any_size() {
+    use std::io::{Read as _, Write as _};
+    let element = |group: u16, number: u16, vr: &[u8; 2], length: u32| {
+        [&group.to_le_bytes()[..], &number.to_le_bytes(), vr, &[0, 0], &length.to_le_bytes()].concat()
+    };
+    let syntax = b"1.2.840.10008.1.2.1.99";
+    let mut file = vec![0; 128];
+    file.extend(b"DICM\x02\x00\x00\x00UL\x04\x00");
+    file.extend((8 + u32::try_from(syntax.len()).unwrap()).to_le_bytes());
+    file.extend(b"\x02\x00\x10\x00UI\x16\x00");
+    file.extend(syntax);
+    let mut deflated = flate2::write::DeflateEncoder::new(file, flate2::Compression::fast());
+    // Each within what an element may have, all together not within what a header may.
+    let length = 90 << 20;
+    for number in 0x1001..0x1005 {
+        deflated.write_all(&element(0x0009, number, b"OB", length)).unwrap();
+        std::io::copy(&mut std::io::repeat(0).take(length.into()), &mut deflated).unwrap();
+    }
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("bomb.dcm");
+    fs::write(&path, deflated.finish().unwrap()).unwrap();
+    let refused = super::lengths::check(&path).unwrap_err().to_string();
+    assert!(refused.contains("its deflated elements inflate beyond any header's length"), "{refused}");
+}

@@ -17,6 +17,7 @@ use super::traits::Origin;
 use super::{Error, Warning};
 use crate::geom::{Point2, Point3, RigidTransform, Vector2, Vector3};
 use sideways::Sideways;
+pub(super) use steps::Gaps;
 use steps::Slab;
 
 /// Axes this near to the patient's are the patient's: over 500 mm that is 0.005 mm.
@@ -50,9 +51,9 @@ pub(super) struct Stack {
 /// Puts a series in order and checks its geometry.
 ///
 /// # Errors
-/// Where an image does not fit the others, planes are missing (unless `allow_gaps`), fewer than two, or one lies beside the
+/// Where an image does not fit the others, planes are missing (unless `gaps` lets it pass), fewer than two, or one lies beside the
 /// others.
-pub(super) fn arrange(series: &Series, allow_gaps: bool) -> Result<Stack, Error> {
+pub(super) fn arrange(series: &Series, gaps: impl Into<Gaps>) -> Result<Stack, Error> {
     refuse_odd(series)?;
     let mut warnings = header_warnings(series);
     let mut frame = Frame::of(&series.images[0].shape);
@@ -71,7 +72,7 @@ pub(super) fn arrange(series: &Series, allow_gaps: bool) -> Result<Stack, Error>
     let slab =
         |(&i, p): (&usize, &Point3)| Slab { z_mm: p.z, thickness_mm: series.images[i].slab_thickness_mm };
     let slabs: Vec<Slab> = images.iter().zip(&planes).map(slab).collect();
-    let step_mm = steps::check(&slabs, allow_gaps, &mut warnings)?;
+    let step_mm = steps::check(&slabs, gaps, &mut warnings)?;
     check_stated_spacing(series, step_mm, &mut warnings);
     let Grid { size, origin, shifts, tilt_deg } = Grid::of(&frame.shape, &sideways, images.len())?;
     warnings.extend(tilt_deg.map(tilt_warning));

@@ -15,23 +15,61 @@ pub(super) struct Slab {
     pub(super) thickness_mm: Option<f64>,
 }
 
+/// What is done where planes are missing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::ct) enum Gaps {
+    /// They are refused.
+    Refused,
+    /// They are refused where they touch these heights, mm: nothing outside is used.
+    RefusedWithin([f64; 2]),
+    /// They are told.
+    Told,
+}
+
+impl From<bool> for Gaps {
+    fn from(are_allowed: bool) -> Self {
+        if are_allowed { Self::Told } else { Self::Refused }
+    }
+}
+
+impl Gaps {
+    /// Whether a gap between these heights is refused.
+    fn refuse(self, below_mm: f64, above_mm: f64) -> bool {
+        match self {
+            Self::Refused => true,
+            Self::RefusedWithin([lo, hi]) => above_mm > lo && below_mm < hi,
+            Self::Told => false,
+        }
+    }
+}
+
 /// Checks the distances between planes, ascending in z and two at least, and returns their median.
 ///
 /// # Errors
-/// [`Error::MissingPlanes`] where there are gaps and none are allowed.
-pub(super) fn check(slabs: &[Slab], allow_gaps: bool, warnings: &mut Vec<Warning>) -> Result<f64, Error> {
+/// [`Error::MissingPlanes`] where there are gaps and they are refused.
+pub(super) fn check(
+    slabs: &[Slab],
+    allowed: impl Into<Gaps>,
+    warnings: &mut Vec<Warning>,
+) -> Result<f64, Error> {
+    let allowed = allowed.into();
     let steps: Vec<f64> = slabs.windows(2).map(|w| w[1].z_mm - w[0].z_mm).collect();
     // What is missing only ever lengthens a distance: of two middle ones the lower.
     let usual = median(steps.iter().copied());
     let gaps: Vec<usize> = (0..steps.len()).filter(|&i| is_gap(slabs, &steps, i, usual)).collect();
+    let refused: Vec<usize> =
+        gaps.iter().copied().filter(|&i| allowed.refuse(slabs[i].z_mm, slabs[i + 1].z_mm)).collect();
+    if let Some(&first) = refused.first() {
+        return Err(describe(slabs, &steps, first, usual, refused.len()));
+    }
     if let Some(&first) = gaps.first() {
-        let gap = describe(slabs, &steps, first, usual, gaps.len());
-        if !allow_gaps {
-            return Err(gap);
-        }
         let (below_mm, above_mm, n_gaps) = (slabs[first].z_mm, slabs[first + 1].z_mm, gaps.len());
+        let what = match allowed {
+            Gaps::RefusedWithin(_) => "outside the heights that are used",
+            Gaps::Told | Gaps::Refused => "the shape there is interpolated",
+        };
         let text = format!(
-            "{n_gaps} gap(s) in the stack, the first between z = {below_mm:.3} and {above_mm:.3} mm; the shape there is interpolated"
+            "{n_gaps} gap(s) in the stack, the first between z = {below_mm:.3} and {above_mm:.3} mm; {what}"
         );
         warnings.push(Warning::new("ct.missing_planes", text));
     }
@@ -106,6 +144,22 @@ mod tests {
         let turned: Vec<f64> = z.iter().rev().map(|v| -v).collect();
         assert_eq!(count(z), count(&turned));
         count(z)
+    }
+
+    #[test]
+    fn a_gap_outside_the_heights_that_are_used_is_told_only() {
+        let all = slabs(&at(&[3.0, 6.0, 3.0, 3.0]), 2.0);
+        for (heights, is_refused) in
+            [([9.0, 15.0], false), ([8.9, 15.0], true), ([0.0, 3.0], false), ([4.0, 5.0], true)]
+        {
+            let mut warnings = Vec::new();
+            let found = check(&all, Gaps::RefusedWithin(heights), &mut warnings);
+            assert_eq!(found.is_err(), is_refused, "{heights:?}");
+            assert_eq!(
+                warnings.iter().filter(|w| w.text.contains("outside the heights")).count(),
+                usize::from(!is_refused)
+            );
+        }
     }
 
     #[test]

@@ -4,12 +4,12 @@ use std::f64::consts::TAU;
 
 /// Cosines and sines of all multiples of a circle's n-th part.
 #[derive(Debug, Clone)]
-pub(super) struct Circle {
+pub(in crate::sections) struct Circle {
     unit: Vec<[f64; 2]>,
 }
 
 impl Circle {
-    pub(super) fn new(n: usize) -> Self {
+    pub(in crate::sections) fn new(n: usize) -> Self {
         let at = |i: usize| {
             let (sin, cos) = (TAU * i as f64 / n as f64).sin_cos();
             [cos, sin]
@@ -17,17 +17,17 @@ impl Circle {
         Self { unit: (0..n).map(at).collect() }
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::sections) fn len(&self) -> usize {
         self.unit.len()
     }
 
     /// Cosine and sine of the i-th angle.
-    pub(super) fn at(&self, i: usize) -> [f64; 2] {
+    pub(in crate::sections) fn at(&self, i: usize) -> [f64; 2] {
         self.unit[i % self.unit.len()]
     }
 
     /// Cosine and sine amplitudes of 0 to `most` waves around; the mean comes first, its sine is 0.
-    pub(super) fn waves(&self, values: &[f64], most: usize) -> Vec<[f64; 2]> {
+    pub(in crate::sections) fn waves(&self, values: &[f64], most: usize) -> Vec<[f64; 2]> {
         let n = values.len() as f64;
         let wave = |m: usize| {
             let sum = values.iter().enumerate().fold([0.0; 2], |[a, b], (i, v)| {
@@ -41,7 +41,7 @@ impl Circle {
     }
 
     /// The values that the waves sum to.
-    pub(super) fn values(&self, waves: &[[f64; 2]]) -> Vec<f64> {
+    pub(in crate::sections) fn values(&self, waves: &[[f64; 2]]) -> Vec<f64> {
         let at = |i: usize| {
             let term = |(m, w): (usize, &[f64; 2])| {
                 let [cos, sin] = self.at(m * i);

@@ -26,14 +26,14 @@ mod ring;
 mod smoother;
 
 use crate::ct::Volume;
-use crate::geom::{Contour, Point2};
+use crate::geom::{Bounds2, Contour, Point2};
 use crate::progress::{Cancelled, Task};
 use harmonics::Circle;
 use levels::Equations;
 pub(super) use levels::Levels;
 use rayon::prelude::*;
 pub(super) use render::Optics;
-use render::{EDGE_REACH, Slab, View};
+use render::{EDGE_REACH, Lattice, Slab, View};
 use ring::{At, Course, Outline, Ring};
 use smoother::Channel;
 use std::f64::consts::PI;
@@ -93,21 +93,22 @@ pub(super) struct Fit {
 struct Residual {
     values: Vec<f64>,
     is_edge: Vec<bool>,
-    pixel_mm2: f64,
+    place: Lattice,
 }
 
 impl Fit {
-    /// Twice the logarithm of how much likelier plane `n` is under this fit than under the other: white noise.
-    pub(super) fn evidence_over(&self, other: &Self, n: usize) -> f64 {
+    /// Twice the logarithm of how much likelier plane `n` is, within the box, under this fit than under the other: white noise.
+    pub(super) fn evidence_over(&self, other: &Self, n: usize, within: &Bounds2) -> f64 {
         let (mine, theirs) = (&self.residuals[n], &other.residuals[n]);
         if mine.values.len() != theirs.values.len() {
             return 0.0;
         }
         let density = self.noise_density.min(other.noise_density).max(f64::MIN_POSITIVE);
         let worth = |p: usize| theirs.values[p].powi(2) - mine.values[p].powi(2);
-        let sum: f64 =
-            (0..mine.values.len()).filter(|&p| mine.is_edge[p] || theirs.is_edge[p]).map(worth).sum();
-        sum * mine.pixel_mm2 / density
+        let counts =
+            |p: &usize| (mine.is_edge[*p] || theirs.is_edge[*p]) && within.contains(mine.place.centre(*p));
+        let sum: f64 = (0..mine.values.len()).filter(counts).map(worth).sum();
+        sum * mine.place.pixel_mm2() / density
     }
 }
 
@@ -288,7 +289,7 @@ impl<'a> State<'a> {
             equations: levels::equations(view, &shares, &owners, &plane.levels, &residual, optics, weight),
             rough: at_edge(&residual),
             smooth: at_edge(&blurred),
-            residual: Residual { pixel_mm2: view.pixel_mm2(), values: residual, is_edge },
+            residual: Residual { place: view.place, values: residual, is_edge },
         }
     }
 

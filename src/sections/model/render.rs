@@ -12,11 +12,31 @@ const SLAB_SAMPLES: usize = 6;
 /// A blurred edge is over beyond this many standard deviations.
 pub(super) const EDGE_REACH: f64 = 4.0;
 
+/// The pixels of a view, and where they are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lattice {
+    grid: PixelGrid,
+    window: Window,
+}
+
+impl Lattice {
+    pub(super) fn pixel_mm2(&self) -> f64 {
+        self.grid.pixel_mm[0] * self.grid.pixel_mm[1]
+    }
+
+    /// Centre of pixel p.
+    pub(super) fn centre(&self, p: usize) -> Point2 {
+        let ([first_x, first_y], [width, _]) = (self.window.first, self.window.size);
+        let [i, j] = [first_x as f64 + (p % width) as f64, first_y as f64 + (p / width) as f64];
+        let [dx, dy] = self.grid.pixel_mm;
+        Point2::new(self.grid.origin.x + i * dx, self.grid.origin.y + j * dy)
+    }
+}
+
 /// The image around the contours of one plane; lumen bright.
 #[derive(Debug, Clone)]
 pub(super) struct View {
-    grid: PixelGrid,
-    window: Window,
+    pub(super) place: Lattice,
     pub(super) values: Vec<f64>,
 }
 
@@ -81,33 +101,35 @@ impl View {
         let row = |j: usize| &plane[j * nx + columns.start..j * nx + columns.end];
         let values = rows.clone().flat_map(row).map(|&v| sign * f64::from(v)).collect();
         let first = [i64::try_from(columns.start).ok()?, i64::try_from(rows.start).ok()?];
-        Some(Self { grid, window: Window { first, size: [columns.len(), rows.len()] }, values })
+        let window = Window { first, size: [columns.len(), rows.len()] };
+        Some(Self { place: Lattice { grid, window }, values })
     }
 
     /// Of no pixel.
     pub(super) fn empty() -> Self {
         let grid = PixelGrid { origin: Point2::origin(), pixel_mm: [1.0; 2] };
-        Self { grid, window: Window { first: [0; 2], size: [1; 2] }, values: vec![f64::NAN] }
+        let window = Window { first: [0; 2], size: [1; 2] };
+        Self { place: Lattice { grid, window }, values: vec![f64::NAN] }
     }
 
     pub(super) fn pixel_mm2(&self) -> f64 {
-        self.grid.pixel_mm[0] * self.grid.pixel_mm[1]
+        self.place.pixel_mm2()
     }
 
     /// Variance of the place within a pixel, as blur, mm²: the mean over both directions.
     pub(super) fn pixel_blur_mm2(&self) -> f64 {
-        let [x, y] = self.grid.pixel_mm;
+        let [x, y] = self.place.grid.pixel_mm;
         (x * x + y * y) / 24.0
     }
 
     pub(super) fn blurred(&self, image: &[f64], blur_mm: f64) -> Vec<f64> {
-        blurred(image, self.window.size[0], self.grid.pixel_mm.map(|p| blur_mm / p))
+        blurred(image, self.place.window.size[0], self.place.grid.pixel_mm.map(|p| blur_mm / p))
     }
 
     /// Slope along x and y, and sum of the second derivatives, per mm and mm².
     pub(super) fn derivatives(&self, image: &[f64]) -> (Vec<Vector2>, Vec<f64>) {
-        let [w, h] = self.window.size;
-        let [dx, dy] = self.grid.pixel_mm;
+        let [w, h] = self.place.window.size;
+        let [dx, dy] = self.place.grid.pixel_mm;
         let at = |i: usize, j: usize| image[j * w + i];
         let of = |p: usize| {
             let (i, j) = (p % w, p / w);
@@ -123,10 +145,10 @@ impl View {
     /// Bilinear interpolation of an image of the view; its border goes on outside.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the window")]
     pub(super) fn at(&self, image: &[f64], p: Point2) -> f64 {
-        let [w, h] = self.window.size;
-        let [x, y] = self.grid.position(p);
+        let [w, h] = self.place.window.size;
+        let [x, y] = self.place.grid.position(p);
         let within = |v: f64, first: i64, n: usize| (v - first as f64).clamp(0.0, (n - 1) as f64);
-        let (x, y) = (within(x, self.window.first[0], w), within(y, self.window.first[1], h));
+        let (x, y) = (within(x, self.place.window.first[0], w), within(y, self.place.window.first[1], h));
         let (i, j) = (x as usize, y as usize);
         let (u, v) = (x - i as f64, y - j as f64);
         let (i1, j1) = ((i + 1).min(w - 1), (j + 1).min(h - 1));
@@ -158,7 +180,7 @@ impl View {
     }
 
     fn coverage(&self, body: &[Slab], sample: usize, grown_mm: Option<f64>) -> Vec<f64> {
-        let mut canvas = Canvas::new(self.grid, self.window);
+        let mut canvas = Canvas::new(self.place.grid, self.place.window);
         for slab in body {
             let points = &slab.sections[sample % slab.sections.len()];
             // A hole hardly wider than the wall has no room for tissue.

@@ -33,6 +33,10 @@ const MOST_CANDIDATES: usize = 8;
 /// Below this score, of 1, nothing is taken for a vessel.
 const LEAST_SCORE: f64 = 0.02;
 
+/// Unattended, a vessel is followed for this many of its diameters beyond the planes that it was seen in as one: where no
+/// level shows it as a round section any more, what goes on there is another's or noise.
+const BEYOND_DIAMETERS: f64 = 1.0;
+
 /// A vessel that was found by itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
@@ -65,6 +69,25 @@ impl std::fmt::Display for Candidate {
     }
 }
 
+impl Candidate {
+    /// The planes that it may be followed in.
+    fn reach(&self, volume: &Volume) -> Range<usize> {
+        let beyond_mm = BEYOND_DIAMETERS * self.diameter_mm;
+        let (lo, hi) = (self.z_mm[0] - beyond_mm, self.z_mm[1] + beyond_mm);
+        let z = &volume.plane_z_mm;
+        z.partition_point(|&p| p < lo)..z.partition_point(|&p| p <= hi)
+    }
+}
+
+/// Says how far a candidate was followed.
+fn followed_only(volume: &Volume, planes: &Range<usize>) -> Warning {
+    let [lo, hi] = [planes.start, planes.end - 1].map(|k| volume.plane_z_mm[k]);
+    let text = format!(
+        "the vessel was followed from z {lo:.3} to {hi:.3} mm: beyond, it does not show as one round section any more; to go on there, give its seed with --seed-mm, or --z-mm"
+    );
+    Warning::new("segment.followed", text)
+}
+
 /// The lumen of the best candidate, and all of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
@@ -93,8 +116,11 @@ pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Res
             on_leak: OnLeak::Cut,
             ..params.clone()
         };
-        match super::segment(volume, &own, task) {
+        let asked = super::planes_in_range(volume, params.z_mm)?;
+        let planes = if params.z_mm.is_some() { asked.clone() } else { candidate.reach(volume) };
+        match super::segment_in(volume, &own, planes.clone(), task) {
             Ok(mut segmentation) => {
+                passed_over.extend((planes != asked).then(|| followed_only(volume, &planes)));
                 segmentation.warnings.splice(0..0, passed_over);
                 return Ok(Found { segmentation, candidates, chosen });
             }

@@ -38,6 +38,27 @@ fn boxes_half_spaces_and_planes_keep_the_region_out() {
 }
 
 #[test]
+fn a_seed_that_a_correction_takes_away_is_told_which_one() {
+    let volume = joined();
+    let elsewhere = Block { z_mm: Some([4.0, 9.0]), ..Block::default() };
+    let around = Block { box_mm: Some([[6.0, 5.0, -1.0], [10.0, 9.0, 1.0]]), ..Block::default() };
+    let blocked = corrected(Corrections { block: vec![elsewhere, around], ..Default::default() });
+    let text = error_text(&volume, &blocked);
+    assert!(
+        text.starts_with("seed (8.000, 7.000, 0.000) lies in what segment.block[2] keeps out: "),
+        "{text}"
+    );
+    let beside = Drawn {
+        z_mm: Some(0.0),
+        points_mm: Some(vec![[14.0, 5.0], [18.0, 5.0], [18.0, 9.0], [14.0, 9.0]]),
+        ..Drawn::default()
+    };
+    let drawn = corrected(Corrections { contour: vec![beside], ..Default::default() });
+    let text = error_text(&volume, &drawn);
+    assert!(text.contains("outside the contour drawn for its plane (segment.contour, z 0.000 mm)"), "{text}");
+}
+
+#[test]
 fn blocks_are_patient_coordinates() {
     let mut volume = joined();
     volume.patient_from_stack =

@@ -240,6 +240,45 @@ fn flat_regions_and_featureless_images_are_refused() {
 }
 
 #[test]
+fn a_seed_beside_the_vessel_is_refused_not_grown_over_the_image() {
+    // Tissue in air, a vessel in it: the tissue touches no border and is brighter than what surrounds it.
+    let scene =
+        Scene { n: [120, 100, 6], pixel_mm: [0.4; 2], blur_mm: 0.4, noise_hu: 10.0, ..Scene::default() };
+    let volume = scene.volume(|x, y, _| {
+        if (x - 20.0).hypot(y - 18.0) < 3.0 {
+            300.0
+        } else if (x - 23.8).hypot(y - 19.8) < 17.0 {
+            50.0
+        } else {
+            -1000.0
+        }
+    });
+    assert!(run(&volume, &params([20.0, 18.0, 2.0])).unwrap().warnings.is_empty());
+    let text = error_text(&volume, &params([34.0, 28.0, 2.0]));
+    assert!(
+        text.contains("that is no vessel but what surrounds it") && text.contains("% of the image"),
+        "{text}"
+    );
+}
+
+#[test]
+fn noise_is_told_from_anatomy_or_refused() {
+    let noisy = |noise_hu: f64| {
+        let scene = Scene { n: [80, 72, 12], noise_hu, ..Scene::default() };
+        scene.volume(|x, y, _| if (x - 10.0).hypot(y - 9.0) < 3.0 { 300.0 } else { 60.0 })
+    };
+    let seeded = params([10.0, 9.0, 5.0]);
+    let clear = run(&noisy(20.0), &seeded).unwrap();
+    assert!(clear.smoothing_mm <= 0.0 && clear.warnings.is_empty());
+    let grainy = run(&noisy(50.0), &seeded).unwrap();
+    assert!(grainy.smoothing_mm > 0.0 && grainy.warnings.is_empty(), "{:?}", grainy.warnings);
+    let area = grainy.mask.n_voxels() as f64 / 12.0 * 0.25 * 0.25;
+    assert!((area / (9.0 * std::f64::consts::PI) - 1.0).abs() < 0.06, "{area}");
+    let text = error_text(&noisy(150.0), &seeded);
+    assert!(text.contains("noise"), "{text}");
+}
+
+#[test]
 fn a_cancelled_task_stops() {
     let cancel = CancelToken::default();
     cancel.cancel();

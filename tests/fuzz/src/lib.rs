@@ -29,7 +29,8 @@ fn written(folder: &str, name: &str, bytes: &[u8]) -> PathBuf {
 pub fn as_ct(name: &str, bytes: &[u8]) {
     let folder = written("ct", name, bytes);
     for path in [folder.join(name), folder] {
-        let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true };
+        let options =
+        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
         let _ = reader::load_with(&path, &options, &Task::quiet());
         let _ = reader::inspect(&path, &Task::quiet()).map(|i| i.to_string());
     }
@@ -38,7 +39,8 @@ pub fn as_ct(name: &str, bytes: &[u8]) {
 /// Reads the bytes as an image file, and as a label map to contours.
 pub fn as_image(bytes: &[u8]) {
     let path = written("image", "input", bytes).join("input");
-    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true };
+    let options =
+        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&path, &options, &Task::quiet());
     as_ready(bytes);
 }
