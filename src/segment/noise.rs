@@ -33,6 +33,8 @@ const MOST_SMOOTHING_RADII: f64 = 0.12;
 const LEAST_SMOOTHING_PIXELS: f64 = 0.3;
 /// Levels are looked for anew in the seed's plane smoothed by this many pixels, where noise may have hidden them.
 const CLOSER_PIXELS: f64 = 1.5;
+/// But by no more than this, mm: a vessel of two millimetres would lose its contrast.
+const MOST_CLOSER_MM: f64 = 0.8;
 /// The grain of white noise: as much as pixels blur, pixels squared.
 const LEAST_GRAIN2: f64 = 0.25 / std::f64::consts::PI;
 
@@ -65,7 +67,8 @@ impl Noise {
 
     /// The same against the levels that show once noise is smoothed away, where there is much of it.
     pub(super) fn looked_at_closer(self, volume: &Volume, [i, j, k]: Voxel, polarity: Polarity) -> Self {
-        if self.share <= NOISY {
+        let [sx, sy] = volume.pixel_spacing_xy_mm;
+        if self.share <= NOISY || CLOSER_PIXELS * sx.max(sy) > MOST_CLOSER_MM {
             return self;
         }
         let plane = Volume {
