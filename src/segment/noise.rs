@@ -118,12 +118,14 @@ impl Noise {
 /// [`Cancelled`].
 pub(super) fn smoothed(volume: &Volume, sigma_mm: f64, task: &Task<'_>) -> Result<Volume, Cancelled> {
     let sigma_pixels = volume.pixel_spacing_xy_mm.map(|p| sigma_mm / p);
-    let plane = |k: usize| {
+    let mut hu = volume.hu.clone();
+    let plane = |(k, plane): (usize, &mut [f32])| {
         task.check()?;
-        Ok(smoothed_plane(volume, k, sigma_pixels))
+        plane.copy_from_slice(&smoothed_plane(volume, k, sigma_pixels));
+        Ok(())
     };
-    let planes: Result<Vec<Vec<f32>>, Cancelled> = (0..volume.dims[2]).into_par_iter().map(plane).collect();
-    Ok(Volume { hu: planes?.concat(), plane_z_mm: volume.plane_z_mm.clone(), ..*volume })
+    hu.par_chunks_exact_mut(volume.dims[0] * volume.dims[1]).enumerate().try_for_each(plane)?;
+    Ok(Volume { hu, plane_z_mm: volume.plane_z_mm.clone(), ..*volume })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "intensities are single precision")]

@@ -99,7 +99,7 @@ fn brought(other: &Contour, to: &Contour, reach_mm: f64) -> Option<Contour> {
     let (a, b) = (other.signed_area_mm2(), to.signed_area_mm2());
     let ratio = b / a;
     // Contours of opposite direction have a negative ratio.
-    if !(ratio > 1.0 / LIKE_AREA && ratio < LIKE_AREA) || !to.contains(other.centroid()) {
+    if !(ratio > 1.0 / LIKE_AREA && ratio < LIKE_AREA && to.contains(other.centroid())) {
         return None;
     }
     let (from, centre) = (other.centroid(), to.centroid());
