@@ -168,7 +168,7 @@ pub(crate) struct PrinterArgs {
 #[command(group = ArgGroup::new("origin").args(["ct", "segmentation", "case"]).multiple(true))]
 pub(crate) struct SegmentArgs {
     /// Case directory, to do the stage again; or a case file (TOML), to start the case that it describes or go on with it
-    #[arg(value_name = "CASE|CASE.toml", required_unless_present = "out")]
+    #[arg(required_unless_present = "out")]
     pub(crate) case: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) ct: CtArgs,

@@ -33,6 +33,8 @@ const MOST_SMOOTHING_RADII: f64 = 0.12;
 const LEAST_SMOOTHING_PIXELS: f64 = 0.3;
 /// Levels are looked for anew in the seed's plane smoothed by this many pixels, where noise may have hidden them.
 const CLOSER_PIXELS: f64 = 1.5;
+/// But by no more than this, mm: a vessel of two millimetres would lose its contrast.
+const MOST_CLOSER_MM: f64 = 0.8;
 /// The grain of white noise: as much as pixels blur, pixels squared.
 const LEAST_GRAIN2: f64 = 0.25 / std::f64::consts::PI;
 
@@ -65,7 +67,8 @@ impl Noise {
 
     /// The same against the levels that show once noise is smoothed away, where there is much of it.
     pub(super) fn looked_at_closer(self, volume: &Volume, [i, j, k]: Voxel, polarity: Polarity) -> Self {
-        if self.share <= NOISY {
+        let [sx, sy] = volume.pixel_spacing_xy_mm;
+        if self.share <= NOISY || CLOSER_PIXELS * sx.max(sy) > MOST_CLOSER_MM {
             return self;
         }
         let plane = Volume {
@@ -115,12 +118,14 @@ impl Noise {
 /// [`Cancelled`].
 pub(super) fn smoothed(volume: &Volume, sigma_mm: f64, task: &Task<'_>) -> Result<Volume, Cancelled> {
     let sigma_pixels = volume.pixel_spacing_xy_mm.map(|p| sigma_mm / p);
-    let plane = |k: usize| {
+    let mut hu = volume.hu.clone();
+    let plane = |(k, plane): (usize, &mut [f32])| {
         task.check()?;
-        Ok(smoothed_plane(volume, k, sigma_pixels))
+        plane.copy_from_slice(&smoothed_plane(volume, k, sigma_pixels));
+        Ok(())
     };
-    let planes: Result<Vec<Vec<f32>>, Cancelled> = (0..volume.dims[2]).into_par_iter().map(plane).collect();
-    Ok(Volume { hu: planes?.concat(), plane_z_mm: volume.plane_z_mm.clone(), ..*volume })
+    hu.par_chunks_exact_mut(volume.dims[0] * volume.dims[1]).enumerate().try_for_each(plane)?;
+    Ok(Volume { hu, plane_z_mm: volume.plane_z_mm.clone(), ..*volume })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "intensities are single precision")]

@@ -16,7 +16,9 @@
 //!
 //! What it does not do: no balloon force, no change of topology; the planes are coupled by the start alone.
 //!
-//! Accuracy: the table of the three boundaries is printed by
+//! Accuracy: without noise it is on the edge within a hundredth of a millimetre. Under noise the steepest fall is a poorer
+//! witness than the half level: with noise of a tenth of the contrast and a thin wall its mean error is about twice that of the
+//! half level, which is why it is offered and not the default. The table of the three boundaries is printed by
 //! `cargo test --release --lib sections::accuracy::table -- --ignored --nocapture`.
 
 use super::super::model::harmonics::Circle;
@@ -97,7 +99,7 @@ fn brought(other: &Contour, to: &Contour, reach_mm: f64) -> Option<Contour> {
     let (a, b) = (other.signed_area_mm2(), to.signed_area_mm2());
     let ratio = b / a;
     // Contours of opposite direction have a negative ratio.
-    if !(ratio > 1.0 / LIKE_AREA && ratio < LIKE_AREA) || !to.contains(other.centroid()) {
+    if !(ratio > 1.0 / LIKE_AREA && ratio < LIKE_AREA && to.contains(other.centroid())) {
         return None;
     }
     let (from, centre) = (other.centroid(), to.centroid());
