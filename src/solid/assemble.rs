@@ -31,6 +31,8 @@ const MOST_END_CHANGE: f64 = 0.15;
 const END_GROWTH: f64 = 2.0;
 /// The share of the way to the end up to which sections are put there.
 const LAST_SHARE: f64 = 0.67;
+/// Sections nearer than this, mm, lie at one height: one of them only stays in the tube.
+const ONE_HEIGHT_MM: f64 = 1e-6;
 const NONE: usize = usize::MAX;
 
 /// A branch of the graph: nodes from the bottom upward.
@@ -518,8 +520,10 @@ fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
 fn beyond_stack(sections: &[(f64, Contour)], by_mm: f64) -> Vec<(f64, Contour)> {
     let end_z = sections[0].0;
     let far = |s: &&(f64, Contour)| (s.0 - end_z).abs() > 1.2 * by_mm.abs();
-    let neighbour = sections.iter().find(far).or_else(|| sections.get(1)).map(|s| (s.0, &s.1));
-    let last_interval = sections.get(1).map_or(by_mm, |s| end_z - s.0);
+    let is_apart = |s: &&(f64, Contour)| (s.0 - end_z).abs() > ONE_HEIGHT_MM;
+    let neighbour = sections.iter().find(far).or_else(|| sections.iter().find(is_apart)).map(|s| (s.0, &s.1));
+    // A virtual section may lie on the plane itself: no interval grows from there.
+    let last_interval = sections.iter().find(is_apart).map_or(by_mm, |s| end_z - s.0);
     let moved = |by: f64| extended((end_z, &sections[0].1), neighbour, by);
     let first = last_interval * END_GROWTH;
     let growing = std::iter::successors(Some(first), |by| Some(by * END_GROWTH + first));
@@ -540,4 +544,23 @@ fn extended((z, end): (f64, &Contour), neighbour: Option<(f64, &Contour)>, by_mm
     let points = ClosedCurve::through(end).map_or_else(|| end.points.clone(), |c| c.resampled(256, 0.0));
     let moved = points.iter().map(|p| centre + shift + (p - centre) * scale).collect();
     (z + by_mm, Contour::new(moved))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Point2;
+
+    #[test]
+    fn a_section_on_the_last_plane_itself_does_not_hinder_those_beyond() {
+        let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 64);
+        let sections = [(10.0, disk(1.0)), (10.0, disk(1.0)), (9.8, disk(0.98)), (8.0, disk(0.8))];
+        let beyond = beyond_stack(&sections, 1.5);
+        assert!(beyond.is_sorted_by(|a, b| a.0 < b.0) && beyond.len() < 8);
+        assert!((beyond[0].0 - 10.4).abs() < 1e-9 && beyond[beyond.len() - 1].0 == 11.5);
+        // The branch leans by 0.1 mm per mm.
+        for (z_mm, contour) in &beyond {
+            assert!((contour.centroid().x - (1.0 + 0.1 * (z_mm - 10.0))).abs() < 1e-3, "{z_mm}");
+        }
+    }
 }

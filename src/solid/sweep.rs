@@ -55,9 +55,9 @@ pub(super) struct Onward {
 }
 
 impl Onward {
-    /// The heights, and where an apex lies close to the end of the interval further ones next to that. A neck opens with
-    /// the root of the distance from its apex: intervals that grow by more than a factor from there on would let the
-    /// spline through the sections run off in the first long one.
+    /// The heights, and where an apex lies close to the end of the interval further ones next to that, all of them
+    /// outward. A neck opens with the root of the distance from its apex: intervals that grow by more than a factor from
+    /// there on would let the spline through the sections run off in the first long one.
     fn graded(&self, end: f64, apex: Option<f64>) -> Vec<f64> {
         let mut heights = self.heights.clone();
         if let (Some(apex), Some(limit)) = (apex, self.limit) {
@@ -65,6 +65,8 @@ impl Onward {
             let onward = std::iter::successors(Some(GRADING * (end - apex)), |d| Some(GRADING * d));
             let graded = onward.map(|d| apex + d).take_while(|w| (w - end).abs() < GRADED_SHARE * next);
             heights.extend(graded);
+            // Contours are followed from height to height: outward.
+            heights.sort_by(|a, b| (a - end).abs().total_cmp(&(b - end).abs()));
         }
         heights
     }
@@ -553,4 +555,24 @@ fn matched(from: &[&Contour], to: &[Contour], strict: bool) -> Option<Vec<usize>
         }
     }
     found.iter().all(|&j| j != usize::MAX).then_some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_beyond_an_end_follow_each_other_outward() {
+        let outward = |end: f64, apex: f64, heights: [f64; 2], limit: f64| {
+            let found = Onward { heights: heights.to_vec(), limit: Some(limit) }.graded(end, Some(apex));
+            let far: Vec<f64> = found.iter().map(|w| (w - end).abs()).collect();
+            assert!(far.is_sorted() && found.len() > heights.len(), "{found:?}");
+            assert!((far[0] - (end - apex).abs()).abs() < 1e-12, "{found:?}");
+            assert!(heights.iter().all(|w| found.contains(w)), "{found:?}");
+        };
+        outward(0.0, -0.05, [1.0, 2.0], 3.0);
+        outward(0.0, 0.05, [-1.0, -2.0], -3.0);
+        let unbounded = Onward { heights: vec![1.0, 2.0], limit: None };
+        assert_eq!(unbounded.graded(0.0, Some(-0.05)), [1.0, 2.0]);
+    }
 }
