@@ -90,8 +90,8 @@ fn cosine_spaced(n: usize) -> Vec<f64> {
 /// whether the source's w is z.
 ///
 /// Where the published corners make a saddle that all but folds (the surface is steep there, and a chord from the waist
-/// to a leg first leads down), corners are looked for from which all chords rise, and the slab is made thinner: the
-/// nearer to the apex, the more symmetric is the surface.
+/// to a leg first leads down), corners are looked for from which all chords rise, those on the principal directions at
+/// the apex among them, and the slab is made thinner: the nearer to the apex, the more symmetric is the surface.
 pub(super) fn build_slab(
     source: &dyn EventSource,
     saddle: &Saddle,
@@ -103,8 +103,10 @@ pub(super) fn build_slab(
         let thinner = if thinness == 1.0 { Some(saddle.clone()) } else { saddle.thinner(source, thinness) };
         let Some(thinner) = thinner else { continue };
         let Ok(published) = Corners::published(source, &thinner) else { continue };
-        let turned = || published.turned(source, &thinner);
-        for corners in std::iter::once(published).chain(std::iter::once_with(turned)) {
+        let turned = || Some(published.turned(source, &thinner));
+        let principal = || Corners::principal(source, &thinner).ok();
+        let others = [&turned as &dyn Fn() -> Option<Corners>, &principal];
+        for corners in std::iter::once(published).chain(others.iter().filter_map(|f| f())) {
             let trial = view.trial(&thinner, corners, upward)?;
             if best.as_ref().is_none_or(|(_, b)| trial.least_area > b.least_area) {
                 best = Some((thinner.clone(), trial));

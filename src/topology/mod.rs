@@ -207,6 +207,11 @@ impl Graph {
     }
 }
 
+/// Whether a contour meets itself other than in the joints of neighbouring edges.
+pub(crate) fn meets_itself(contour: &Contour) -> bool {
+    crossing::within(contour).is_some()
+}
+
 fn warning(code: &str, text: String) -> Warning {
     Warning { code: code.into(), text }
 }
