@@ -1,67 +1,139 @@
-//! Sections added where a tube crosses itself between two of its sections.
+//! Sections added where a tube crosses itself or another one between two of its sections.
 //!
 //! A tube joins points at the same share of their contours' lengths by a spline. Where two neighbouring contours have
 //! little in common (a neck has just closed, a steep branch just come out of the trunk), points that do not correspond are
-//! joined, and the curves between the two may cross themselves. The zero of the signed distances, interpolated linearly
-//! between the two contours, knows no correspondence and lies between them: where it is one contour it is added as a
-//! section half-way, until no interval crosses itself any more.
+//! joined, and the curves between the two may cross themselves; and a spline may run off in a long interval behind short
+//! ones, into another tube. The zero of the signed distances, interpolated linearly between the two contours, knows no
+//! correspondence and lies between them: where it is one contour it is added as a section half-way, until no interval is
+//! crossed any more. Sections half-way between disjoint ones are disjoint: in no point is the sum of the distances to
+//! two disjoint regions negative, and so neither is the mean of two such sums.
 //!
-//! A tube that is sound is left as it is. What crosses itself still is found by `brep::check`.
+//! Tubes that are sound are left as they are. What crosses still is found by `brep::check`.
 //!
-//! Cost: linear in the sections, three curves of each interval; some thousand distances where a section is added.
+//! Cost: three curves of each interval, and of each that it overlaps seen along z; some thousand distances where a section
+//! is added.
 
 use super::grid::Jet;
 use super::iso;
 use super::skin::{GivenSection, Strand, Tube};
-use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
+use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::{SplineError, TubeSurface};
-use crate::topology::meets_itself;
+use crate::topology::{meet, meets_itself};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// Shares of an interval at which it is looked at.
 const SHARES: [f64; 3] = [0.5, 0.25, 0.75];
 /// Times that intervals are halved: a neck's last interval then is as short as those beside it.
 const ROUNDS: usize = 7;
-/// Points of a section at which it is looked at, about.
+/// Points of a section at which it is looked at first, about: chords may meet where the curves do not.
 const POINTS: usize = 256;
+/// How far a tube may leave the box around two sections between them, over its size.
+const MARGIN: f64 = 0.1;
 /// Steps of the grid of an added section to its size.
 const STEPS: f64 = 160.0;
 
-/// The tube, through as many further sections as it does not cross itself between them with, or as can be told.
+/// Strands with their tubes, through as many further sections as they cross neither themselves nor each other between
+/// them with, or as can be told.
 ///
 /// # Errors
 /// Those of `loft`.
 pub(super) fn mended(
-    mut strand: Strand,
-    mut tube: Tube,
-    loft: impl Fn(&Strand) -> Result<Tube, SplineError>,
-) -> Result<Tube, SplineError> {
+    mut lofted: Vec<(Strand, Tube)>,
+    loft: impl Fn(&Strand) -> Result<Tube, SplineError> + Sync,
+) -> Result<Vec<Tube>, SplineError> {
     for _ in 0..ROUNDS {
-        let further = further(&tube.surface, &strand.sections);
-        if further.is_empty() {
+        let further = further(&lofted);
+        if further.iter().all(Vec::is_empty) {
             break;
         }
-        strand.sections.extend(further);
-        strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
-        tube = loft(&strand)?;
+        let denser = |((mut strand, tube), further): ((Strand, Tube), Vec<GivenSection>)| {
+            if further.is_empty() {
+                return Ok((strand, tube));
+            }
+            strand.sections.extend(further);
+            strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+            loft(&strand).map(|tube| (strand, tube))
+        };
+        let all: Vec<Result<_, _>> = lofted.into_par_iter().zip(further).map(denser).collect();
+        lofted = all.into_iter().collect::<Result<_, _>>()?;
     }
-    Ok(tube)
+    Ok(lofted.into_iter().map(|(_, tube)| tube).collect())
 }
 
-/// Sections in the middle of the intervals in which the tube crosses itself.
-fn further(surface: &TubeSurface, sections: &[GivenSection]) -> Vec<GivenSection> {
-    let crosses = |pair: &[GivenSection]| {
-        let at = |share: f64| pair[0].0 + share * (pair[1].0 - pair[0].0);
-        SHARES.into_iter().any(|share| crosses_itself(surface, at(share)))
+/// For each strand, sections in the middle of the intervals in which its tube crosses itself or another one.
+fn further(lofted: &[(Strand, Tube)]) -> Vec<Vec<GivenSection>> {
+    let intervals: Vec<Interval<'_>> = (0..lofted.len()).flat_map(|k| Interval::of(lofted, k)).collect();
+    let crossed: Vec<Vec<[usize; 2]>> = intervals.par_iter().map(|i| i.crossed(&intervals)).collect();
+    let mut found = vec![BTreeSet::new(); lofted.len()];
+    for [strand, section] in crossed.into_iter().flatten() {
+        found[strand].insert(section);
+    }
+    let halved = |(sections, (strand, _)): (BTreeSet<usize>, &(Strand, Tube))| -> Vec<GivenSection> {
+        let pairs = sections.into_iter().map(|k| [&strand.sections[k], &strand.sections[k + 1]]);
+        pairs.filter_map(|[low, high]| halfway(low, high)).collect()
     };
-    let halved = |pair: &[GivenSection]| crosses(pair).then(|| halfway(&pair[0], &pair[1])).flatten();
-    sections.par_windows(2).filter_map(halved).collect()
+    found.into_par_iter().zip(lofted).map(halved).collect()
 }
 
-fn crosses_itself(surface: &TubeSurface, z_mm: f64) -> bool {
-    let points = surface.section(z_mm).points();
-    let stride = (points.len() / POINTS).max(1);
-    meets_itself(&Contour::new(points.into_iter().step_by(stride).collect()))
+/// A tube between two of its sections.
+struct Interval<'a> {
+    surface: &'a TubeSurface,
+    strand: usize,
+    /// The lower one of its sections.
+    section: usize,
+    z_mm: [f64; 2],
+    bounds: Bounds2,
+}
+
+impl<'a> Interval<'a> {
+    fn of(lofted: &'a [(Strand, Tube)], strand: usize) -> impl Iterator<Item = Self> {
+        let (Strand { sections, .. }, Tube { surface, .. }) = &lofted[strand];
+        sections.windows(2).enumerate().filter_map(move |(section, pair)| {
+            let bounds = pair[0].1.bounds()?.union(pair[1].1.bounds()?);
+            let bounds = bounds.grown(MARGIN * bounds.size().amax());
+            Some(Self { surface, strand, section, z_mm: [pair[0].0, pair[1].0], bounds })
+        })
+    }
+
+    /// The section at a height: some of its points, or all that the tube has there.
+    fn outline(&self, z_mm: f64, most_points: usize) -> Contour {
+        let points = self.surface.section(z_mm).points();
+        let stride = (points.len() / most_points).max(1);
+        Contour::new(points.into_iter().step_by(stride).collect())
+    }
+
+    fn crosses_itself(&self, z_mm: f64) -> bool {
+        [POINTS, usize::MAX].into_iter().all(|n| meets_itself(&self.outline(z_mm, n)))
+    }
+
+    fn crosses(&self, other: &Self, z_mm: f64) -> bool {
+        let apart = |n: usize| !meet(&self.outline(z_mm, n), &other.outline(z_mm, n));
+        ![POINTS, usize::MAX].into_iter().any(apart)
+    }
+
+    /// Strand and section of the intervals that cross at the heights at which this one is looked at; itself, if it
+    /// crosses itself.
+    fn crossed(&self, all: &[Self]) -> Vec<[usize; 2]> {
+        let [low, high] = self.z_mm;
+        let mut found = Vec::new();
+        for z_mm in SHARES.map(|share| low + share * (high - low)) {
+            if self.crosses_itself(z_mm) {
+                found.push([self.strand, self.section]);
+            }
+            let beside = all.iter().filter(|other| self.is_beside(other, z_mm));
+            for other in beside.filter(|other| self.crosses(other, z_mm)) {
+                found.extend([[self.strand, self.section], [other.strand, other.section]]);
+            }
+        }
+        found
+    }
+
+    fn is_beside(&self, other: &Self, z_mm: f64) -> bool {
+        let (a, b) = (self.bounds, other.bounds);
+        let apart = a.min.x > b.max.x || b.min.x > a.max.x || a.min.y > b.max.y || b.min.y > a.max.y;
+        self.strand != other.strand && !apart && z_mm >= other.z_mm[0] && z_mm <= other.z_mm[1]
+    }
 }
 
 /// The zero of the mean of two contours' signed distances; `None` where it is not one contour.
@@ -87,6 +159,7 @@ fn halfway((low_z, low): &GivenSection, (high_z, high): &GivenSection) -> Option
 
 #[cfg(test)]
 mod tests {
+    use super::super::skin::{Correspondence, End, skin};
     use super::*;
 
     #[test]
@@ -101,5 +174,22 @@ mod tests {
             !middle.is_ccw() && (middle.signed_area_mm2() + 2.5 * 2.5 * std::f64::consts::PI).abs() < 0.05
         );
         assert!(halfway(&(0.0, disk(0.0, 1.0)), &(1.0, disk(9.0, 1.0))).is_none(), "nothing lies between");
+    }
+
+    #[test]
+    fn tubes_that_run_towards_each_other_and_stop_are_kept_apart() {
+        // Disks that approach each other on near planes and lie apart again on a far one: the splines would run on.
+        let strand = |side: f64| {
+            let at = |(z_mm, x): (f64, f64)| (z_mm, Contour::circle(Point2::new(side * x, 0.0), 1.0, 128));
+            let sections = [(0.0, 1.30), (0.1, 1.21), (0.2, 1.12), (0.3, 1.04), (4.0, 1.5)].map(at).to_vec();
+            Strand { sections, bottom: End::Cap, top: End::Cap }
+        };
+        let skin = skin(vec![strand(1.0), strand(-1.0)], Vec::new(), Correspondence::default(), false);
+        let tubes = skin.expect("sound sections").tubes;
+        for k in 0..400 {
+            let z_mm = 0.01 * f64::from(k);
+            let [a, b] = [0, 1].map(|t: usize| Contour::new(tubes[t].surface.section(z_mm).points()));
+            assert!(!meet(&a, &b), "{z_mm}");
+        }
     }
 }

@@ -92,44 +92,47 @@ pub(super) struct Strand {
 }
 
 /// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
-/// ask for them.
+/// ask for them; between any, those without which tubes would cross.
 pub(super) fn skin(
     strands: Vec<Strand>,
     mut slabs: Vec<Slab>,
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, SplineError> {
-    let tubes: Vec<Result<Tube, SplineError>> =
-        strands.into_par_iter().map(|s| completed(s, &slabs, correspondence, is_measured)).collect();
-    let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let loft = |strand: &Strand| tube(strand, &slabs, correspondence);
+    let lofted: Vec<Result<(Strand, Tube), SplineError>> =
+        strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
+    let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut tubes = match correspondence {
+        Correspondence::LeastTwist => mended(lofted, loft)?,
+        Correspondence::Published => lofted.into_iter().map(|(_, tube)| tube).collect(),
+    };
     let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
     Ok(Skin { tubes, slabs, welds, moved_mm })
 }
 
-/// The tube through a strand's sections, through those that they ask for in between where they are measured, and through
-/// those without which it would cross itself.
+/// A strand with the tube through its sections and through those that they ask for in between where they are measured.
 fn completed(
     mut strand: Strand,
-    slabs: &[Slab],
+    loft: &impl Fn(&Strand) -> Result<Tube, SplineError>,
     correspondence: Correspondence,
     is_measured: bool,
-) -> Result<Tube, SplineError> {
+) -> Result<(Strand, Tube), SplineError> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
-    let loft = |strand: &Strand| tube(strand, slabs, correspondence);
     let tube = loft(&strand)?;
-    if correspondence == Correspondence::Published {
-        return Ok(tube);
+    if correspondence == Correspondence::Published || !is_measured {
+        return Ok((strand, tube));
     }
-    let further = if is_measured { between(&tube.surface, &strand.sections) } else { Vec::new() };
+    let further = between(&tube.surface, &strand.sections);
     if further.is_empty() {
-        return mended(strand, tube, loft);
+        return Ok((strand, tube));
     }
     strand.sections.extend(further);
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     let tube = loft(&strand)?;
-    mended(strand, tube, loft)
+    Ok((strand, tube))
 }
 
 fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {

@@ -212,6 +212,11 @@ pub(crate) fn meets_itself(contour: &Contour) -> bool {
     crossing::within(contour).is_some()
 }
 
+/// Whether two polygons meet or touch.
+pub(crate) fn meet(a: &Contour, b: &Contour) -> bool {
+    crossing::of_two(a, b).is_some()
+}
+
 fn warning(code: &str, text: String) -> Warning {
     Warning { code: code.into(), text }
 }
