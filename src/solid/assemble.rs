@@ -311,7 +311,7 @@ impl Event {
         let try_on = |source: Option<Box<dyn EventSource + '_>>, planes: EventPlanes| {
             let source = source.ok_or(EventFault::NoApex)?;
             let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
-            let outer = outer_heights(layout, &lower, &upper, &planes);
+            let outer = outer_heights(layout, [&lower, &upper], &planes, upward);
             sweep(&*source, &interval(&planes, outer, upward))
         };
         let swept = try_on(recipe.source(&planes, sign), planes.clone())
@@ -375,21 +375,50 @@ fn interval(planes: &EventPlanes, [below, above]: [Onward; 2], upward: bool) -> 
     }
 }
 
-/// Heights of virtual sections in the full intervals beside an event.
-fn outer_heights(layout: &Layout<'_>, lower: &[usize], upper: &[usize], planes: &EventPlanes) -> [Onward; 2] {
-    // A branch of two nodes has an event at the interval's other end, or its own end.
-    let shared = |branches: &[usize]| branches.iter().any(|&b| layout.branches[b].nodes.len() < 3);
-    let between = |planes: &[Plane], fractions: &[f64], shared: bool| -> Onward {
-        let [first, second, ..] = planes else { return Onward::default() };
+/// Heights of virtual sections in the intervals beside an event, seen along w, which is z where the event is seen `upward`.
+fn outer_heights(
+    layout: &Layout<'_>,
+    sides: [&[usize]; 2],
+    planes: &EventPlanes,
+    upward: bool,
+) -> [Onward; 2] {
+    let onward = |planes: &[Plane], branches: &[usize], fractions: &[f64], is_top: bool| -> Onward {
+        let Some(second) = next_w(layout, planes, branches, upward, is_top) else { return Onward::default() };
+        let first = planes[0].w;
+        // A branch of two nodes has an event at the interval's other end, or its own end; one of one has it in there.
+        let shared = branches.iter().any(|&b| layout.branches[b].nodes.len() < 3);
         let most = if shared { SHARED_INTERVAL } else { 1.0 };
-        let at = |f: f64| first.w + f * (second.w - first.w);
-        let heights = fractions.iter().filter(|f| **f <= most).map(|f| at(*f)).collect();
+        let at = |f: f64| first + f * (second - first);
+        let known = if planes.len() > 1 { fractions } else { &[] };
+        let heights = known.iter().filter(|f| **f <= most).map(|f| at(*f)).collect();
         Onward { heights, limit: Some(at(most)) }
     };
+    let [lower, upper] = sides;
     [
-        between(&planes.parents, &PARENT_INTERVAL, shared(lower)),
-        between(&planes.daughters, &DAUGHTER_INTERVAL, shared(upper)),
+        onward(&planes.parents, lower, &PARENT_INTERVAL, !upward),
+        onward(&planes.daughters, upper, &DAUGHTER_INTERVAL, upward),
     ]
+}
+
+/// Where the interval behind the first of an event's planes ends: at the second one; where there is none because the next
+/// event follows at once, at the next plane of the stack. `None` where a branch ends.
+fn next_w(
+    layout: &Layout<'_>,
+    planes: &[Plane],
+    branches: &[usize],
+    upward: bool,
+    is_top: bool,
+) -> Option<f64> {
+    if let [_, second, ..] = planes {
+        return Some(second.w);
+    }
+    let goes_on = branches.iter().all(|&b| layout.continued[b][usize::from(is_top)]);
+    let sign = if upward { 1.0 } else { -1.0 };
+    let end_z = sign * planes.first()?.w;
+    let behind = |z: &&f64| if is_top { **z > end_z } else { **z < end_z };
+    let next = layout.graph.z_mm.iter().filter(behind);
+    let nearest = next.min_by(|a, b| (*a - end_z).abs().total_cmp(&(*b - end_z).abs()))?;
+    goes_on.then_some(sign * nearest)
 }
 
 /// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be. The
