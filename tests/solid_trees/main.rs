@@ -220,9 +220,9 @@ fn trees() -> std::ops::Range<u32> {
     part.unwrap_or_else(|| 0..asked.parse().unwrap_or(40))
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 37 of the sample of 40 do. What is
-/// refused has tubes or patches that cross where an apex lies close to a plane or to another event.
-const LEAST_VALID_PERCENT: usize = 90;
+/// How many of a hundred trees must become valid solids. The aim is 99. What is still refused is, most often, an outer
+/// skin whose crotch is not located; else an event whose field has more critical points than the event asks for.
+const LEAST_VALID_PERCENT: usize = 95;
 
 #[test]
 fn trees_become_valid_solids_or_are_refused_by_name() {
