@@ -8,7 +8,7 @@ use super::dome;
 use super::event::{Beyond, EventFault, EventPlanes, EventSource, Plane, Slab};
 use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
-use super::sweep::{Interval, Joint, LEGS_SIDE_MM, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
+use super::sweep::{Interval, Joint, LEGS_SIDE_MM, Onward, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
 use super::{Error, Place};
 use crate::geom::{Contour, Vector2};
 use crate::progress::Task;
@@ -27,6 +27,12 @@ const PARENT_INTERVAL: [f64; 2] = [1.0 / 3.0, 2.0 / 3.0];
 const SHARED_INTERVAL: f64 = 0.3;
 /// A scale or shift of an extrapolated end section beyond this is noise, not anatomy.
 const MOST_END_CHANGE: f64 = 0.15;
+/// Most that an interval beyond the last section is longer than the one before it.
+const END_GROWTH: f64 = 2.0;
+/// The share of the way to the end up to which sections are put there.
+const LAST_SHARE: f64 = 0.67;
+/// Sections nearer than this, mm, lie at one height: one of them only stays in the tube.
+const ONE_HEIGHT_MM: f64 = 1e-6;
 const NONE: usize = usize::MAX;
 
 /// A branch of the graph: nodes from the bottom upward.
@@ -305,7 +311,7 @@ impl Event {
         let try_on = |source: Option<Box<dyn EventSource + '_>>, planes: EventPlanes| {
             let source = source.ok_or(EventFault::NoApex)?;
             let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
-            let outer = outer_heights(layout, &lower, &upper, &planes);
+            let outer = outer_heights(layout, [&lower, &upper], &planes, upward);
             sweep(&*source, &interval(&planes, outer, upward))
         };
         let swept = try_on(recipe.source(&planes, sign), planes.clone())
@@ -357,7 +363,7 @@ impl Event {
     }
 }
 
-fn interval(planes: &EventPlanes, [below, above]: [Vec<f64>; 2], upward: bool) -> Interval<'_> {
+fn interval(planes: &EventPlanes, [below, above]: [Onward; 2], upward: bool) -> Interval<'_> {
     Interval {
         w: [planes.parents[0].w, planes.daughters[0].w],
         lower: &planes.parents[0].contours,
@@ -369,25 +375,50 @@ fn interval(planes: &EventPlanes, [below, above]: [Vec<f64>; 2], upward: bool) -
     }
 }
 
-/// Heights of virtual sections in the full intervals beside an event.
+/// Heights of virtual sections in the intervals beside an event, seen along w, which is z where the event is seen `upward`.
 fn outer_heights(
     layout: &Layout<'_>,
-    lower: &[usize],
-    upper: &[usize],
+    sides: [&[usize]; 2],
     planes: &EventPlanes,
-) -> [Vec<f64>; 2] {
-    // A branch of two nodes has an event at the interval's other end, or its own end.
-    let shared = |branches: &[usize]| branches.iter().any(|&b| layout.branches[b].nodes.len() < 3);
-    let between = |planes: &[Plane], fractions: &[f64], shared: bool| -> Vec<f64> {
-        let [first, second, ..] = planes else { return Vec::new() };
+    upward: bool,
+) -> [Onward; 2] {
+    let onward = |planes: &[Plane], branches: &[usize], fractions: &[f64], is_top: bool| -> Onward {
+        let Some(second) = next_w(layout, planes, branches, upward, is_top) else { return Onward::default() };
+        let first = planes[0].w;
+        // A branch of two nodes has an event at the interval's other end, or its own end; one of one has it in there.
+        let shared = branches.iter().any(|&b| layout.branches[b].nodes.len() < 3);
         let most = if shared { SHARED_INTERVAL } else { 1.0 };
-        let near = fractions.iter().filter(|f| **f <= most);
-        near.map(|f| first.w + f * (second.w - first.w)).collect()
+        let at = |f: f64| first + f * (second - first);
+        let known = if planes.len() > 1 { fractions } else { &[] };
+        let heights = known.iter().filter(|f| **f <= most).map(|f| at(*f)).collect();
+        Onward { heights, limit: Some(at(most)) }
     };
+    let [lower, upper] = sides;
     [
-        between(&planes.parents, &PARENT_INTERVAL, shared(lower)),
-        between(&planes.daughters, &DAUGHTER_INTERVAL, shared(upper)),
+        onward(&planes.parents, lower, &PARENT_INTERVAL, !upward),
+        onward(&planes.daughters, upper, &DAUGHTER_INTERVAL, upward),
     ]
+}
+
+/// Where the interval behind the first of an event's planes ends: at the second one; where there is none because the next
+/// event follows at once, at the next plane of the stack. `None` where a branch ends.
+fn next_w(
+    layout: &Layout<'_>,
+    planes: &[Plane],
+    branches: &[usize],
+    upward: bool,
+    is_top: bool,
+) -> Option<f64> {
+    if let [_, second, ..] = planes {
+        return Some(second.w);
+    }
+    let goes_on = branches.iter().all(|&b| layout.continued[b][usize::from(is_top)]);
+    let sign = if upward { 1.0 } else { -1.0 };
+    let end_z = sign * planes.first()?.w;
+    let behind = |z: &&f64| if is_top { **z > end_z } else { **z < end_z };
+    let next = layout.graph.z_mm.iter().filter(behind);
+    let nearest = next.min_by(|a, b| (*a - end_z).abs().total_cmp(&(*b - end_z).abs()))?;
+    goes_on.then_some(sign * nearest)
 }
 
 /// Leaves out computed planes that lie so near to an apex that the slab would become thinner than it should be. The
@@ -504,8 +535,8 @@ fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
     let at_end = strand.sections.iter().position(|s| (s.0 - z_mm[plane]).abs() < 1e-9).unwrap_or(0);
     let sections = &strand.sections[at_end..];
     let added = match (is_top, below, above) {
-        (true, Some(before), None) => vec![beyond_stack(sections, 0.5 * (z_mm[plane] - before))],
-        (false, None, Some(next)) => vec![beyond_stack(sections, -0.5 * (next - z_mm[plane]))],
+        (true, Some(before), None) => beyond_stack(sections, 0.5 * (z_mm[plane] - before)),
+        (false, None, Some(next)) => beyond_stack(sections, -0.5 * (next - z_mm[plane])),
         (true, _, Some(next)) => dome::towards(sections, next),
         (false, Some(before), _) => dome::towards(sections, before),
         _ => Vec::new(),
@@ -513,11 +544,20 @@ fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
     strand.sections.extend(added);
 }
 
-/// The first section moved on by `by_mm` along the direction to it from the one that lies about as far behind it.
-fn beyond_stack(sections: &[(f64, Contour)], by_mm: f64) -> (f64, Contour) {
-    let far = |s: &&(f64, Contour)| (s.0 - sections[0].0).abs() > 1.2 * by_mm.abs();
-    let neighbour = sections.iter().find(far).or_else(|| sections.get(1));
-    extended((sections[0].0, &sections[0].1), neighbour.map(|s| (s.0, &s.1)), by_mm)
+/// The first section moved on by `by_mm` along the direction to it from the one that lies about as far behind it; by less,
+/// too, where the next section lies so near that the spline would run off.
+fn beyond_stack(sections: &[(f64, Contour)], by_mm: f64) -> Vec<(f64, Contour)> {
+    let end_z = sections[0].0;
+    let far = |s: &&(f64, Contour)| (s.0 - end_z).abs() > 1.2 * by_mm.abs();
+    let is_apart = |s: &&(f64, Contour)| (s.0 - end_z).abs() > ONE_HEIGHT_MM;
+    let neighbour = sections.iter().find(far).or_else(|| sections.iter().find(is_apart)).map(|s| (s.0, &s.1));
+    // A virtual section may lie on the plane itself: no interval grows from there.
+    let last_interval = sections.iter().find(is_apart).map_or(by_mm, |s| end_z - s.0);
+    let moved = |by: f64| extended((end_z, &sections[0].1), neighbour, by);
+    let first = last_interval * END_GROWTH;
+    let growing = std::iter::successors(Some(first), |by| Some(by * END_GROWTH + first));
+    let between = growing.take_while(|by| by.abs() < LAST_SHARE * by_mm.abs());
+    between.chain(std::iter::once(by_mm)).map(moved).collect()
 }
 
 /// The end contour moved and scaled on by `by_mm` at the rate between it and its neighbour.
@@ -533,4 +573,23 @@ fn extended((z, end): (f64, &Contour), neighbour: Option<(f64, &Contour)>, by_mm
     let points = ClosedCurve::through(end).map_or_else(|| end.points.clone(), |c| c.resampled(256, 0.0));
     let moved = points.iter().map(|p| centre + shift + (p - centre) * scale).collect();
     (z + by_mm, Contour::new(moved))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Point2;
+
+    #[test]
+    fn a_section_on_the_last_plane_itself_does_not_hinder_those_beyond() {
+        let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 64);
+        let sections = [(10.0, disk(1.0)), (10.0, disk(1.0)), (9.8, disk(0.98)), (8.0, disk(0.8))];
+        let beyond = beyond_stack(&sections, 1.5);
+        assert!(beyond.is_sorted_by(|a, b| a.0 < b.0) && beyond.len() < 8);
+        assert!((beyond[0].0 - 10.4).abs() < 1e-9 && beyond[beyond.len() - 1].0 == 11.5);
+        // The branch leans by 0.1 mm per mm.
+        for (z_mm, contour) in &beyond {
+            assert!((contour.centroid().x - (1.0 + 0.1 * (z_mm - 10.0))).abs() < 1e-3, "{z_mm}");
+        }
+    }
 }

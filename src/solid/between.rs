@@ -12,6 +12,7 @@
 use super::skin::GivenSection;
 use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::TubeSurface;
+use crate::topology::meets_itself;
 
 /// How far, over the radius, corresponding points must miss a section left out, and how much nearer to it the
 /// distances must come, for points not to correspond: on smooth vessels distances come no nearer.
@@ -139,6 +140,7 @@ fn moved(surface: &TubeSurface, around: [&GivenSection; 4], share: f64, most_mm:
     let z_mm = around[1].0 + share * (around[2].0 - around[1].0);
     let stencil = Stencil::at(around, z_mm)?;
     let points = surface.section(z_mm).points();
-    let moved = points.iter().map(|p| p + stencil.way(*p, most_mm)).collect();
-    Some((z_mm, Contour::new(moved)))
+    let moved = Contour::new(points.iter().map(|p| p + stencil.way(*p, most_mm)).collect());
+    // Where distances have creases points may overtake each other: such a curve tells nothing.
+    (!meets_itself(&moved)).then_some((z_mm, moved))
 }

@@ -4,8 +4,13 @@
 //! It is right where the surface is symmetric about its apex. Where it is steep, a chord from A to P may graze the waist or
 //! even lead below it at first, and no seam over it rises steadily. There the corners are moved along their curves
 //! until the chord that grazes most does so least.
+//!
+//! Or they are taken on the principal directions of the field at the apex: near to it the field is its quadratic form
+//! (Morse's lemma), and over the chords between such corners that rises steadily whatever its coefficients are.
 
+use super::critical::hessian;
 use super::event::{EventFault, EventSource};
+use super::slab::root;
 use super::sweep::Saddle;
 use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
 
@@ -14,6 +19,9 @@ const CANDIDATES: i32 = 6;
 const HALVINGS: i32 = 6;
 /// How far a corner may move at first, in diagonals of the quadrilateral.
 const FIRST_REACH: f64 = 0.6;
+/// Steps in which a corner is looked for, in distances at which the quadratic form has it, and how many.
+const PRINCIPAL_STEP: f64 = 0.25;
+const PRINCIPAL_STEPS: u32 = 12;
 
 /// The corners in the plane.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +60,39 @@ impl Corners {
         let on_waist = |t: f64| source.refine(middle + left * t, *w_waist);
         let (a, b) = (on_waist(nearest(*opens)?), on_waist(nearest(!*opens)?));
         Ok(Self { a, b, p: source.refine(p, *w_legs), q: source.refine(q, *w_legs) })
+    }
+
+    /// The corners on the principal directions of the field at the apex.
+    pub(super) fn principal(source: &dyn EventSource, saddle: &Saddle) -> Result<Self, EventFault> {
+        let Saddle { apex, opens, w_waist, w_legs, legs, .. } = saddle;
+        let size = legs.iter().map(Contour::perimeter_mm).fold(f64::INFINITY, f64::min);
+        let sign = if *opens { 1.0 } else { -1.0 };
+        let form = (hessian(&*source.slice(apex.w), apex.at, 1e-3 * size) * sign).symmetric_eigen();
+        let towards_legs = form.eigenvalues.imin();
+        // From the apex along a principal direction to the zero at a height, where the field's sign changes.
+        let corner = |which: usize, w: f64, backward: bool| -> Result<Point2, EventFault> {
+            let field = source.slice(w);
+            let along = form.eigenvectors.column(which) * if backward { -1.0 } else { 1.0 };
+            let side = if which == towards_legs { -sign } else { sign };
+            let value = |t: f64| side * field(apex.at + along * t).value;
+            let expected = (2.0 * value(0.0).abs() / form.eigenvalues[which].abs().max(1e-12)).sqrt();
+            let step = PRINCIPAL_STEP * expected;
+            let beyond = (1..=PRINCIPAL_STEPS).map(|k| step * f64::from(k)).find(|&t| value(t) >= 0.0);
+            let beyond = beyond.filter(|_| value(0.0) < 0.0).ok_or(EventFault::NoWaist)?;
+            Ok(apex.at + along * root(value, beyond - step, beyond))
+        };
+        let ends = [corner(towards_legs, *w_legs, false)?, corner(towards_legs, *w_legs, true)?];
+        let sides = [corner(1 - towards_legs, *w_waist, false)?, corner(1 - towards_legs, *w_waist, true)?];
+        let first = SegmentIndex::try_new(std::slice::from_ref(&legs[0])).ok_or(EventFault::NoWaist)?;
+        let [is_first, is_other] = ends.map(|p| first.nearest(p).distance_mm < 1e-3 * size);
+        let [p, q] = match (is_first, is_other) {
+            (true, false) => ends,
+            (false, true) => [ends[1], ends[0]],
+            _ => return Err(EventFault::NoWaist),
+        };
+        let is_left = (q - p).perp(&(sides[0] - sides[1])) > 0.0;
+        let [a, b] = if is_left == *opens { sides } else { [sides[1], sides[0]] };
+        Ok(Self { a, b, p, q })
     }
 
     /// The shorter diagonal.

@@ -23,6 +23,7 @@ mod grid;
 mod iso;
 mod lobes;
 mod lumen;
+mod mend;
 mod neck;
 mod skin;
 mod slab;

@@ -2,6 +2,7 @@
 
 use super::between::between;
 use super::event::{Crotch, Slab};
+use super::mend::mended;
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2, Point3};
 use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
@@ -30,8 +31,8 @@ pub enum Correspondence {
     /// The start of each section is turned until the tube twists least.
     #[default]
     LeastTwist,
-    /// The published rule, for comparison: the first section starts where x is least, every other one at the point
-    /// nearest to the start of the one before.
+    /// The published rule, for comparison: the first section of a branch starts where x is least, every further one at
+    /// the point nearest to the start of the one before. Nothing is added between sections.
     Published,
 }
 
@@ -91,41 +92,47 @@ pub(super) struct Strand {
 }
 
 /// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
-/// ask for them.
+/// ask for them; between any, those without which tubes would cross.
 pub(super) fn skin(
     strands: Vec<Strand>,
     mut slabs: Vec<Slab>,
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, SplineError> {
-    let tubes: Vec<Result<Tube, SplineError>> =
-        strands.into_par_iter().map(|s| completed(s, &slabs, correspondence, is_measured)).collect();
-    let mut tubes = tubes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let loft = |strand: &Strand| tube(strand, &slabs, correspondence);
+    let lofted: Vec<Result<(Strand, Tube), SplineError>> =
+        strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
+    let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut tubes = match correspondence {
+        Correspondence::LeastTwist => mended(lofted, loft)?,
+        Correspondence::Published => lofted.into_iter().map(|(_, tube)| tube).collect(),
+    };
     let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
     Ok(Skin { tubes, slabs, welds, moved_mm })
 }
 
-/// The tube through a strand's sections and, where they are measured, through those that they ask for in between.
+/// A strand with the tube through its sections and through those that they ask for in between where they are measured.
 fn completed(
     mut strand: Strand,
-    slabs: &[Slab],
+    loft: &impl Fn(&Strand) -> Result<Tube, SplineError>,
     correspondence: Correspondence,
     is_measured: bool,
-) -> Result<Tube, SplineError> {
+) -> Result<(Strand, Tube), SplineError> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
-    let through_given = tube(&strand, slabs, correspondence)?;
-    if !is_measured || correspondence == Correspondence::Published {
-        return Ok(through_given);
+    let tube = loft(&strand)?;
+    if correspondence == Correspondence::Published || !is_measured {
+        return Ok((strand, tube));
     }
-    let further = between(&through_given.surface, &strand.sections);
+    let further = between(&tube.surface, &strand.sections);
     if further.is_empty() {
-        return Ok(through_given);
+        return Ok((strand, tube));
     }
     strand.sections.extend(further);
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
-    tube(&strand, slabs, correspondence)
+    let tube = loft(&strand)?;
+    Ok((strand, tube))
 }
 
 fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
@@ -194,8 +201,8 @@ fn starts_mm(curves: &[ClosedCurve], correspondence: Correspondence) -> Vec<f64>
     for curve in curves {
         let start_mm = match (previous.first(), correspondence) {
             (None, _) => least_x_start(curve, n_points),
+            (Some(start), Correspondence::Published) => nearest_start(curve, *start),
             (Some(_), Correspondence::LeastTwist) => least_twist_start(curve, &previous),
-            (Some(start), Correspondence::Published) => nearest_start(curve, *start, n_points),
         };
         previous = curve.resampled(n_points, start_mm);
         starts_mm.push(start_mm);
@@ -271,11 +278,18 @@ fn least_x_start(curve: &ClosedCurve, n_points: usize) -> f64 {
     curve.length_mm() * least as f64 / n_points as f64
 }
 
-/// The published rule for the sections that follow: start at the point nearest to where the one before starts.
-fn nearest_start(curve: &ClosedCurve, start: Point2, n_points: usize) -> f64 {
-    let off = |i: &usize| (curve.at_length(curve.length_mm() * *i as f64 / n_points as f64) - start).norm_squared();
-    let nearest = (0..n_points).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
-    curve.length_mm() * nearest as f64 / n_points as f64
+/// The published rule for every further section: start at the point nearest to the start before.
+fn nearest_start(curve: &ClosedCurve, start: Point2) -> f64 {
+    let n = 4 * SECTION_POINTS[0];
+    let step_mm = curve.length_mm() / n as f64;
+    let off = |s: f64| (curve.at_length(s) - start).norm_squared();
+    let nearest =
+        (0..n).map(|i| i as f64 * step_mm).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(0.0);
+    // The squared distance is a parabola there.
+    let (before, at, after) = (off(nearest - step_mm), off(nearest), off(nearest + step_mm));
+    let bend = before - 2.0 * at + after;
+    let fraction = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    nearest + fraction * step_mm
 }
 
 /// The start for which the sum of squared distances to the neighbour's points is least, over a continuous shift.
@@ -504,4 +518,28 @@ fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec
         }
     }
     closed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_published_rule_starts_at_least_x_and_then_at_the_nearest_point() {
+        // Each contour's points begin elsewhere, and the branch drifts away from where x is least.
+        let circle = |x: f64, y: f64| {
+            let contour = Contour::circle(Point2::new(x, y), 2.0, 128);
+            ClosedCurve::through(&contour).expect("a circle")
+        };
+        let curves = [circle(0.0, 0.0), circle(0.0, 1.0), circle(0.0, 2.0)];
+        let starts = starts_mm(&curves, Correspondence::Published);
+        let at: Vec<Point2> = curves.iter().zip(&starts).map(|(c, s)| c.at_length(*s)).collect();
+        assert!((at[0] - Point2::new(-2.0, 0.0)).norm() < 1e-3, "{}", at[0]);
+        // The point of a circle nearest to another lies on the way to its centre.
+        for k in [1, 2] {
+            let centre = Point2::new(0.0, k as f64);
+            let expected = centre + (at[k - 1] - centre).normalize() * 2.0;
+            assert!((at[k] - expected).norm() < 1e-3, "{} {expected}", at[k]);
+        }
+    }
 }

@@ -10,8 +10,9 @@
 
 use super::corners::Corners;
 use super::event::{EventFault, EventSource};
+use super::iso;
 use super::sweep::Saddle;
-use crate::geom::{Contour, Point2, Point3, SegmentIndex};
+use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
 use crate::spline::PatchSurface;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -32,10 +33,14 @@ const THINNESS: [f64; 6] = [1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
 const LEAST_AREA: f64 = 0.1;
 /// Intervals, each way, at which that is measured.
 const AREA_SAMPLES: usize = 16;
-/// Of a thinner slab neither side is thicker than this many times the other one.
+/// Of a thinner slab neither side is thicker than this many times the other one; from that many times on it is made thinner.
 const MOST_ASYMMETRY: f64 = 2.0;
+const LOPSIDED: f64 = 8.0;
 /// Sections beside a thinner slab follow each other at distances from the apex that grow by this factor.
 const GROWTH: f64 = 1.7;
+/// Steps along a lateral's row over the distance from the apex, and the shortest one over the longest.
+const TRACE_GROWTH: f64 = 0.1;
+const LEAST_TRACE: f64 = 1e-4;
 
 /// What closes the gap between the two lateral patches of an event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -90,8 +95,8 @@ fn cosine_spaced(n: usize) -> Vec<f64> {
 /// whether the source's w is z.
 ///
 /// Where the published corners make a saddle that all but folds (the surface is steep there, and a chord from the waist
-/// to a leg first leads down), corners are looked for from which all chords rise, and the slab is made thinner: the
-/// nearer to the apex, the more symmetric is the surface.
+/// to a leg first leads down), corners are looked for from which all chords rise, those on the principal directions at
+/// the apex among them, and the slab is made thinner: the nearer to the apex, the more symmetric is the surface.
 pub(super) fn build_slab(
     source: &dyn EventSource,
     saddle: &Saddle,
@@ -100,11 +105,14 @@ pub(super) fn build_slab(
     let view = View { source, along: saddle.along, sign: if saddle.opens { 1.0 } else { -1.0 } };
     let mut best: Option<(Saddle, Trial)> = None;
     for thinness in THINNESS {
-        let thinner = if thinness == 1.0 { Some(saddle.clone()) } else { saddle.thinner(source, thinness) };
+        let is_as_asked = thinness == 1.0 && !saddle.is_lopsided();
+        let thinner = if is_as_asked { Some(saddle.clone()) } else { saddle.thinner(source, thinness) };
         let Some(thinner) = thinner else { continue };
         let Ok(published) = Corners::published(source, &thinner) else { continue };
-        let turned = || published.turned(source, &thinner);
-        for corners in std::iter::once(published).chain(std::iter::once_with(turned)) {
+        let turned = || Some(published.turned(source, &thinner));
+        let principal = || Corners::principal(source, &thinner).ok();
+        let others = [&turned as &dyn Fn() -> Option<Corners>, &principal];
+        for corners in std::iter::once(published).chain(others.iter().filter_map(|f| f())) {
             let trial = view.trial(&thinner, corners, upward)?;
             if best.as_ref().is_none_or(|(_, b)| trial.least_area > b.least_area) {
                 best = Some((thinner.clone(), trial));
@@ -118,7 +126,7 @@ pub(super) fn build_slab(
         }
     }
     let (thinner, trial) = best.ok_or(EventFault::NoWaist)?;
-    let beside = if thinner.w_waist == saddle.w_waist {
+    let beside = if thinner.reaches() == saddle.reaches() {
         Beside::default()
     } else {
         saddle.sections_towards(source, &thinner)
@@ -306,17 +314,52 @@ impl View<'_> {
         w: f64,
         place: Place,
     ) -> Result<[Vec<Point2>; 2], EventFault> {
+        let u = cosine_spaced(ARC_INTERVALS + 1);
+        let refine = |p: Point2| self.source.refine(p, self.along * w);
+        let arcs = [Arc { start: ap, end: bp, place }, Arc { start: bq, end: aq, place }];
         let loops = match place {
             Place::Waist => [saddle.waist.clone(), saddle.waist.clone()],
             Place::Legs => saddle.legs.clone(),
-            Place::Between => self.loops(saddle, w)?,
+            Place::Between => {
+                if let [Some(first), Some(second)] = arcs.each_ref().map(|arc| self.traced(saddle, arc, w)) {
+                    return Ok([first, second].map(|polyline| Arc::along(&polyline, &u, refine)));
+                }
+                self.loops(saddle, w)?
+            }
         };
-        let u = cosine_spaced(ARC_INTERVALS + 1);
-        let lateral = |side: usize, start: Point2, end: Point2| {
-            let arc = Arc { start, end, whole: place == Place::Legs };
-            arc.sampled(&loops[side], &u, |p| self.source.refine(p, self.along * w))
-        };
-        Ok([lateral(0, ap, bp), lateral(1, bq, aq)])
+        let lateral = |side: usize| Arc::along(&arcs[side].polyline(&loops[side]), &u, refine);
+        Ok([lateral(0), lateral(1)])
+    }
+
+    /// The arc by steps along the zero, short ones beside the apex: there the curves that pass each other are as near as
+    /// can be, and on no grid it could be told which is which. `None` where it does not lead from start to end.
+    fn traced(&self, saddle: &Saddle, arc: &Arc, w: f64) -> Option<Vec<Point2>> {
+        let longest_mm = self.source.frame()?.step_mm;
+        let most_mm =
+            2.0 * (saddle.waist.perimeter_mm() + saddle.legs.iter().map(Contour::perimeter_mm).sum::<f64>());
+        let field = self.source.slice(self.along * w);
+        let mut polyline = vec![arc.start];
+        let (mut at, mut passed_mm) = (arc.start, 0.0);
+        while passed_mm < most_mm {
+            let slope = field(at).slope.try_normalize(1e-9)?;
+            let forward = Vector2::new(-slope.y, slope.x);
+            let from_apex = (at - saddle.apex.at).norm();
+            let step_mm = (TRACE_GROWTH * from_apex).clamp(LEAST_TRACE * longest_mm, longest_mm);
+            let left = arc.end - at;
+            if left.norm() <= step_mm && left.dot(&forward) > 0.0 {
+                polyline.push(arc.end);
+                return Some(polyline);
+            }
+            let ahead = at + forward * step_mm;
+            let next = iso::project(&*field, ahead, 0.5 * step_mm);
+            if field(next).value.abs() > 1e-6 {
+                return None;
+            }
+            passed_mm += step_mm;
+            at = next;
+            polyline.push(at);
+        }
+        None
     }
 
     /// The curves that pass each leg: one and the same on the waist's side of the saddle.
@@ -391,6 +434,12 @@ impl Saddle {
     /// Distances of the waist and of the legs from the apex.
     fn reaches(&self) -> [f64; 2] {
         [self.w_waist, self.w_legs].map(|w| (w - self.apex.w).abs())
+    }
+
+    /// Whether one side is so much thicker than the other that the quadrilateral of the corners is all but a line.
+    fn is_lopsided(&self) -> bool {
+        let [waist, legs] = self.reaches();
+        waist.max(legs) > LOPSIDED * waist.min(legs)
     }
 
     /// The same saddle with less height; `None` where its curves are not found.
@@ -486,14 +535,13 @@ pub(super) fn distance_from(curve: &Contour, other: &Contour) -> f64 {
 struct Arc {
     start: Point2,
     end: Point2,
-    /// Start and end are one point, and the arc is the whole loop.
-    whole: bool,
+    /// On the legs start and end are one point, and the arc is the whole loop.
+    place: Place,
 }
 
 impl Arc {
-    /// Points on the arc at the fractions u of its length, the inner ones refined.
-    fn sampled(&self, contour: &Contour, u: &[f64], refine: impl Fn(Point2) -> Point2) -> Vec<Point2> {
-        let polyline = self.polyline(contour);
+    /// Points on a polyline at the fractions u of its length, the inner ones refined.
+    fn along(polyline: &[Point2], u: &[f64], refine: impl Fn(Point2) -> Point2) -> Vec<Point2> {
         let mut lengths = vec![0.0];
         for pair in polyline.windows(2) {
             lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).norm());
@@ -506,7 +554,7 @@ impl Arc {
             polyline[i - 1] + (polyline[i] - polyline[i - 1]) * ((target - lengths[i - 1]) / piece)
         };
         let inner = u[1..u.len() - 1].iter().map(|&f| refine(at(f)));
-        std::iter::once(self.start).chain(inner).chain(std::iter::once(self.end)).collect()
+        std::iter::once(polyline[0]).chain(inner).chain(polyline.last().copied()).collect()
     }
 
     fn polyline(&self, contour: &Contour) -> Vec<Point2> {
@@ -521,8 +569,9 @@ impl Arc {
             foot.edge_idx as f64 + ((foot.point - from).norm() / length).min(1.0)
         };
         let (s, mut e) = (place(self.start), place(self.end));
-        if self.whole || e <= s {
-            e = if self.whole { s + n as f64 } else { e + n as f64 };
+        let whole = self.place == Place::Legs;
+        if whole || e <= s {
+            e = if whole { s + n as f64 } else { e + n as f64 };
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "indices of vertices")]
         let (first, last) = (s.floor() as usize + 1, e.ceil() as usize);

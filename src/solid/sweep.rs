@@ -37,12 +37,39 @@ pub(super) struct Interval<'a> {
     pub(super) w: [f64; 2],
     pub(super) lower: &'a [Contour],
     pub(super) upper: &'a [Contour],
-    pub(super) below: Vec<f64>,
-    pub(super) above: Vec<f64>,
+    pub(super) below: Onward,
+    pub(super) above: Onward,
     /// Radius of the branches over 3 mm: the unit of the lengths in this file.
     pub(super) unit: f64,
     /// Whether the source's w is z.
     pub(super) upward: bool,
+}
+
+/// Where the field is asked beyond an end of the interval.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Onward {
+    /// Heights of virtual sections.
+    pub(super) heights: Vec<f64>,
+    /// How far it holds: the next plane; `None` where none follows.
+    pub(super) limit: Option<f64>,
+}
+
+impl Onward {
+    /// The heights, and where an apex lies close to the end of the interval further ones next to that, all of them
+    /// outward. A neck opens with the root of the distance from its apex: intervals that grow by more than a factor from
+    /// there on would let the spline through the sections run off in the first long one.
+    fn graded(&self, end: f64, apex: Option<f64>) -> Vec<f64> {
+        let mut heights = self.heights.clone();
+        if let (Some(apex), Some(limit)) = (apex, self.limit) {
+            let next = heights.iter().map(|w| (w - end).abs()).fold((limit - end).abs(), f64::min);
+            let onward = std::iter::successors(Some(GRADING * (end - apex)), |d| Some(GRADING * d));
+            let graded = onward.map(|d| apex + d).take_while(|w| (w - end).abs() < GRADED_SHARE * next);
+            heights.extend(graded);
+            // Contours are followed from height to height: outward.
+            heights.sort_by(|a, b| (a - end).abs().total_cmp(&(b - end).abs()));
+        }
+        heights
+    }
 }
 
 /// A saddle point with the contours beside it.
@@ -156,7 +183,7 @@ impl Sweep<'_> {
         self.follow(&mut tracks, &zones[steps.len()], &steps, &at)?;
         let w_top = self.interval.w[1];
         let upper = tracks.assigned(self.interval.upper).ok_or_else(|| self.lost(w_top))?;
-        self.add_beyond(&mut tracks, &upper);
+        self.add_beyond(&mut tracks, &upper, &steps);
         let built: Vec<Result<Bordered, EventFault>> = saddles
             .par_iter()
             .map(|(_, _, saddle)| build_slab(self.source, saddle, self.interval.upward))
@@ -344,11 +371,14 @@ impl Sweep<'_> {
     }
 
     /// Adds sections at the heights beyond the interval where the contours can be followed there.
-    fn add_beyond(&self, tracks: &mut Tracks, upper: &[usize]) {
+    fn add_beyond(&self, tracks: &mut Tracks, upper: &[usize], steps: &[Step]) {
         let strict = tracks.strict;
+        let Interval { w: [low, high], lower, upper: upper_contours, below, above, .. } = self.interval;
+        let apexes = || steps.iter().filter(|s| s.dome.is_empty()).map(|s| s.critical.w);
+        let parts_below = (0..lower.len()).collect::<Vec<_>>();
         for (contours, parts, heights) in [
-            (self.interval.lower, (0..self.interval.lower.len()).collect::<Vec<_>>(), &self.interval.below),
-            (self.interval.upper, upper.to_vec(), &self.interval.above),
+            (*lower, parts_below, below.graded(*low, apexes().next())),
+            (*upper_contours, upper.to_vec(), above.graded(*high, apexes().next_back())),
         ] {
             let mut beyond = Tracks::from(contours, strict);
             let found: Vec<Vec<Contour>> = heights.par_iter().map(|&w| self.source.contours(w)).collect();
@@ -525,4 +555,24 @@ fn matched(from: &[&Contour], to: &[Contour], strict: bool) -> Option<Vec<usize>
         }
     }
     found.iter().all(|&j| j != usize::MAX).then_some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_beyond_an_end_follow_each_other_outward() {
+        let outward = |end: f64, apex: f64, heights: [f64; 2], limit: f64| {
+            let found = Onward { heights: heights.to_vec(), limit: Some(limit) }.graded(end, Some(apex));
+            let far: Vec<f64> = found.iter().map(|w| (w - end).abs()).collect();
+            assert!(far.is_sorted() && found.len() > heights.len(), "{found:?}");
+            assert!((far[0] - (end - apex).abs()).abs() < 1e-12, "{found:?}");
+            assert!(heights.iter().all(|w| found.contains(w)), "{found:?}");
+        };
+        outward(0.0, -0.05, [1.0, 2.0], 3.0);
+        outward(0.0, 0.05, [-1.0, -2.0], -3.0);
+        let unbounded = Onward { heights: vec![1.0, 2.0], limit: None };
+        assert_eq!(unbounded.graded(0.0, Some(-0.05)), [1.0, 2.0]);
+    }
 }

@@ -24,6 +24,8 @@ const SNAP_SPACINGS: f64 = 1e-4;
 const SAME_KNOT: f64 = 1e-9;
 /// A welded saddle has no cell smaller than this share of the mean one, seen along z.
 const LEAST_AREA: f64 = 0.03;
+/// Chords along which the length of a ring's arc is taken.
+const LENGTH_SAMPLES: usize = 2048;
 /// The seam of a tube stays where it is if no corner is nearer than this share of the way round.
 const SEAM_CLEARANCE: f64 = 1.0 / 16.0;
 
@@ -279,8 +281,9 @@ fn in_step(lateral: &PatchSurface, arcs: &[Curve; 2]) -> PatchSurface {
     let strides = [0, 1].map(|k| {
         let border = lateral.row([low, high][k]);
         let arc = arcs[k].over(u.range());
-        let samples: Vec<(f64, Point3)> = columns.iter().map(|&t| (t, border.at(t))).collect();
-        columns.iter().map(|&t| foot(&samples, &border, t, arc.at(t)) - t).collect::<Vec<f64>>()
+        let about = shares_of_length(&arc, &columns);
+        let foot = |(&t, share): (&f64, f64)| foot(&border, u.range(), share, arc.at(t)) - t;
+        columns.iter().zip(about).map(foot).collect::<Vec<f64>>()
     });
     let points = rows.iter().flat_map(|&at| {
         let (row, share) = (lateral.row(at), (at - low) / (high - low));
@@ -292,25 +295,41 @@ fn in_step(lateral: &PatchSurface, arcs: &[Curve; 2]) -> PatchSurface {
     PatchSurface::interpolating(u.clone(), v.clone(), &points.collect::<Vec<_>>())
 }
 
-/// The parameter at which a border is nearest to a point that lies about at t; the ends stay.
-fn foot(border: &[(f64, Point3)], row: &PatchRow<'_>, t: f64, point: Point3) -> f64 {
-    let [first, last] = [border[0].0, border[border.len() - 1].0];
-    if t <= first || t >= last {
-        return t;
+/// The shares of a curve's length at which parameters lie.
+fn shares_of_length(curve: &Curve, parameters: &[f64]) -> Vec<f64> {
+    let [low, high] = curve.range();
+    let at = |k: usize| low + (high - low) * k as f64 / LENGTH_SAMPLES as f64;
+    let mut passed = vec![0.0];
+    for k in 0..LENGTH_SAMPLES {
+        passed.push(passed[k] + (curve.at(at(k + 1)) - curve.at(at(k))).norm());
     }
-    // A border may be a whole loop: what is near in space only is not meant.
-    let about = border.iter().filter(|b| (b.0 - t).abs() < 0.25 * (last - first));
-    let start = about.min_by(|a, b| (a.1 - point).norm_squared().total_cmp(&(b.1 - point).norm_squared()));
-    let mut at = start.map_or(t, |b| b.0);
+    let share = |t: &f64| {
+        let place = (t - low) / (high - low) * LENGTH_SAMPLES as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to an index")]
+        let k = place.clamp(0.0, (LENGTH_SAMPLES - 1) as f64) as usize;
+        (passed[k] + (passed[k + 1] - passed[k]) * (place - k as f64)) / passed[LENGTH_SAMPLES].max(1e-300)
+    };
+    parameters.iter().map(share).collect()
+}
+
+/// The parameter at which a border is nearest to a point that lies about at a share of its length, in which its
+/// parameter runs; the ends stay.
+fn foot(border: &PatchRow<'_>, [first, last]: [f64; 2], share: f64, point: Point3) -> f64 {
+    let about = first + (last - first) * share;
+    if about <= first || about >= last {
+        return about.clamp(first, last);
+    }
+    let mut at = about;
     for _ in 0..12 {
-        let (off, along) = (point - row.at(at), row.derivative_at(at));
+        let (off, along) = (point - border.at(at), border.derivative_at(at));
         let by = off.dot(&along) / along.norm_squared().max(1e-300);
         at = (at + by).clamp(first, last);
         if by.abs() < 1e-14 {
             break;
         }
     }
-    at
+    let is_nearer = (point - border.at(at)).norm() <= (point - border.at(about)).norm();
+    if is_nearer { at } else { about }
 }
 
 /// Inner knots along the seams, on the unit interval and the same in both directions.

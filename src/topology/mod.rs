@@ -207,6 +207,16 @@ impl Graph {
     }
 }
 
+/// Whether a contour meets itself other than in the joints of neighbouring edges.
+pub(crate) fn meets_itself(contour: &Contour) -> bool {
+    crossing::within(contour).is_some()
+}
+
+/// Whether two polygons meet or touch.
+pub(crate) fn meet(a: &Contour, b: &Contour) -> bool {
+    crossing::of_two(a, b).is_some()
+}
+
 fn warning(code: &str, text: String) -> Warning {
     Warning { code: code.into(), text }
 }

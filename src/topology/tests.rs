@@ -267,6 +267,61 @@ fn bad_contours_are_named() {
     assert!(matches!(with(empty), Error::Contour { fault: ContourFault::TooFewPoints(0), .. }));
 }
 
+/// Two planes, the second one at a height and with contours as given, and what they are refused with.
+#[test]
+fn every_bad_stack_says_where_and_what_to_do() {
+    let good = || disk(0.0, 2.0);
+    let refused = |z_mm: f64, contours: Vec<Contour>| {
+        let mut bad = stack(vec![vec![good()], contours, vec![good()]]);
+        bad.planes[1].z_mm = z_mm;
+        ask(&bad).unwrap_err().to_string()
+    };
+    let mut nan = good();
+    nan.points[7].x = f64::NAN;
+    let three = Contour::circle(Point2::origin(), 1.0, 3);
+    let cases = [
+        (
+            refused(3.0, vec![nan]),
+            "plane 1 (z 3 mm), contour 0: point 7 is not a finite coordinate within 5 m: redraw or remove it",
+        ),
+        (
+            refused(3.0, vec![good(), three]),
+            "plane 1 (z 3 mm), contour 1: it has 3 different points, at least 4 are needed: redraw or remove it",
+        ),
+        (
+            refused(3.0, vec![good(), disk(3.0, 2.0)]),
+            "plane 1 (z 3 mm): contours 0 and 1 cross: join them or move them apart",
+        ),
+        (
+            refused(3.0, vec![good(), good()]),
+            "plane 1 (z 3 mm): contours 0 and 1 are the same curve: remove one of them",
+        ),
+        (
+            refused(3.0, vec![]),
+            "plane 1 (z 3 mm) has no contour, but planes below and above it have: draw one, or leave the plane out",
+        ),
+        (
+            refused(6.0, vec![good()]),
+            "planes 1 and 2 lie at one height, z 6 mm: drop one of them, or correct z_mm",
+        ),
+        (
+            refused(f64::NAN, vec![good()]),
+            "plane 1: its height is NaN mm, expected a number between -100000 and 100000: correct z_mm",
+        ),
+        (
+            ask(&stack(vec![vec![good()]])).unwrap_err().to_string(),
+            "a solid needs contours on at least two planes; found 1: add planes, or widen the z range",
+        ),
+        (
+            refused(3.0, vec![disk(90.0, 2.0)]),
+            "no contour overlaps one of the next plane: the planes lie too far apart, or in the wrong order",
+        ),
+    ];
+    for (found, expected) in cases {
+        assert_eq!(found, expected);
+    }
+}
+
 #[test]
 fn contours_that_cross_or_repeat_each_other_are_named() {
     let plane = |contours| ask(&stack(vec![contours, vec![disk(0.0, 2.0)]])).unwrap_err();

@@ -1,6 +1,7 @@
 //! Sections to solid, solid to triangles: the reference phantom's contours, lumen alone and with its wall.
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
+use lumenfab::brep::{Brep, check};
 use lumenfab::geom::RigidTransform;
 use lumenfab::mesh::{Deflection, SkinChoice, Tessellation, tessellate};
 use lumenfab::phantom::{Kind, Vessel};
@@ -19,20 +20,41 @@ fn stack() -> SectionStack {
     SectionStack { planes: (0..46).map(plane).collect(), patient_from_stack: RigidTransform::identity() }
 }
 
-/// Which contour continues which, on stacks ten and a hundred times as fine: the cost is linear.
-fn graph(c: &mut Criterion) {
+/// The reference phantom ten and a hundred times as finely cut.
+fn finer_stacks() -> [(u32, SectionStack); 3] {
     let vessel = Vessel::new(Kind::Carotid);
-    let mut group = c.benchmark_group("graph");
-    group.sample_size(10);
-    for n_planes in [46u32, 460, 4600] {
+    [46, 460, 4600].map(|n_planes: u32| {
         let plane = |k: u32| {
             let z_mm = 135.0 * f64::from(k) / f64::from(n_planes - 1);
             PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
         };
         let planes = (0..n_planes).map(plane).collect();
-        let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
+        (n_planes, SectionStack { planes, patient_from_stack: RigidTransform::identity() })
+    })
+}
+
+/// Which contour continues which: the cost is linear.
+fn graph(c: &mut Criterion) {
+    let mut group = c.benchmark_group("graph");
+    group.sample_size(10);
+    for (n_planes, stack) in finer_stacks() {
         group.bench_function(format!("{n_planes} planes"), |b| {
             b.iter(|| lumenfab::topology::graph(black_box(&stack)).expect("the phantom links"));
+        });
+    }
+    group.finish();
+}
+
+/// From sections to a solid that was found valid: the cost is linear.
+fn checked_solid(c: &mut Criterion) {
+    let mut group = c.benchmark_group("checked solid");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    for (n_planes, stack) in finer_stacks() {
+        group.bench_function(format!("{n_planes} planes"), |b| {
+            b.iter(|| {
+                let built = build(black_box(&stack), &Params::new(Body::Cast), &Task::quiet());
+                check(&Brep::of(&built.expect("the phantom builds").solid, SkinChoice::All)).expect("valid");
+            });
         });
     }
     group.finish();
@@ -67,5 +89,5 @@ fn tessellation(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, graph, solid, tessellation);
+criterion_group!(benches, graph, checked_solid, solid, tessellation);
 criterion_main!(benches);

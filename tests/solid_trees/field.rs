@@ -141,19 +141,28 @@ impl Tree {
         Vector2::new(along(Vector2::new(h, 0.0)), along(Vector2::new(0.0, h)))
     }
 
-    /// The exact contours at a height, material to the left: from a finer grid and with more points where branches are
-    /// so close together that the polygons would cross.
+    /// The exact contours at a height, material to the left: from a finer grid and with more points where walls are so
+    /// close together that the polygons would cross, or that points were moved onto the wall opposite.
     pub(crate) fn contours(&self, z: f64) -> Vec<Contour> {
         let finer =
             [(14.0, 128), (42.0, 256), (84.0, 512)].map(|(steps, n)| move || self.traced(z, steps, n));
         let mut found = Vec::new();
         for traced in finer {
             found = traced();
-            if !cross(&found) {
+            if !cross(&found) && found.iter().all(|c| self.keeps_to_its_wall(c, z)) {
                 break;
             }
         }
         found
+    }
+
+    /// Whether the field falls to the left of a contour everywhere: on the wall opposite it falls to the right.
+    fn keeps_to_its_wall(&self, contour: &Contour, z: f64) -> bool {
+        let (points, n) = (&contour.points, contour.len());
+        (0..n).all(|k| {
+            let along = points[(k + 1) % n] - points[(k + n - 1) % n];
+            along.perp(&self.gradient(points[k], z)) < 0.0
+        })
     }
 
     /// Contours of `n_points` each, from a grid of so many steps to the trunk's radius.

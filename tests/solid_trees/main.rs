@@ -2,8 +2,9 @@
 //! name, and what contradicts itself is refused with its plane named.
 //!
 //! `cargo test --release --test solid_trees` tries a sample; `LUMENFAB_TREES=1000 cargo test --release --test solid_trees --
-//! --nocapture` tries a thousand and lists what was refused. With `-- --ignored` the first tree that is refused is
-//! shrunk to a small one; `PROPTEST_RNG_SEED=N` draws others.
+//! --nocapture` tries a thousand and lists what was refused, `LUMENFAB_TREES=200..300` some of them; with
+//! `LUMENFAB_TREES_DIR=DIR` the contours of refused trees are written there as `treeN.json`. With `-- --ignored` the first
+//! tree that is refused is shrunk to a small one; `PROPTEST_RNG_SEED=N` draws others.
 
 mod field;
 
@@ -12,6 +13,7 @@ use lumenfab::brep::{self, Brep};
 use lumenfab::geom::{Contour, Point2, RigidTransform, SegmentIndex, Vector2};
 use lumenfab::mesh::{SkinChoice, Tessellation, TriMesh, fit_for_files, tessellate};
 use lumenfab::progress::Task;
+use lumenfab::sections::format::to_json;
 use lumenfab::sections::{PlaneSections, SectionStack};
 use lumenfab::solid::{Body, Params, Sectioned, Solid, build};
 use proptest::prelude::*;
@@ -38,6 +40,25 @@ struct Case {
     tree: Tree,
     wall: bool,
     contradiction: Option<Contradiction>,
+}
+
+impl Case {
+    /// How the message that refuses the contradiction begins: with the plane's number and height.
+    fn place(&self, stack: &SectionStack) -> String {
+        let middle = stack.planes.len() / 2;
+        let z_mm = stack.planes[middle].z_mm;
+        let plane = format!("plane {middle} (z {z_mm} mm)");
+        match self.contradiction {
+            None => String::new(),
+            Some(Contradiction::Bow) => format!("{plane}, contour 0: it crosses itself near x"),
+            Some(Contradiction::Crossing) => format!("{plane}: contours 0 and "),
+            Some(Contradiction::NotANumber) => format!("{plane}, contour 0: point 7 is not a finite"),
+            Some(Contradiction::RepeatedPlane) => {
+                format!("planes {} and {middle} lie at one height, z {z_mm} mm", middle - 1)
+            }
+            Some(Contradiction::EmptyPlane) => format!("{plane} has no contour"),
+        }
+    }
 }
 
 fn branch() -> impl Strategy<Value = Branch> {
@@ -170,7 +191,8 @@ fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
         Ok(solid) => solid,
         Err(message) if case.contradiction.is_none() => return Ok(Outcome::Refused(message)),
         Err(message) => {
-            prop_assert!(message.contains("plane"), "{}", message);
+            let place = case.place(&stack);
+            prop_assert!(message.starts_with(&place), "{}: expected {}", message, place);
             return Ok(Outcome::Valid);
         }
     };
@@ -182,32 +204,51 @@ fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
     }))
 }
 
-fn n_trees() -> u32 {
-    std::env::var("LUMENFAB_TREES").ok().and_then(|n| n.parse().ok()).unwrap_or(40)
+/// Writes the sections of a refused tree, where a directory for them is named.
+fn keep(tree: u32, stack: &SectionStack) {
+    if let Some(dir) = std::env::var_os("LUMENFAB_TREES_DIR") {
+        let text = to_json(stack).expect("numbers");
+        std::fs::write(std::path::Path::new(&dir).join(format!("tree{tree}.json")), text)
+            .expect("a directory");
+    }
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 37 of the sample of 40 do. What is
-/// refused has tubes or patches that cross where an apex lies close to a plane or to another event.
-const LEAST_VALID_PERCENT: usize = 90;
+/// Trees that are tried: `LUMENFAB_TREES=N` asks for the first N of the sequence, `FROM..TO` for a part of it.
+fn trees() -> std::ops::Range<u32> {
+    let asked = std::env::var("LUMENFAB_TREES").unwrap_or_default();
+    let part = asked.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
+    part.unwrap_or_else(|| 0..asked.parse().unwrap_or(40))
+}
+
+/// How many of a hundred trees must become valid solids. The aim is 99; 39 of the sample of 40 do. What is still
+/// refused is, most often, an outer skin whose crotch is not located; else an event whose field has more critical points
+/// than the event asks for.
+const LEAST_VALID_PERCENT: usize = 95;
 
 #[test]
 fn trees_become_valid_solids_or_are_refused_by_name() {
     let mut runner = TestRunner::deterministic();
     let mut refused: Vec<String> = Vec::new();
-    for i in 0..n_trees() {
+    let asked = trees();
+    for i in 0..asked.end {
         let case = case().new_tree(&mut runner).unwrap().current();
+        if i < asked.start {
+            continue;
+        }
         if let Outcome::Refused(message) = tried(&case).unwrap_or_else(|e| panic!("tree {i}: {e}")) {
             let courses: Vec<Course> = case.tree.branches.iter().map(|b| b.course).collect();
             refused.push(format!("tree {i}, wall {}, {courses:?}: {message}", case.wall));
+            eprintln!("{}", refused[refused.len() - 1]);
+            keep(i, &stack_of(&case));
         }
     }
-    let n_valid = n_trees() as usize - refused.len();
-    eprintln!("{n_valid} of {} trees are valid solids; refused: {refused:#?}", n_trees());
-    assert!(100 * n_valid >= LEAST_VALID_PERCENT * n_trees() as usize, "{refused:#?}");
+    let n_valid = asked.len() - refused.len();
+    eprintln!("{n_valid} of {} trees are valid solids; refused: {refused:#?}", asked.len());
+    assert!(100 * n_valid >= LEAST_VALID_PERCENT * asked.len(), "{refused:#?}");
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: n_trees(), failure_persistence: None, max_shrink_iters: 100, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: trees().end, failure_persistence: None, max_shrink_iters: 100, ..ProptestConfig::default() })]
 
     /// Shrinks the first tree that is refused to the smallest such tree.
     #[test]

@@ -1,6 +1,7 @@
 //! Every kind of event, against closed forms and hand-made fields.
 
 use super::*;
+use crate::brep;
 use crate::geom::{Bounds2, Vector2};
 use crate::mesh::{SkinChoice, Tessellation, closedness, tessellate};
 use crate::solid::grid::Jet;
@@ -395,4 +396,24 @@ fn branches_seen_apart_on_one_plane_only_are_told_by_the_planes_on_both_sides() 
     assert_sound(&solid, &stack);
     let off = disks.farthest(&solid, (20..100).map(|k| 0.3 * f64::from(k)));
     assert!(off < 0.12, "{off}");
+}
+
+#[test]
+fn a_crotch_a_hair_from_a_plane_is_built() {
+    for hair_mm in [0.1, 0.05] {
+        let apex = 18.0 - hair_mm;
+        // The blend lowers the field in the middle by a fifth of a millimetre: there it is zero at the apex.
+        let path = |side: f64| -> Path {
+            Box::new(move |z| {
+                let apart = 1.4 + 0.25 * (z - apex + (z - apex).hypot(4.0));
+                (Point2::new(side * apart, 0.05 * z), 2.2)
+            })
+        };
+        let disks = Disks { paths: vec![path(1.0), path(-1.0)] };
+        let stack = disks.stack(12, 3.0);
+        let solid = cast(&stack);
+        assert_sound(&solid, &stack);
+        let found = brep::check(&brep::Brep::of(&solid, SkinChoice::Lumen));
+        assert!(found.is_ok(), "{hair_mm}: {found:?}");
+    }
 }
