@@ -13,7 +13,7 @@ use super::{Error, Place};
 use crate::geom::{Contour, Vector2};
 use crate::progress::Task;
 use crate::spline::ClosedCurve;
-use crate::topology::{Graph, Star};
+use crate::topology::{Graph, Star, meet};
 use rayon::prelude::*;
 
 /// Planes on either side that an event looks at.
@@ -199,8 +199,11 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
             }
         }
     }
-    let strands = strands.joined(&slabs);
-    skin(strands, slabs, recipe.correspondence(), recipe.is_measured()).map_err(Error::Spline)
+    let mut strands_left = strands.joined(&slabs);
+    if recipe.is_measured() {
+        [false, true].into_iter().for_each(|is_top| keep_ends_apart(graph, is_top, &mut strands_left));
+    }
+    skin(strands_left, slabs, recipe.correspondence(), recipe.is_measured()).map_err(Error::Spline)
 }
 
 fn is_event(star: &Star) -> bool {
@@ -542,6 +545,29 @@ fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
         _ => Vec::new(),
     };
     strand.sections.extend(added);
+}
+
+/// Branches that lean towards each other would meet beyond the stack's end, where nothing is known of them: those that do
+/// go on straight there.
+fn keep_ends_apart(graph: &Graph, is_top: bool, strands: &mut [Strand]) {
+    let Some(&plane_z) = (if is_top { graph.z_mm.last() } else { graph.z_mm.first() }) else { return };
+    let is_beyond = |z: f64| if is_top { z > plane_z + ONE_HEIGHT_MM } else { z < plane_z - ONE_HEIGHT_MM };
+    let outermost = |strand: &Strand| -> Option<(f64, Contour)> {
+        let beyond = strand.sections.iter().filter(|s| is_beyond(s.0));
+        beyond.max_by(|a, b| (a.0 - plane_z).abs().total_cmp(&(b.0 - plane_z).abs())).cloned()
+    };
+    let ends: Vec<Option<(f64, Contour)>> = strands.iter().map(outermost).collect();
+    let meets = |i: usize| {
+        let others = ends.iter().enumerate().filter(|(j, _)| *j != i).filter_map(|(_, end)| end.as_ref());
+        ends[i].as_ref().is_some_and(|(_, own)| others.into_iter().any(|(_, other)| meet(own, other)))
+    };
+    let met: Vec<bool> = (0..ends.len()).map(meets).collect();
+    for (strand, _) in strands.iter_mut().zip(met).filter(|(_, met)| *met) {
+        let at_end = strand.sections.iter().find(|s| (s.0 - plane_z).abs() < ONE_HEIGHT_MM);
+        let Some(contour) = at_end.map(|s| s.1.clone()) else { continue };
+        let beyond = strand.sections.iter_mut().filter(|s| is_beyond(s.0));
+        beyond.for_each(|section| section.1 = contour.clone());
+    }
 }
 
 /// The first section moved on by `by_mm` along the direction to it from the one that lies about as far behind it; by less,
