@@ -602,6 +602,6 @@ fn a_deflated_file_may_not_inflate_to_any_size() {
     let place = tempfile::tempdir().unwrap();
     let path = place.path().join("bomb.dcm");
     fs::write(&path, deflated.finish().unwrap()).unwrap();
-    let refused = super::lengths::check(&path).unwrap_err().to_string();
+    let refused = lengths::check(&path).unwrap_err().to_string();
     assert!(refused.contains("its deflated elements inflate beyond any header's length"), "{refused}");
 }
