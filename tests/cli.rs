@@ -494,6 +494,7 @@ fn ready_contours_become_closed_meshes_of_their_volume() {
     let relative = place.json(0, &["export", "case", "--3mf", "r.3mf", "--deflection-relative", "0.02"]);
     assert!(relative["n_triangles"].as_u64() < both["n_triangles"].as_u64(), "{relative}");
     fs::create_dir(place.path("dir")).unwrap();
+    fs::create_dir(place.path("case/kept")).unwrap();
     for (code, args, line) in [
         (1, vec!["--stl", "n.stl", "--3mf", "none/n.3mf"], "cannot create a file in none: no such file"),
         (1, vec!["--stl", "dir"], "cannot write dir: is a directory"),
@@ -503,11 +504,21 @@ fn ready_contours_become_closed_meshes_of_their_volume() {
             "--3mf: found n.stl, expected another file than for --stl",
         ),
         (2, vec!["--stl", "n.stl", "--deflection-relative", "7"], "--deflection-relative: found 7, expected"),
+        // Neither the input nor what the case keeps is replaced.
+        (2, vec!["--stl", "s.json"], "--stl: found s.json, expected a new file, or one that ends in .stl"),
+        (2, vec!["--step", "case/solid.bin"], "--step: found case/solid.bin, expected a new file, or one"),
+        (
+            2,
+            vec!["--sweep", "case/kept/beads.csv"],
+            "--sweep: found case/kept/beads.csv, expected a file outside",
+        ),
     ] {
         let error = place.refused(code, &[&["export", "case"], &args[..]].concat());
         assert!(error.starts_with(line), "{args:?}: {error}");
         assert!(!place.path("n.stl").exists(), "{args:?}");
     }
+    let kept = place.refused(2, &["solid", "case", "--view", "s.json"]);
+    assert!(kept.starts_with("--view: found s.json, expected a new file"), "{kept}");
     let viewed = place.json(0, &["solid", "case", "--view", "v.png", "--cut", "--size-px", "300"]);
     assert_eq!(viewed["view"], "v.png");
     assert!(fs::read(place.path("v.png")).unwrap().starts_with(b"\x89PNG"));

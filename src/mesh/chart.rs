@@ -89,17 +89,54 @@ impl Chart<'_> {
     }
 }
 
+/// How fast the deflection grows with the distance from a place where it is smaller.
+const GROWTH: f64 = 0.1;
+
+/// A place where triangles have to keep closer to the surface, because they would meet others otherwise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Finer {
+    /// Its middle.
+    pub(super) at: Point3,
+    /// How far it reaches, mm.
+    pub(super) radius_mm: f64,
+    /// Deflection in it, mm.
+    pub(super) deflection_mm: f64,
+}
+
+impl Finer {
+    /// The deflection that the place allows at p, mm.
+    pub(super) fn allows(&self, p: Point3) -> f64 {
+        self.deflection_mm + GROWTH * ((p - self.at).norm() - self.radius_mm).max(0.0)
+    }
+}
+
 /// The deflection allowed on a face, mm.
 #[derive(Debug, Clone)]
-pub(super) enum Allowed {
+pub(super) struct Allowed<'a> {
+    /// What is asked for.
+    pub(super) asked: Asked,
+    /// Where less is allowed.
+    pub(super) finer: &'a [Finer],
+}
+
+/// The deflection asked for on a face, mm.
+#[derive(Debug, Clone)]
+pub(super) enum Asked {
     /// The same everywhere.
     Everywhere(f64),
     /// By height: ascending heights and the deflection at each.
     ByHeight(Vec<(f64, f64)>),
 }
 
-impl Allowed {
-    /// The deflection allowed at height z.
+impl Allowed<'_> {
+    /// The deflection allowed at a point.
+    pub(super) fn at(&self, p: Point3) -> f64 {
+        self.finer.iter().map(|f| f.allows(p)).fold(self.asked.at(p.z), f64::min)
+    }
+}
+
+impl Asked {
+    /// The deflection asked for at height z.
     pub(super) fn at(&self, z_mm: f64) -> f64 {
         match self {
             Self::Everywhere(d) => *d,

@@ -36,7 +36,7 @@ const SPARE_TRIANGLES: usize = 100_000;
 const MOST_PASSES: usize = 60;
 
 /// Splits triangles until every one keeps the deflection; `false` where it could not be reached.
-pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> Result<bool, Cancelled> {
+pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed<'_>, task: &Task<'_>) -> Result<bool, Cancelled> {
     face.take_changed();
     let n_most = MOST_GROWTH * face.triangles.len() + SPARE_TRIANGLES;
     let mut open: Vec<u32> = (0..).take(face.triangles.len()).collect();
@@ -89,12 +89,12 @@ pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> R
 
 /// Whether a triangle is too far off: `Some` with the edge to split, if splitting one helps.
 #[expect(clippy::option_option, reason = "no fault, a fault inside, a fault at an edge")]
-fn fault(face: &Face<'_>, t: u32, allowed: &Allowed) -> Option<Option<usize>> {
+fn fault(face: &Face<'_>, t: u32, allowed: &Allowed<'_>) -> Option<Option<usize>> {
     let places = face.places(t);
     let params = face.params(t);
     let [a, b, c] = places;
     let longest = (0..3).map(|i| (places[(i + 1) % 3] - places[i]).norm()).fold(0.0, f64::max);
-    let allowed_mm = allowed.at((a.z + b.z + c.z) / 3.0);
+    let allowed_mm = allowed.at(((a.coords + b.coords + c.coords) / 3.0).into());
     // No point over a triangle this small is farther from its corners.
     if longest <= SMALL * allowed_mm {
         return None;

@@ -182,6 +182,19 @@ fn two_lumens_in_one_wall_share_its_caps() {
 }
 
 #[test]
+fn sheets_closer_than_the_deflection_do_not_meet() {
+    // At 0.3 mm the outer skin's chords would cut into the lumen, 0.2 mm below them.
+    let thin = cylinder(Body::Wall { wall_mm: 0.2 });
+    let how = fine(SkinChoice::All, 0.3);
+    let once = tessellate::mesh_once(&thin, &how, &[], &Task::quiet()).unwrap();
+    assert!(matches!(fit_for_files(&once, &Task::quiet()), Err(Error::SelfIntersecting { .. })));
+    let mesh = tessellate(&thin, &how, &Task::quiet()).unwrap();
+    assert_eq!(fit_for_files(&mesh, &Task::quiet()), Ok(mesh.clone()));
+    let found = measure(&thin, SkinChoice::All, &mesh, 0.3, &Task::quiet()).unwrap();
+    assert!(found.largest_deviation_mm < 0.2, "{found}");
+}
+
+#[test]
 fn meshing_stops_when_asked() {
     let cancel = crate::progress::CancelToken::default();
     cancel.cancel();

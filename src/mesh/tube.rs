@@ -50,7 +50,7 @@ struct Layout<'n> {
 pub(super) fn mesh_tube<'a>(
     chart: &'a Chart<'a>,
     net: &TubeNet<'_>,
-    allowed: &Allowed,
+    allowed: &Allowed<'_>,
     shared: [Option<SharedRing>; 2],
     task: &Task<'_>,
 ) -> Result<MeshedTube<'a>, Error> {
@@ -63,7 +63,7 @@ pub(super) fn mesh_tube<'a>(
     let mut end = |ring: Option<SharedRing>, k: usize, z: f64| match ring {
         Some(ring) => layout.shared_ring(&ring, z),
         None if points[k] => layout.point(z),
-        None => layout.end_ring(k == 1, z, allowed.at(z)),
+        None => layout.end_ring(k == 1, z, allowed),
     };
     let (bottom, top) = (end(bottom, 0, low)?, end(top, 1, high)?);
     let mut below = bottom.clone();
@@ -119,14 +119,17 @@ impl Layout<'_> {
     }
 
     /// A plain ring whose chords keep the deflection: the rim of a cap.
-    fn end_ring(&mut self, is_top: bool, z: f64, allowed_mm: f64) -> Result<Vec<Station>, Error> {
+    fn end_ring(&mut self, is_top: bool, z: f64, allowed: &Allowed<'_>) -> Result<Vec<Station>, Error> {
         let steps = if is_top { f64::INFINITY } else { 0.0 };
         let mut n = self.profile.end_columns(is_top);
         loop {
             let u: Vec<f64> = (0..n).map(|k| self.profile.u(steps, k as f64 / n as f64)).collect();
             let curve = |u: f64| self.net.at(u, z);
-            let sags = |k: usize| sag(&curve, u[k], if k + 1 == n { 1.0 + u[0] } else { u[k + 1] });
-            if n > MOST_RIM || (0..n).all(|k| sags(k) <= CHORD_SHARE * allowed_mm) {
+            let is_kept = |k: usize| {
+                let next = if k + 1 == n { 1.0 + u[0] } else { u[k + 1] };
+                sag(&curve, u[k], next) <= CHORD_SHARE * allowed.at(curve(0.5 * (u[k] + next)))
+            };
+            if n > MOST_RIM || (0..n).all(is_kept) {
                 return u.into_iter().map(|u| self.at(u, z)).collect();
             }
             n += 2 * (n / 24 + 1);

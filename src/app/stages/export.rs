@@ -158,8 +158,9 @@ impl Export {
         paths.into_iter()
     }
 
-    /// Refuses files that cannot be written, or that would replace each other, before any work is done.
-    fn check(&self) -> Result<(), Error> {
+    /// Refuses files that cannot be written, that would replace each other or something that no export made, before any
+    /// work is done.
+    fn check(&self, case: &Path) -> Result<(), Error> {
         let mut seen: Vec<(&str, PathBuf)> = Vec::new();
         for (name, path) in self.paths() {
             if let Some((other, _)) = seen.iter().find(|(_, p)| *p == path) {
@@ -167,11 +168,47 @@ impl Export {
                     (path.display().to_string(), format!("another file than for --{other}"));
                 return Err(SettingError { name, fault: Fault { found, expected } }.into());
             }
-            atomic::check_export(&path)?;
+            check_target(name, &path, case)?;
             seen.push((name, path));
         }
         Ok(())
     }
+}
+
+/// Endings of the files that an option writes.
+fn endings(name: &str) -> &'static [&'static str] {
+    match name {
+        "stl" => &["stl"],
+        "3mf" => &["3mf"],
+        "step" => &["step", "stp"],
+        "sweep" => &["csv", "svg"],
+        _ => &["png"],
+    }
+}
+
+/// Refuses a file that cannot be written, and one that would replace what is not an earlier export: whatever is there
+/// already under another ending (a picture of the series, contours, a job), and anything a case keeps in its folders.
+pub(super) fn check_target(name: &'static str, path: &Path, case: &Path) -> Result<(), Error> {
+    let refused = |expected: String| {
+        let fault = Fault { found: path.display().to_string(), expected };
+        Err(SettingError { name, fault }.into())
+    };
+    let endings = endings(name);
+    let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    let is_own = ending.is_some_and(|e| endings.contains(&e.as_str()));
+    if path.is_file() && !is_own {
+        return refused(format!("a new file, or one that ends in .{} to replace", endings.join(" or .")));
+    }
+    if !path.is_dir() && is_kept_by_case(path, case) {
+        return refused("a file outside the folders in which the case keeps its results".into());
+    }
+    Ok(atomic::check_export(path)?)
+}
+
+/// Whether a path lies in a folder inside the case.
+fn is_kept_by_case(path: &Path, case: &Path) -> bool {
+    let found = (atomic::parent(path).canonicalize(), case.canonicalize());
+    matches!(found, (Ok(folder), Ok(case)) if folder != case && folder.starts_with(&case))
 }
 
 /// The plot's place: that of the table, as a picture.
@@ -186,7 +223,7 @@ impl Session<'_> {
     /// [`Error`] where there is no solid, where its mesh is not closed or meets itself, or where a file cannot be
     /// written.
     pub fn export(&mut self, wanted: &Export) -> Result<Exported, Error> {
-        wanted.check()?;
+        wanted.check(self.case.dir())?;
         self.require(Stage::Solid)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
         let about = self.description(wanted)?;
@@ -244,7 +281,7 @@ impl Session<'_> {
     }
 }
 
-/// The mesh as it will be in a file: of 32-bit floats, closed, and meeting itself nowhere.
+/// The mesh as it will be in a file: of 32-bit floats, closed, within the deflection, and meeting itself nowhere.
 fn mesh_of(
     solid: &Solid,
     skin: SkinChoice,
@@ -255,8 +292,7 @@ fn mesh_of(
         Deflection::Absolute(mm) => mesh::Deflection::Absolute { mm },
         Deflection::Relative(fraction) => mesh::Deflection::Relative { fraction },
     };
-    let mesh = mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?;
-    Ok(mesh::fit_for_files(&mesh, task)?)
+    Ok(mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?)
 }
 
 /// Colours of a mesh's vertices; none where none are asked for.

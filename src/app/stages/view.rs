@@ -1,5 +1,6 @@
 //! The solid as a shaded picture, to be looked at before anything is exported or printed.
 
+use super::export::check_target;
 use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::Stage;
@@ -56,7 +57,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there is no solid, where it cannot be meshed, or where the picture cannot be written.
     pub fn view(&mut self, wanted: &View) -> Result<(), Error> {
-        atomic::check_export(&wanted.file)?;
+        check_target("view", &wanted.file, self.case.dir())?;
         self.require(Stage::Solid)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
         let patient_from_stack = self.sections()?.patient_from_stack;
