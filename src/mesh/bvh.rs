@@ -80,16 +80,14 @@ impl Bvh {
     /// Over all triangles of a mesh.
     pub(super) fn of(mesh: &TriMesh) -> Self {
         let corners = |t: &[u32; 3]| t.map(|v| mesh.vertices[v as usize]);
-        let mut keyed: Vec<(u64, Box3)> = {
-            let boxes: Vec<Box3> = mesh.triangles.par_iter().map(|t| Box3::of(&corners(t))).collect();
-            let whole = boxes.par_iter().copied().reduce(|| Box3::EMPTY, Box3::union);
-            let key = |(i, b): (usize, &Box3)| (u64::from(morton(b, &whole)) << 32 | i as u64, *b);
-            boxes.par_iter().enumerate().map(key).collect()
-        };
-        keyed.par_sort_unstable_by_key(|k| k.0);
+        let unordered: Vec<Box3> = mesh.triangles.par_iter().map(|t| Box3::of(&corners(t))).collect();
+        let whole = unordered.par_iter().copied().reduce(|| Box3::EMPTY, Box3::union);
+        let key = |(i, b): (usize, &Box3)| u64::from(morton(b, &whole)) << 32 | i as u64;
+        let mut keys: Vec<u64> = unordered.par_iter().enumerate().map(key).collect();
+        keys.par_sort_unstable();
         #[expect(clippy::cast_possible_truncation, reason = "the lower half is the triangle's number")]
-        let order = keyed.iter().map(|k| k.0 as u32).collect();
-        let boxes: Vec<Box3> = keyed.into_iter().map(|k| k.1).collect();
+        let order: Vec<u32> = keys.into_iter().map(|k| k as u32).collect();
+        let boxes: Vec<Box3> = order.iter().map(|&t| unordered[t as usize]).collect();
         let join = |group: &[Box3]| group.iter().copied().fold(Box3::EMPTY, Box3::union);
         let mut levels: Vec<Vec<Box3>> = vec![boxes.chunks(LEAF).map(join).collect()];
         while let Some(last) = levels.last().filter(|l| l.len() > 1) {
@@ -99,9 +97,10 @@ impl Bvh {
         Self { order, boxes, levels }
     }
 
-    /// Number of leaves.
-    pub(super) fn n_leaves(&self) -> usize {
-        self.levels[0].len()
+    /// The lowest level of no more than this many nodes, and how many it has.
+    pub(super) fn level_of(&self, n_most: usize) -> (usize, usize) {
+        let level = self.levels.iter().position(|l| l.len() <= n_most).unwrap_or(self.levels.len() - 1);
+        (level, self.levels[level].len())
     }
 
     /// Places in the order that a leaf covers.
@@ -109,30 +108,20 @@ impl Bvh {
         leaf * LEAF..self.order.len().min((leaf + 1) * LEAF)
     }
 
-    /// Visits the leaves from `leaf` on (itself included) whose boxes meet its own.
-    pub(super) fn meeting_from(&self, leaf: usize, mut visit: impl FnMut(usize)) {
-        let own = self.levels[0][leaf];
-        let top = self.levels.len() - 1;
-        let mut stack = [(0, 0); 64];
-        stack[0] = (top, 0);
-        let mut n = 1;
-        while n > 0 {
-            n -= 1;
-            let (level, node) = stack[n];
-            // The last leaf under a node decides whether it reaches beyond the leaves that were there before.
-            if ((node + 1) << level) <= leaf || !self.levels[level][node].meets(&own) {
-                continue;
-            }
-            if level == 0 {
-                visit(node);
-                continue;
-            }
-            for child in [2 * node + 1, 2 * node] {
-                if child < self.levels[level - 1].len() {
-                    stack[n] = (level - 1, child);
-                    n += 1;
-                }
-            }
+    /// Visits the pairs of leaves under two nodes of a level whose boxes meet; under one node with itself, every leaf with
+    /// itself and each pair once.
+    pub(super) fn meeting(&self, level: usize, [a, b]: [usize; 2], visit: &mut impl FnMut(usize, usize)) {
+        let boxes = &self.levels[level];
+        if !boxes[a].meets(&boxes[b]) {
+            return;
+        }
+        if level == 0 {
+            return visit(a, b);
+        }
+        let n = self.levels[level - 1].len();
+        let pairs = [[2 * a, 2 * b], [2 * a, 2 * b + 1], [2 * a + 1, 2 * b], [2 * a + 1, 2 * b + 1]];
+        for pair in pairs.into_iter().filter(|[i, j]| i <= j && *j < n && *i < n) {
+            self.meeting(level - 1, pair, visit);
         }
     }
 }

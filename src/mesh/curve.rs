@@ -1,5 +1,6 @@
 //! Points along a curve that faces share: as few as keep the chords within the deflection.
 
+use super::chart::Allowed;
 use crate::geom::Point3;
 
 /// Samples from which a curve's curvature is taken.
@@ -7,15 +8,15 @@ const SAMPLES: usize = 128;
 /// Points between two chosen ones at which the chord is measured.
 const CHECKS: usize = 6;
 /// Share of the deflection for the chords of a shared edge: triangles on both sides add their own.
-pub(super) const CHORD_SHARE: f64 = 0.9;
+pub(super) const CHORD_SHARE: f64 = 0.6;
 /// Points grow no farther apart than this, in units of their mean distance where the curve is evenly bent.
 const MOST_STRETCH: f64 = 1.7;
 
 /// What the points of a curve have to keep.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Chords {
-    /// Deflection, mm.
-    pub(super) allowed_mm: f64,
+pub(super) struct Chords<'a> {
+    /// Deflection.
+    pub(super) allowed: &'a Allowed<'a>,
     /// Longest chord, mm.
     pub(super) longest_mm: f64,
     /// Fewest chords.
@@ -23,8 +24,8 @@ pub(super) struct Chords {
 }
 
 /// Parameters along a curve over `range`, both ends included, spaced by the square root of curvature.
-pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how: Chords) -> Vec<f64> {
-    let allowed_mm = CHORD_SHARE * how.allowed_mm;
+pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how: Chords<'_>) -> Vec<f64> {
+    let allowed_mm = |p: Point3| CHORD_SHARE * how.allowed.at(p);
     let at = |k: usize| start + (end - start) * k as f64 / SAMPLES as f64;
     let samples: Vec<Point3> = (0..=SAMPLES).map(|k| curve(at(k))).collect();
     let length: f64 = samples.windows(2).map(|s| (s[1] - s[0]).norm()).sum();
@@ -35,7 +36,8 @@ pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how:
         2.0 * (b - a).cross(&(c - a)).norm() / product.max(1e-300)
     };
     let bends: Vec<f64> = (0..=SAMPLES).map(|k| bend(k.clamp(1, SAMPLES - 1))).collect();
-    let wanted: Vec<f64> = bends.iter().map(|k| (k / (8.0 * allowed_mm)).sqrt()).collect();
+    let asked = |p: &Point3| CHORD_SHARE * how.allowed.asked.at(p.z);
+    let wanted: Vec<f64> = bends.iter().zip(&samples).map(|(k, p)| (k / (8.0 * asked(p))).sqrt()).collect();
     let mean = (0..SAMPLES)
         .map(|k| 0.5 * (wanted[k] + wanted[k + 1]) * (samples[k + 1] - samples[k]).norm())
         .sum::<f64>()
@@ -46,6 +48,8 @@ pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how:
     let mut passed = vec![0.0];
     for k in 0..SAMPLES {
         let density = 0.5 * (wanted[k].clamp(least, most) + wanted[k + 1].clamp(least, most));
+        let middle = nalgebra::center(&samples[k], &samples[k + 1]);
+        let density = density * (asked(&middle) / allowed_mm(middle)).sqrt();
         passed.push(passed[k] + density * (samples[k + 1] - samples[k]).norm().max(1e-12 * length));
     }
     let whole = passed[SAMPLES];
@@ -63,7 +67,9 @@ pub(super) fn spaced(curve: &dyn Fn(f64) -> Point3, [start, end]: [f64; 2], how:
                 start + (end - start) * (i as f64 - 1.0 + share) / SAMPLES as f64
             })
             .collect();
-        if n > 100_000 || parameters.windows(2).all(|p| sag(curve, p[0], p[1]) <= allowed_mm) {
+        if n > 100_000
+            || parameters.windows(2).all(|p| sag(curve, p[0], p[1]) <= allowed_mm(curve(0.5 * (p[0] + p[1]))))
+        {
             return parameters;
         }
         n += n / 12 + 1;

@@ -33,7 +33,7 @@ pub(super) struct Corner {
 /// One face's triangles.
 #[derive(Debug)]
 pub(super) struct Face<'a> {
-    pub(super) chart: &'a Chart<'a>,
+    pub(super) chart: &'a Chart,
     pub(super) corners: Vec<Corner>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Across the edge opposite to each corner.
@@ -59,7 +59,7 @@ const fn previous(i: usize) -> usize {
 
 impl<'a> Face<'a> {
     /// A face of triangles that run counter-clockwise in the parameters.
-    pub(super) fn new(chart: &'a Chart<'a>, corners: Vec<Corner>, triangles: Vec<[u32; 3]>) -> Self {
+    pub(super) fn new(chart: &'a Chart, corners: Vec<Corner>, triangles: Vec<[u32; 3]>) -> Self {
         let neighbours = adjacency(&triangles);
         let mut incident = vec![0; corners.len()];
         let mut is_border = vec![false; corners.len()];
@@ -292,7 +292,8 @@ impl<'a> Face<'a> {
     /// Triangles at v, in turn.
     pub(super) fn star(&self, v: u32) -> Vec<u32> {
         let start = self.incident[v as usize];
-        let mut star = vec![start];
+        let mut star = Vec::with_capacity(8);
+        star.push(start);
         let place = |t: u32| self.triangles[t as usize].iter().position(|&w| w == v).unwrap_or(0);
         for turn in [next as fn(usize) -> usize, previous] {
             let mut t = start;

@@ -1,28 +1,39 @@
 //! The promise of the deflection: every triangle is measured against its surface and split where it is too far off.
 //!
-//! The surface over a triangle is the image of the triangle in the parameters; together they cover the face. Its
-//! distance from the triangle's plane vanishes at the corners; to second order it is 4 (a l2 l3 + b l3 l1 + c l1 l2)
-//! in barycentric coordinates, with a, b, c the distances in the middles of the edges, so that its largest value
-//! inside is known in closed form ([`peak`]). What the centre shows beyond that is added. Where this is not clearly
-//! enough, or a triangle spans many pieces of its spline, its points are sampled closely and measured to the
-//! triangle and those around it.
+//! The surface over a triangle is the image of the triangle in the parameters; together they cover the face. It is sampled
+//! on a grid, and the largest distance of a sample from the triangle's plane is raised by what a parabola through
+//! its neighbours rises above it. To second order the distance is 4 (a l2 l3 + b l3 l1 + c l1 l2) in barycentric
+//! coordinates, with a, b, c the distances in the middles of the edges: where it is, a coarse grid is enough; where it is
+//! not, the grid is as fine as the pieces of the spline. Samples that lie beside the triangle, where the parameters
+//! run unevenly, are measured to the triangles around it too.
 
 use super::chart::Allowed;
 use super::face::Face;
-use crate::geom::{Point2, Point3};
+use super::remesh;
+use crate::geom::{Point2, Point3, Vector3};
 use crate::progress::{Cancelled, Task};
+use rayon::prelude::*;
 
-/// Pieces of a spline that a triangle may span and still be judged by four points.
+/// Intervals of the coarse grid along a triangle's side, and the fewest where that is not enough.
+const COARSE: usize = 4;
+const FINE: usize = 8;
+/// Pieces of a spline that a triangle may span and still be judged by the coarse grid, where its heights and what they
+/// depart from a quadratic function by do not use up the deflection together.
 const FEW_PIECES: f64 = 8.0;
-/// Pieces that have no more than one bend, and the share of the deflection that the estimate may use up where there are
-/// more.
-const ONE_BEND: f64 = 6.5;
-const BENDS_SHARE: f64 = 0.85;
-/// Samples along a triangle's side where other triangles lie nearer to some of them.
-const MANY: u32 = 12;
-/// Shares of the allowed deflection that estimate and samples may use up: between samples it may be a little more.
-const ESTIMATE_SHARE: f64 = 0.97;
+/// Share of the deflection that samples may use up: between them it may be a little more.
 const SAMPLE_SHARE: f64 = 0.985;
+/// Most intervals along a side, and those where other triangles lie nearer to some samples.
+const MOST_SAMPLES: usize = 16;
+const SAMPLES_BESIDE: usize = 12;
+/// Samples of the finest grid.
+const GRID: usize = (MOST_SAMPLES + 1) * (MOST_SAMPLES + 2) / 2;
+/// Feet may lie so far outside a triangle, as a share of the deflection, and still be taken as inside: the distance grows by
+/// half the square of it.
+const BESIDE_SHARE: f64 = 0.05;
+/// Triangles that a thread measures at once.
+const BLOCK: usize = 512;
+/// Rounds of moving vertices where triangles were split.
+const SMOOTHING_ROUNDS: usize = 2;
 /// Passes after which triangles are only halved at their longest edges, which ends on every surface.
 const FLIPPING_PASSES: usize = 24;
 /// Edges shorter than this share of a triangle's longest are not split.
@@ -35,150 +46,287 @@ const SPARE_TRIANGLES: usize = 100_000;
 /// Passes over the triangles that changed; each halves the edges that are too far off.
 const MOST_PASSES: usize = 60;
 
-/// Splits triangles until every one keeps the deflection; `false` where it could not be reached.
-pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed, task: &Task<'_>) -> Result<bool, Cancelled> {
+/// Splits triangles until every one keeps the deflection, and makes those that changed better again; `false` where the
+/// deflection could not be reached.
+pub(super) fn keep(face: &mut Face<'_>, allowed: &Allowed<'_>, task: &Task<'_>) -> Result<bool, Cancelled> {
     face.take_changed();
+    let all = (0..).take(face.triangles.len()).collect();
+    let Some(changed) = keep_from(face, all, allowed, task)? else { return Ok(false) };
+    remesh::smooth(face, changed, SMOOTHING_ROUNDS);
+    let moved = face.take_changed();
+    let open = with_neighbours(face, moved);
+    Ok(keep_from(face, open, allowed, task)?.is_some())
+}
+
+/// Splits those of the given triangles that do not keep the deflection, and what comes of them; returns what changed.
+fn keep_from(
+    face: &mut Face<'_>,
+    mut open: Vec<u32>,
+    allowed: &Allowed<'_>,
+    task: &Task<'_>,
+) -> Result<Option<Vec<u32>>, Cancelled> {
     let n_most = MOST_GROWTH * face.triangles.len() + SPARE_TRIANGLES;
-    let mut open: Vec<u32> = (0..).take(face.triangles.len()).collect();
+    let mut all_changed = Vec::new();
     for pass in 0..MOST_PASSES {
-        task.check()?;
         // On a surface that folds, a flip may undo what a split has done.
         face.may_flip = pass < FLIPPING_PASSES;
-        let mut faults = Vec::new();
-        for (k, &t) in open.iter().enumerate() {
-            if k % 1024 == 0 {
-                task.check()?;
-            }
-            if let Some(fault) = fault(face, t, allowed) {
-                faults.push((t, fault));
-            }
-        }
+        let faults = faults(face, &open, allowed, task)?;
         if faults.is_empty() {
             face.may_flip = true;
-            return Ok(true);
+            all_changed.sort_unstable();
+            all_changed.dedup();
+            return Ok(Some(all_changed));
         }
         if face.triangles.len() > n_most {
-            return Ok(false);
+            return Ok(None);
         }
-        let mut touched = vec![false; face.triangles.len()];
-        let mut all_changed = Vec::new();
-        for (t, fault) in faults {
-            // A triangle that was changed in this pass is measured anew in the next one.
-            if touched[t as usize] {
-                continue;
-            }
-            if !fault.is_some_and(|i| face.split(t, i)) {
-                face.insert(t);
-            }
-            let changed = face.take_changed();
-            touched.resize(face.triangles.len(), false);
-            changed.iter().for_each(|&c| touched[c as usize] = true);
-            all_changed.extend(changed);
-        }
-        // Triangles beside a changed one may have been measured to what is no longer there.
-        let mut again = all_changed.clone();
-        for &t in &all_changed {
-            again.extend((0..3).filter_map(|i| face.across(t, i)));
-        }
-        again.sort_unstable();
-        again.dedup();
-        open = again;
+        let changed = divided(face, faults);
+        all_changed.extend_from_slice(&changed);
+        open = with_neighbours(face, changed);
     }
-    Ok(false)
+    Ok(None)
+}
+
+/// The triangles that are too far off, each with the edge to split if splitting one helps.
+fn faults(
+    face: &Face<'_>,
+    open: &[u32],
+    allowed: &Allowed<'_>,
+    task: &Task<'_>,
+) -> Result<Vec<(u32, Option<usize>)>, Cancelled> {
+    let of_block = |block: &[u32]| {
+        task.check()?;
+        Ok(block.iter().filter_map(|&t| Some((t, fault(face, t, allowed)?))).collect())
+    };
+    // Collected in the order of the blocks: the same on any number of threads.
+    let blocks: Vec<Result<Vec<_>, Cancelled>> = open.par_chunks(BLOCK).map(of_block).collect();
+    Ok(blocks.into_iter().collect::<Result<Vec<_>, _>>()?.concat())
+}
+
+/// Splits triangles; returns those that changed.
+fn divided(face: &mut Face<'_>, faults: Vec<(u32, Option<usize>)>) -> Vec<u32> {
+    let mut touched = vec![false; face.triangles.len()];
+    let mut all_changed = Vec::new();
+    for (t, edge) in faults {
+        // A triangle that was changed in this pass is measured anew in the next one.
+        if touched[t as usize] {
+            continue;
+        }
+        if !edge.is_some_and(|i| face.split(t, i)) {
+            face.insert(t);
+        }
+        let changed = face.take_changed();
+        touched.resize(face.triangles.len(), false);
+        changed.iter().for_each(|&c| touched[c as usize] = true);
+        all_changed.extend(changed);
+    }
+    all_changed
+}
+
+/// Triangles and those across their edges, ascending: beside a changed one they may have been measured to what is no
+/// longer there.
+fn with_neighbours(face: &Face<'_>, mut triangles: Vec<u32>) -> Vec<u32> {
+    for k in 0..triangles.len() {
+        let t = triangles[k];
+        triangles.extend((0..3).filter_map(|i| face.across(t, i)));
+    }
+    triangles.sort_unstable();
+    triangles.dedup();
+    triangles
 }
 
 /// Whether a triangle is too far off: `Some` with the edge to split, if splitting one helps.
 #[expect(clippy::option_option, reason = "no fault, a fault inside, a fault at an edge")]
-fn fault(face: &Face<'_>, t: u32, allowed: &Allowed) -> Option<Option<usize>> {
+fn fault(face: &Face<'_>, t: u32, allowed: &Allowed<'_>) -> Option<Option<usize>> {
     let places = face.places(t);
     let params = face.params(t);
     let [a, b, c] = places;
     let longest = (0..3).map(|i| (places[(i + 1) % 3] - places[i]).norm()).fold(0.0, f64::max);
-    let allowed_mm = allowed.at((a.z + b.z + c.z) / 3.0);
+    let allowed_mm = allowed.at(((a.coords + b.coords + c.coords) / 3.0).into());
     // No point over a triangle this small is farther from its corners.
     if longest <= SMALL * allowed_mm {
         return None;
     }
-    let chart = face.chart;
-    let off = Plane::through(places);
-    let mut heights = [0.0; 3];
-    let mut outside = 0.0f64;
-    for (i, height) in heights.iter_mut().enumerate() {
-        let middle = nalgebra::center(&params[(i + 1) % 3], &params[(i + 2) % 3]);
-        let p = chart.at(middle);
-        *height = off.height(p);
-        outside = outside.max(off.outside(p));
+    let limit_mm = SAMPLE_SHARE * allowed_mm;
+    let n_pieces = (0..3).map(|i| face.chart.n_pieces(params[i], params[(i + 1) % 3])).fold(0.0, f64::max);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    let n = (n_pieces.ceil() as usize).clamp(COARSE, MOST_SAMPLES);
+    let mut found = measured(face, t, if n_pieces <= FEW_PIECES { COARSE } else { n }, limit_mm);
+    if let Measured::Near { farthest_mm, rough_mm, is_leaning } = found
+        && (is_leaning || farthest_mm + rough_mm > limit_mm)
+    {
+        // Beside a triangle, the distance changes fast from sample to sample.
+        found = measured(face, t, n.max(if is_leaning { SAMPLES_BESIDE } else { FINE }), limit_mm);
     }
-    let centre = chart.at(((params[0].coords + params[1].coords + params[2].coords) / 3.0).into());
-    let beyond = (off.height(centre) - 4.0 / 9.0 * heights.iter().sum::<f64>()).abs();
-    let estimate = peak(heights) + 1.5 * beyond;
-    let n_pieces = (0..3).map(|i| chart.n_pieces(params[(i + 1) % 3] - params[i])).fold(0.0, f64::max);
-    let share = if n_pieces <= ONE_BEND { ESTIMATE_SHARE } else { BENDS_SHARE };
-    if estimate <= share * allowed_mm && outside <= 0.25 * allowed_mm && n_pieces <= FEW_PIECES {
-        return None;
-    }
-    let n = if n_pieces <= FEW_PIECES { 6 } else { 12 };
-    if is_near(face, t, n, SAMPLE_SHARE * allowed_mm) {
+    let is_kept = match found {
+        Measured::Near { farthest_mm, .. } => farthest_mm <= limit_mm,
+        Measured::Off => false,
+        Measured::Beside => is_near_others(face, t, n, limit_mm),
+    };
+    if is_kept {
         return None;
     }
     // The edge that is farthest off, among those that are not short already; at the border there may be none.
+    let plane = Plane::through(places);
+    let height = |i: usize| {
+        let middle = nalgebra::center(&params[(i + 1) % 3], &params[(i + 2) % 3]);
+        plane.height(face.chart.at(middle)).abs()
+    };
     let length = |i: usize| (places[(i + 1) % 3] - places[(i + 2) % 3]).norm();
     let share = if face.may_flip { LONG } else { 1.0 - 1e-9 };
     let divisible = (0..3).filter(|&i| face.across(t, i).is_some() && length(i) > share * longest);
-
-    Some(divisible.max_by(|&i, &j| heights[i].abs().total_cmp(&heights[j].abs())))
+    Some(divisible.max_by(|&i, &j| height(i).total_cmp(&height(j))))
 }
 
-/// Whether sampled points of the surface over a triangle lie within the limit of it or of the triangles around it.
-fn is_near(face: &Face<'_>, t: u32, n: u32, limit_mm: f64) -> bool {
-    let places = face.places(t);
-    // Where the parameters run unevenly the surface over a triangle lies beside it, over others.
-    let around = std::cell::OnceCell::new();
-    let others = || -> Vec<[Point3; 3]> { face.around(t).into_iter().map(|o| face.places(o)).collect() };
-    let is_off = |p: Point3| {
-        to_triangle_mm(p, places) > limit_mm
-            && around.get_or_init(others).iter().all(|o| to_triangle_mm(p, *o) > limit_mm)
-    };
-    // Beside it, the distance changes fast from sample to sample.
-    !samples(face, t, n).any(is_off) && (around.get().is_none() || !samples(face, t, n.max(MANY)).any(is_off))
+/// What samples of the surface over a triangle show.
+enum Measured {
+    /// All lie over the triangle or near a neighbour: the farthest point over it, how far heights are from the quadratic
+    /// function through those in the middles of the edges, where the grid is coarse, and whether a neighbour was needed.
+    Near { farthest_mm: f64, rough_mm: f64, is_leaning: bool },
+    /// One is farther off than the limit.
+    Off,
+    /// Some lie beside the triangle, over others.
+    Beside,
 }
 
-/// Points of the surface over a triangle.
-fn samples<'f>(face: &'f Face<'_>, t: u32, n: u32) -> impl Iterator<Item = Point3> + 'f {
-    let params = face.params(t);
-    let place = move |i: u32, j: u32| {
-        let (s, r) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
-        let at: Point2 = params[0] + (params[1] - params[0]) * s + (params[2] - params[0]) * r;
-        face.chart.at(at)
+/// Samples the surface over a triangle, n intervals a side.
+fn measured(face: &Face<'_>, t: u32, n: usize, limit_mm: f64) -> Measured {
+    let plane = Plane::through(face.places(t));
+    let mut heights = [0.0; GRID];
+    let (mut is_beside, mut is_leaning) = (false, false);
+    for (height, p) in heights.iter_mut().zip(samples(face, t, n)) {
+        *height = plane.height(p);
+        let (outside_mm, side) = plane.outside(p);
+        if outside_mm <= BESIDE_SHARE * limit_mm {
+            if height.abs() > limit_mm {
+                return Measured::Off;
+            }
+        } else if to_triangle_mm(p, plane.corners) > limit_mm {
+            // The side runs from corner `side` to the next one: opposite to the one before.
+            let neighbour = face.across(t, (side + 2) % 3);
+            is_leaning = true;
+            is_beside |= neighbour.is_none_or(|o| to_triangle_mm(p, face.places(o)) > limit_mm);
+        }
+    }
+    if is_beside {
+        return Measured::Beside;
+    }
+    let rough_mm = if n == COARSE { roughness(&heights) } else { 0.0 };
+    Measured::Near { farthest_mm: risen(&heights, n), rough_mm, is_leaning }
+}
+
+/// Place of a sample in a grid of n intervals a side.
+const fn place(n: usize, i: usize, j: usize) -> usize {
+    i * (2 * n + 3 - i) / 2 + j
+}
+
+/// How far samples on the coarse grid are from the quadratic function through those in the middles of the sides.
+fn roughness(heights: &[f64; GRID]) -> f64 {
+    const HALF: usize = COARSE / 2;
+    let [a, b, c] = [(HALF, HALF), (0, HALF), (HALF, 0)].map(|(i, j)| heights[place(COARSE, i, j)]);
+    let off = |(i, j): (usize, usize)| {
+        let [l, m, n] = [COARSE - i - j, i, j].map(|k| k as f64 / COARSE as f64);
+        (heights[place(COARSE, i, j)] - 4.0 * (a * m * n + b * n * l + c * l * m)).abs()
     };
-    (0..=n).flat_map(move |i| (0..=n - i).map(move |j| place(i, j)))
+    (0..=COARSE).flat_map(|i| (0..=COARSE - i).map(move |j| (i, j))).map(off).fold(0.0, f64::max)
+}
+
+/// The same where the surface over a triangle lies beside it, over others, and the distance changes fast from sample to
+/// sample.
+fn is_near_others(face: &Face<'_>, t: u32, n: usize, limit_mm: f64) -> bool {
+    let others: Vec<[Point3; 3]> = face.around(t).into_iter().map(|o| face.places(o)).collect();
+    let is_off = |p: Point3| others.iter().all(|o| to_triangle_mm(p, *o) > limit_mm);
+    !samples(face, t, n.max(SAMPLES_BESIDE)).any(is_off)
+}
+
+/// Points of the surface over a triangle, row by row.
+fn samples<'f>(face: &'f Face<'_>, t: u32, n: usize) -> impl Iterator<Item = Point3> + 'f {
+    let [a, b, c] = face.params(t);
+    let (along, across) = ((b - a) / n as f64, (c - a) / n as f64);
+    let mut near = face.chart.piece(a);
+    let (mut i, mut j) = (0, 0);
+    std::iter::from_fn(move || {
+        if j > n - i {
+            (i, j) = (i + 1, 0);
+        }
+        if i > n {
+            return None;
+        }
+        let at: Point2 = a + along * i as f64 + across * j as f64;
+        j += 1;
+        Some(face.chart.at_near(at, &mut near))
+    })
+}
+
+/// The largest magnitude of a function of which samples on a triangle's grid are known, by the parabola through the largest of
+/// them and those around it.
+fn risen(heights: &[f64; GRID], n: usize) -> f64 {
+    let at = |i: usize, j: usize| heights[place(n, i, j)];
+    let (mut largest, mut top) = (0.0, (0, 0));
+    for i in 0..=n {
+        for j in 0..=n - i {
+            if at(i, j).abs() > largest {
+                (largest, top) = (at(i, j).abs(), (i, j));
+            }
+        }
+    }
+    let (i, j) = top;
+    let sign = at(i, j).signum();
+    // Differences along a line of the grid where it goes on either way.
+    let along = |is_inside: bool, before: &dyn Fn() -> f64, after: &dyn Fn() -> f64| {
+        is_inside.then(|| {
+            let (b, a) = (sign * before(), sign * after());
+            (0.5 * (a - b), a + b - 2.0 * largest)
+        })
+    };
+    let k = n - i - j;
+    let lines = [
+        along(i > 0 && k > 0, &|| at(i - 1, j), &|| at(i + 1, j)),
+        along(j > 0 && k > 0, &|| at(i, j - 1), &|| at(i, j + 1)),
+        along(i > 0 && j > 0, &|| at(i - 1, j + 1), &|| at(i + 1, j - 1)),
+    ];
+    largest + rise(lines)
+}
+
+/// By how much the parabola rises above its middle sample: along one line at a side, over the plane inside.
+fn rise(lines: [Option<(f64, f64)>; 3]) -> f64 {
+    let along = |(slope, bend): (f64, f64)| if bend < 0.0 { -0.5 * slope * slope / bend } else { 0.0 };
+    let single = lines.iter().flatten().map(|&l| along(l)).fold(0.0, f64::max);
+    let [Some((x, xx)), Some((y, yy)), Some((_, zz))] = lines else { return single };
+    let xy = 0.5 * (xx + yy - zz);
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 0.0 {
+        return single;
+    }
+    single.max(-0.5 * (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
 }
 
 /// The plane of a triangle.
 struct Plane {
     corners: [Point3; 3],
-    normal: crate::geom::Vector3,
+    normal: Vector3,
+    /// Square to each side in the plane, outward, of length 1.
+    outward: [Vector3; 3],
 }
 
 impl Plane {
     fn through(corners: [Point3; 3]) -> Self {
         let [a, b, c] = corners;
-        Self { corners, normal: (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default() }
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let outward =
+            [b - a, c - b, a - c].map(|side| side.cross(&normal).try_normalize(0.0).unwrap_or_default());
+        Self { corners, normal, outward }
     }
 
     fn height(&self, p: Point3) -> f64 {
         (p - self.corners[0]).dot(&self.normal)
     }
 
-    /// How far the foot of p lies outside the triangle, mm.
-    fn outside(&self, p: Point3) -> f64 {
-        (0..3)
-            .map(|i| {
-                let (s, e) = (self.corners[i], self.corners[(i + 1) % 3]);
-                let inward = self.normal.cross(&(e - s));
-                -(p - s).dot(&inward) / inward.norm().max(f64::MIN_POSITIVE)
-            })
-            .fold(0.0, f64::max)
+    /// How far the foot of p lies outside the triangle's sides, mm (negative inside), and of which; side i begins at
+    /// corner i.
+    fn outside(&self, p: Point3) -> (f64, usize) {
+        let beyond = [0, 1, 2].map(|i| ((p - self.corners[i]).dot(&self.outward[i]), i));
+        beyond.into_iter().fold(beyond[0], |most, one| if one.0 > most.0 { one } else { most })
     }
 }
 

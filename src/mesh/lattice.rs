@@ -71,7 +71,7 @@ pub(super) struct Row {
 
 impl Profile {
     /// Measures a tube.
-    pub(super) fn of(net: &TubeNet<'_>, allowed: &Allowed) -> Self {
+    pub(super) fn of(net: &TubeNet<'_>, allowed: &Allowed<'_>) -> Self {
         let sites = net.section_z_mm();
         let mut heights = Vec::with_capacity(PER_INTERVAL * sites.len());
         for pair in sites.windows(2) {
@@ -82,7 +82,7 @@ impl Profile {
         let mut levels: Vec<Level> = Vec::with_capacity(heights.len());
         for (i, &z_mm) in heights.iter().enumerate() {
             let near = heights[i.max(1)] - heights[i.max(1) - 1];
-            let mut level = level(net, z_mm, 0.05 * near, allowed.at(z_mm));
+            let mut level = level(net, z_mm, 0.05 * near, allowed.asked.at(z_mm));
             if let Some(below) = levels.last() {
                 let mean = 0.5 * (below.steps_per_mm + level.steps_per_mm);
                 level.steps = below.steps + (z_mm - below.z_mm) * mean;

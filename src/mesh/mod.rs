@@ -17,10 +17,12 @@ pub mod intersect;
 mod keep;
 mod lattice;
 mod measure;
+mod net;
+mod plain;
 mod remesh;
 mod ribbon;
-mod rows;
 mod slab;
+mod sound;
 pub mod stl;
 pub mod sweep;
 mod tessellate;
@@ -34,7 +36,8 @@ pub use bodies::bodies;
 pub use check::{Closedness, closedness};
 pub use intersect::{Intersection, self_intersections};
 pub use measure::{MeasuredMesh, measure, triangles_on};
-pub use tessellate::{Deflection, SkinChoice, Tessellation, tessellate};
+pub use sound::tessellate;
+pub use tessellate::{Deflection, SkinChoice, Tessellation};
 
 use crate::geom::Point3;
 use crate::progress::{Cancelled, Task};
@@ -102,16 +105,19 @@ pub enum Error {
 /// # Errors
 /// [`Error::Open`], [`Error::SelfIntersecting`], [`Error::Cancelled`].
 pub fn fit_for_files(mesh: &TriMesh, task: &Task<'_>) -> Result<TriMesh, Error> {
-    let mesh = mesh.in_single_precision();
-    let edges = closedness(&mesh);
-    if !edges.is_closed() {
-        return Err(Error::Open(edges));
-    }
+    let mesh = closed_in_files(mesh)?;
     let found = self_intersections(&mesh, task)?;
     match found.first() {
         Some(first) => Err(Error::SelfIntersecting { n: found.len(), at: first.at }),
         None => Ok(mesh),
     }
+}
+
+/// The mesh as files of 32-bit floats hold it, found to be closed.
+fn closed_in_files(mesh: &TriMesh) -> Result<TriMesh, Error> {
+    let mesh = mesh.in_single_precision();
+    let edges = closedness(&mesh);
+    if edges.is_closed() { Ok(mesh) } else { Err(Error::Open(edges)) }
 }
 
 impl TriMesh {

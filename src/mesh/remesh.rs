@@ -80,35 +80,39 @@ pub(super) fn fill(face: &mut Face<'_>, size: &Size, task: &Task<'_>) -> Result<
             face.take_changed().iter().for_each(|&c| touched[c as usize] = true);
         }
         if face.plane.is_none() {
-            smooth(face, 2);
+            smooth_everywhere(face, 2);
         }
     }
     face.plane = None;
     face.flip_everywhere();
-    smooth(face, 4);
+    smooth_everywhere(face, 4);
     Ok(())
 }
 
-/// Moves the inner vertices of triangles with small angles, and flips edges, some times over.
-pub(super) fn smooth(face: &mut Face<'_>, rounds: usize) {
+/// Moves the inner vertices of triangles with small angles, all over the face, and flips edges, some times over.
+pub(super) fn smooth_everywhere(face: &mut Face<'_>, rounds: usize) {
+    smooth(face, (0..).take(face.triangles.len()).collect(), rounds);
+}
+
+/// The same for some triangles, and those round what was moved.
+pub(super) fn smooth(face: &mut Face<'_>, mut triangles: Vec<u32>, rounds: usize) {
     for _ in 0..rounds {
-        let mut vertices: Vec<u32> = (0..)
-            .take(face.triangles.len())
-            .filter(|&t| face.least_sine(t) < GOOD_SINE)
-            .flat_map(|t| face.triangles[t as usize])
-            .collect();
+        let poor = triangles.iter().filter(|&&t| face.least_sine(t) < GOOD_SINE);
+        let mut vertices: Vec<u32> = poor.flat_map(|&t| face.triangles[t as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let mut moved = false;
+        triangles.clear();
         for v in vertices {
             if face.smooth(v) {
-                moved = true;
                 let star = face.star(v);
-                face.flip_all(star);
+                face.flip_all(star.iter().copied());
+                triangles.extend(star);
             }
         }
-        if !moved {
+        if triangles.is_empty() {
             return;
         }
+        triangles.sort_unstable();
+        triangles.dedup();
     }
 }

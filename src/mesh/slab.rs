@@ -36,12 +36,12 @@ pub(super) struct SlabEdges {
 
 impl SlabEdges {
     /// Samples the edges and adds their vertices.
-    pub(super) fn sampled(slab: &Slab, allowed_mm: f64, mesh: &mut TriMesh) -> Result<Self, Error> {
+    pub(super) fn sampled(slab: &Slab, allowed: &Allowed<'_>, mesh: &mut TriMesh) -> Result<Self, Error> {
         let [low, high] = slab.w_mm.map(|w| slab.v_of(w));
         let row_at = |side: usize, v: f64, fewest: usize| {
             let patch = &slab.laterals[side];
             let curve = |u: f64| patch.at(u, v);
-            let how = Chords { allowed_mm, longest_mm: f64::INFINITY, fewest };
+            let how = Chords { allowed, longest_mm: f64::INFINITY, fewest };
             let points: Vec<(f64, Point3)> =
                 spaced(&curve, patch.u_range(), how).into_iter().map(|u| (u, curve(u))).collect();
             points
@@ -51,7 +51,7 @@ impl SlabEdges {
         let chords = waist.iter().chain(&tops).flat_map(|row| row.windows(2));
         let (n, length) =
             chords.fold((0usize, 0.0), |(n, l), pair| (n + 1, l + (pair[1].1 - pair[0].1).norm()));
-        let how = Chords { allowed_mm, longest_mm: LONGEST_SEAM * length / n as f64, fewest: 1 };
+        let how = Chords { allowed, longest_mm: LONGEST_SEAM * length / n as f64, fewest: 1 };
         let seam = |side: usize, u_end: usize| {
             let patch = &slab.laterals[side];
             let u = patch.u_range()[u_end];
@@ -158,11 +158,11 @@ struct Border {
 
 /// Meshes a patch. Triangles run counter-clockwise in its parameters.
 pub(super) fn mesh_patch<'a>(
-    chart: &'a Chart<'a>,
+    chart: &'a Chart,
     slab: &Slab,
     patch: Patch,
     edges: &SlabEdges,
-    allowed: &Allowed,
+    allowed: &Allowed<'_>,
     task: &Task<'_>,
 ) -> Result<(Face<'a>, bool), Error> {
     let border = match (patch, &slab.crotch) {
@@ -173,11 +173,7 @@ pub(super) fn mesh_patch<'a>(
     let mut face = Face::new(chart, corners, triangles);
     let size = Size::of_border(&face);
     remesh::fill(&mut face, &size, task)?;
-    let mut kept = keep(&mut face, allowed, task)?;
-    if kept {
-        remesh::smooth(&mut face, 2);
-        kept = keep(&mut face, allowed, task)?;
-    }
+    let kept = keep(&mut face, allowed, task)?;
     Ok((face, kept))
 }
 

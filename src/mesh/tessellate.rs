@@ -1,11 +1,11 @@
 //! The solid to triangles: which faces there are, which edges they share, and the whole put together.
 
 use super::cap::{self, Filled, Rim};
-use super::chart::{Allowed, Chart};
+use super::chart::{Allowed, Asked, Chart, Finer};
 use super::face::{Corner, Face};
 use super::slab::{Patch, SlabEdges, mesh_patch, surface};
 use super::tube::{MeshedTube, mesh_tube};
-use super::{Error, TriMesh, fit_for_files, rows};
+use super::{Error, TriMesh};
 use crate::geom::{Contour, Point2};
 use crate::progress::Task;
 use crate::solid::{End, Skin, Slab, Solid};
@@ -17,9 +17,6 @@ use serde::{Deserialize, Serialize};
 const DEFLECTION_MM: std::ops::RangeInclusive<f64> = 0.0005..=5.0;
 /// Relative deflections that are accepted.
 const FRACTION: std::ops::RangeInclusive<f64> = 1e-4..=0.5;
-
-/// Shares of the deflection for which a sound mesh is tried.
-const ATTEMPTS: [f64; 4] = [1.0, 0.8, 0.65, 0.5];
 
 /// Which skins are meshed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,8 +46,25 @@ pub enum Deflection {
 }
 
 impl Deflection {
+    /// Refuses what no mesh is made for.
+    pub(super) fn check(self) -> Result<(), Error> {
+        match self {
+            Self::Absolute { mm } if !DEFLECTION_MM.contains(&mm) => Err(Error::Deflection(mm)),
+            Self::Relative { fraction } if !FRACTION.contains(&fraction) => Err(Error::Fraction(fraction)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The deflection where edges are this long, mm: on a cylinder of radius r, an edge of length e has a sag of e²/8r.
+    pub(super) fn near_mm(self, longest_mm: f64) -> f64 {
+        match self {
+            Self::Absolute { mm } => mm,
+            Self::Relative { fraction } => longest_mm * (fraction / 8.0).sqrt(),
+        }
+    }
+
     /// A share of the deflection.
-    const fn times(self, share: f64) -> Self {
+    pub(super) const fn times(self, share: f64) -> Self {
         match self {
             Self::Absolute { mm } => Self::Absolute { mm: share * mm },
             Self::Relative { fraction } => Self::Relative { fraction: share * fraction },
@@ -75,41 +89,16 @@ impl Tessellation {
     }
 }
 
-/// Meshes a solid. Where the mesh is not closed, meets itself or cannot keep the deflection, which depends on where vertices
-/// happen to lie, it is made again for somewhat smaller deflections. Where none of them is sound either (a surface that
-/// folds), the solid is meshed row by row at half the deflection: closed, but with chords within the deflection only.
+/// Meshes a solid once. Every face keeps the deflection; whether faces meet each other is not looked at.
 ///
 /// # Errors
-/// A deflection out of range, an interruption; a relative deflection for which no mesh is sound.
-pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
-    match how.deflection {
-        Deflection::Absolute { mm } if !DEFLECTION_MM.contains(&mm) => return Err(Error::Deflection(mm)),
-        Deflection::Relative { fraction } if !FRACTION.contains(&fraction) => {
-            return Err(Error::Fraction(fraction));
-        }
-        _ => {}
-    }
-    let mut found = Err(Error::TooLarge);
-    for share in ATTEMPTS {
-        found = sound(solid, &Tessellation { deflection: how.deflection.times(share), ..*how }, task);
-        if !matches!(found, Err(Error::NotKept { .. } | Error::Open(_) | Error::SelfIntersecting { .. })) {
-            return found;
-        }
-    }
-    match how.deflection {
-        Deflection::Absolute { mm } => rows::tessellate(solid, how.skin, 0.5 * mm, task),
-        Deflection::Relative { .. } => found,
-    }
-}
-
-/// A mesh that is fit for files.
-fn sound(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
-    let mesh = adaptive(solid, how, task)?;
-    fit_for_files(&mesh, task)?;
-    Ok(mesh)
-}
-
-fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+/// [`Error::NotKept`], [`Error::Cap`], [`Error::TooLarge`], [`Error::Cancelled`].
+pub(super) fn mesh_once(
+    solid: &Solid,
+    how: &Tessellation,
+    finer: &[Finer],
+    task: &Task<'_>,
+) -> Result<TriMesh, Error> {
     let mut skins = vec![(&solid.lumen, false)];
     if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward.
@@ -120,8 +109,8 @@ fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMes
     let mut edges = Vec::new();
     for (skin, _) in &skins {
         let of_skin = skin.slabs.iter().map(|slab| {
-            let allowed = of_slab(slab, how.deflection);
-            SlabEdges::sampled(slab, allowed.at(0.0), &mut mesh)
+            let allowed = Allowed { asked: of_slab(slab, how.deflection), finer };
+            SlabEdges::sampled(slab, &allowed, &mut mesh)
         });
         edges.push(of_skin.collect::<Result<Vec<_>, _>>()?);
     }
@@ -130,6 +119,7 @@ fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMes
             skin,
             is_void,
             edges: &edges[k],
+            finer,
             what: What::Tube(tube),
         }));
         for slab in 0..skin.slabs.len() {
@@ -139,6 +129,7 @@ fn adaptive(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMes
                 skin,
                 is_void,
                 edges: &edges[k],
+                finer,
                 what: What::Patch(slab, patch),
             }));
         }
@@ -183,6 +174,7 @@ struct Job<'a> {
     skin: &'a Skin,
     is_void: bool,
     edges: &'a [SlabEdges],
+    finer: &'a [Finer],
     what: What,
 }
 
@@ -205,7 +197,7 @@ impl Job<'_> {
 
     fn tube(&self, tube: usize, deflection: Deflection, task: &Task<'_>) -> Result<Done, Error> {
         let tube = &self.skin.tubes[tube];
-        let allowed = of_tube(&tube.surface, deflection);
+        let allowed = Allowed { asked: of_tube(&tube.surface, deflection), finer: self.finer };
         let shared = |end: End| match end {
             End::Cap => None,
             End::Waist { slab } => {
@@ -215,10 +207,10 @@ impl Job<'_> {
                 Some(self.edges[slab].daughter_ring(&self.skin.slabs[slab], &self.skin.welds[slab], side))
             }
         };
-        let chart = Chart::Tube(tube.surface.net());
-        let Chart::Tube(net) = &chart else { return Err(Error::TooLarge) };
+        let chart = Chart::of_tube(&tube.surface);
         let rings = [shared(tube.bottom), shared(tube.top)];
-        let MeshedTube { face, ends, is_kept } = mesh_tube(&chart, net, &allowed, rings, task)?;
+        let MeshedTube { face, ends, is_kept } =
+            mesh_tube(&chart, &tube.surface.net(), &allowed, rings, task)?;
         let [bottom, top] = ends;
         let capped = [(true, tube.bottom, bottom), (false, tube.top, top)].into_iter();
         let ends = capped
@@ -237,8 +229,8 @@ impl Job<'_> {
     ) -> Result<Done, Error> {
         let edges = &self.edges[slab];
         let slab = &self.skin.slabs[slab];
-        let allowed = of_slab(slab, deflection);
-        let chart = Chart::Patch(surface(slab, patch).unwrap_or(&slab.laterals[0]));
+        let allowed = Allowed { asked: of_slab(slab, deflection), finer: self.finer };
+        let chart = Chart::of_patch(surface(slab, patch).unwrap_or(&slab.laterals[0]));
         let (face, is_kept) = mesh_patch(&chart, slab, patch, edges, &allowed, task)?;
         // Seen along w a merge is mirrored.
         self.done(face, Vec::new(), !slab.upward, is_kept)
@@ -275,22 +267,22 @@ fn of_fraction(fraction: f64, size_mm: f64) -> f64 {
 }
 
 /// The deflection allowed in a slab: by its smaller daughter.
-fn of_slab(slab: &Slab, deflection: Deflection) -> Allowed {
+fn of_slab(slab: &Slab, deflection: Deflection) -> Asked {
     let fraction = match deflection {
-        Deflection::Absolute { mm } => return Allowed::Everywhere(mm),
+        Deflection::Absolute { mm } => return Asked::Everywhere(mm),
         Deflection::Relative { fraction } => fraction,
     };
     let radius_mm = |side: usize| {
         let row = slab.laterals[side].row(slab.v_of(slab.w_mm[1]));
         equivalent_radius_mm((0..64).map(|i| row.at(f64::from(i) / 64.0).xy()).collect())
     };
-    Allowed::Everywhere(of_fraction(fraction, radius_mm(0).min(radius_mm(1))))
+    Asked::Everywhere(of_fraction(fraction, radius_mm(0).min(radius_mm(1))))
 }
 
 /// The deflection allowed on a tube.
-fn of_tube(surface: &TubeSurface, deflection: Deflection) -> Allowed {
+fn of_tube(surface: &TubeSurface, deflection: Deflection) -> Asked {
     let fraction = match deflection {
-        Deflection::Absolute { mm } => return Allowed::Everywhere(mm),
+        Deflection::Absolute { mm } => return Asked::Everywhere(mm),
         Deflection::Relative { fraction } => fraction,
     };
     let heights = surface.section_z_mm();
@@ -303,5 +295,5 @@ fn of_tube(surface: &TubeSurface, deflection: Deflection) -> Allowed {
         size[k - 1].1 = size[k - 1].1.max(size[k].1 - (size[k].0 - size[k - 1].0));
     }
     size.iter_mut().for_each(|row| row.1 = of_fraction(fraction, row.1));
-    Allowed::ByHeight(size)
+    Asked::ByHeight(size)
 }

@@ -223,6 +223,19 @@ fn the_deflection_is_kept_both_ways_on_tubes_patches_domes_and_creases() {
 }
 
 #[test]
+fn no_sample_of_any_phantom_is_farther_off_than_the_deflection() {
+    // Where rings of patches meet tubes and where sections lie close together, few points say little of a triangle.
+    for kind in Kind::ALL {
+        let solid = phantom(kind, Body::Cast);
+        for deflection_mm in [0.02, 0.01] {
+            let mesh = tessellate(&solid, &fine(SkinChoice::All, deflection_mm), &Task::quiet()).unwrap();
+            let found = measure(&solid, SkinChoice::All, &mesh, deflection_mm, &Task::quiet()).unwrap();
+            assert!(found.largest_deviation_mm <= deflection_mm, "{kind:?}: {found}");
+        }
+    }
+}
+
+#[test]
 fn triangles_are_few_and_their_angles_good() {
     let solid = phantom(Kind::Carotid, Body::Cast);
     let mesh = tessellate(&solid, &fine(SkinChoice::All, 0.01), &Task::quiet()).unwrap();

@@ -39,7 +39,7 @@ pub(super) struct MeshedTube<'a> {
 
 /// The vertices and triangles of a tube while they are laid out.
 struct Layout<'n> {
-    net: &'n TubeNet<'n>,
+    chart: &'n Chart,
     profile: Profile,
     corners: Vec<Corner>,
     places: Vec<Point3>,
@@ -48,14 +48,15 @@ struct Layout<'n> {
 
 /// Meshes a tube between the given rings; where one is missing the tube ends in a cap and gets a ring of its own.
 pub(super) fn mesh_tube<'a>(
-    chart: &'a Chart<'a>,
+    chart: &'a Chart,
     net: &TubeNet<'_>,
-    allowed: &Allowed,
+    allowed: &Allowed<'_>,
     shared: [Option<SharedRing>; 2],
     task: &Task<'_>,
 ) -> Result<MeshedTube<'a>, Error> {
     let profile = Profile::of(net, allowed);
-    let mut layout = Layout { net, profile, corners: Vec::new(), places: Vec::new(), triangles: Vec::new() };
+    let mut layout =
+        Layout { chart, profile, corners: Vec::new(), places: Vec::new(), triangles: Vec::new() };
     let points = layout.profile.ends_in_points();
     let points = [0, 1].map(|k| points[k] && shared[k].is_none());
     let [bottom, top] = shared;
@@ -63,7 +64,7 @@ pub(super) fn mesh_tube<'a>(
     let mut end = |ring: Option<SharedRing>, k: usize, z: f64| match ring {
         Some(ring) => layout.shared_ring(&ring, z),
         None if points[k] => layout.point(z),
-        None => layout.end_ring(k == 1, z, allowed.at(z)),
+        None => layout.end_ring(k == 1, z, allowed),
     };
     let (bottom, top) = (end(bottom, 0, low)?, end(top, 1, high)?);
     let mut below = bottom.clone();
@@ -77,11 +78,8 @@ pub(super) fn mesh_tube<'a>(
     let ends = [&bottom, &top].map(|ring| ring.iter().map(|s| s.vertex).collect());
     let mut face = Face::new(chart, layout.corners, layout.triangles);
     face.flip_everywhere();
-    let mut is_kept = keep(&mut face, allowed, task)?;
-    if is_kept {
-        remesh::smooth(&mut face, 2);
-        is_kept = keep(&mut face, allowed, task)?;
-    }
+    remesh::smooth_everywhere(&mut face, 2);
+    let is_kept = keep(&mut face, allowed, task)?;
     Ok(MeshedTube { face, ends, is_kept })
 }
 
@@ -95,7 +93,7 @@ impl Layout<'_> {
 
     fn at(&mut self, u: f64, z: f64) -> Result<Station, Error> {
         let u = u.rem_euclid(1.0);
-        let (param, point) = (Point2::new(u, z), self.net.at(u, z));
+        let (param, point) = (Point2::new(u, z), self.chart.at(Point2::new(u, z)));
         self.add(Corner { param, point, is_pole: false, shared: None })
     }
 
@@ -112,21 +110,25 @@ impl Layout<'_> {
 
     /// The tip of a dome: the middle of its tiny section.
     fn point(&mut self, z: f64) -> Result<Vec<Station>, Error> {
-        let sum: nalgebra::Vector3<f64> = (0..8).map(|i| self.net.at(f64::from(i) / 8.0, z).coords).sum();
+        let sum: nalgebra::Vector3<f64> =
+            (0..8).map(|i| self.chart.at(Point2::new(f64::from(i) / 8.0, z)).coords).sum();
         let corner =
             Corner { param: Point2::new(0.0, z), point: (sum / 8.0).into(), is_pole: true, shared: None };
         Ok(vec![self.add(corner)?])
     }
 
     /// A plain ring whose chords keep the deflection: the rim of a cap.
-    fn end_ring(&mut self, is_top: bool, z: f64, allowed_mm: f64) -> Result<Vec<Station>, Error> {
+    fn end_ring(&mut self, is_top: bool, z: f64, allowed: &Allowed<'_>) -> Result<Vec<Station>, Error> {
         let steps = if is_top { f64::INFINITY } else { 0.0 };
         let mut n = self.profile.end_columns(is_top);
         loop {
             let u: Vec<f64> = (0..n).map(|k| self.profile.u(steps, k as f64 / n as f64)).collect();
-            let curve = |u: f64| self.net.at(u, z);
-            let sags = |k: usize| sag(&curve, u[k], if k + 1 == n { 1.0 + u[0] } else { u[k + 1] });
-            if n > MOST_RIM || (0..n).all(|k| sags(k) <= CHORD_SHARE * allowed_mm) {
+            let curve = |u: f64| self.chart.at(Point2::new(u, z));
+            let is_kept = |k: usize| {
+                let next = if k + 1 == n { 1.0 + u[0] } else { u[k + 1] };
+                sag(&curve, u[k], next) <= CHORD_SHARE * allowed.at(curve(0.5 * (u[k] + next)))
+            };
+            if n > MOST_RIM || (0..n).all(is_kept) {
                 return u.into_iter().map(|u| self.at(u, z)).collect();
             }
             n += 2 * (n / 24 + 1);

@@ -281,7 +281,7 @@ impl Session<'_> {
     }
 }
 
-/// The mesh as it will be in a file: of 32-bit floats, closed, and meeting itself nowhere.
+/// The mesh as it will be in a file: of 32-bit floats, closed, within the deflection, and meeting itself nowhere.
 fn mesh_of(
     solid: &Solid,
     skin: SkinChoice,
@@ -292,8 +292,7 @@ fn mesh_of(
         Deflection::Absolute(mm) => mesh::Deflection::Absolute { mm },
         Deflection::Relative(fraction) => mesh::Deflection::Relative { fraction },
     };
-    let mesh = mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?;
-    Ok(mesh::fit_for_files(&mesh, task)?)
+    Ok(mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?)
 }
 
 /// Colours of a mesh's vertices; none where none are asked for.
