@@ -10,15 +10,15 @@
 //! event are interpolated instead, as the lumen's are; planes beside it are left out until the skin is sound
 //! ([`sound`]).
 //!
-//! The wall so built is measured over its whole outer skin ([`thickness`]); what is not as thick as asked is told with
-//! its place.
+//! The wall so built is measured over its whole outer skin ([`thickness`]). Where it is not as thick as asked, sections
+//! are added between the planes, then events are built on the exact distance itself, and what is nearest to the
+//! thickness asked for is kept; what is still off is told with its place, and a wall of less than half of t is refused.
 //!
 //! Limits: what is interpolated is no true parallel surface: up to half of t too thick in the pocket between three
 //! branches, and somewhat too thin beside it. Where a crease ends before it fades, the rest of it is rounded over the
 //! spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
 //! horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
-//! sections ([`union`]), which is also what is left when a curve cannot be followed. Where t is near the radius of a
-//! crotch (0.3 mm on a carotid) no crease is found, and the interpolated skin may be several t off.
+//! sections ([`union`]), which is also what is left when a curve cannot be followed.
 
 mod crease;
 mod feet;
@@ -45,6 +45,7 @@ use crate::topology::{self, Graph};
 use feet::Feet;
 use lumen::Branch;
 use rayon::prelude::*;
+use thickness::Measured;
 use trace::{Tracer, at_height};
 
 /// Farthest that neighbouring outer sections lie apart, mm.
@@ -62,6 +63,11 @@ const SEED_STRIDE: usize = 8;
 const MOST_WIDENINGS: usize = 8;
 /// Outlines nearer to each other than this, in t, have no gap that a plane could tell.
 const LEAST_GAP: f64 = 0.02;
+/// How often sections are added where the wall is not as thick as asked; no closer than this, mm.
+const MOST_REFINEMENTS: usize = 3;
+const LEAST_STEP_MM: f64 = 0.1;
+/// A wall thinner than this anywhere, in t, is refused.
+const LEAST_THICKNESS: f64 = 0.5;
 /// Points of an outline that are enough to see how outlines overlap.
 const GRAPH_POINTS: usize = 64;
 
@@ -74,6 +80,14 @@ struct Wall<'a> {
     step_mm: f64,
     /// Heights at which a skin with creases was unsound: there are none there.
     barred: Vec<f64>,
+    way: Way,
+}
+
+/// How events of the outer skin are built.
+#[derive(Debug, Clone, Copy, Default)]
+struct Way {
+    /// Whether events without a crease take the distance to the lumen itself, not outlines interpolated between planes.
+    is_exact: bool,
     /// Whether all creases are rounded.
     is_rounded: bool,
 }
@@ -87,47 +101,136 @@ pub(super) struct Outer {
     pub(super) thickness: Option<Thickness>,
 }
 
-/// Builds the outer skin around a lumen, and measures the wall in between.
-pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer, Error> {
-    let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else { return Ok(Outer::default()) };
-    let (skin, mut warnings) = skin(&mut wall, task)?;
-    let thickness = thickness::measure(&skin, &wall.feet, wall_mm, task)?;
-    warnings.extend(thickness.and_then(|t| t.warning()));
-    Ok(Outer { skin, warnings, thickness })
+/// A skin through certain planes, and how thick it makes the wall.
+struct Attempt {
+    skin: Skin,
+    warnings: Vec<Warning>,
+    planes: Vec<PlaneSections>,
+    measured: Measured,
 }
 
-/// A sound skin through outlines as close as they can be.
-fn skin(wall: &mut Wall<'_>, task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
-    let wall_mm = wall.wall_mm;
-    let plane = |&z_mm: &f64| {
-        task.check()?;
-        Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
-    };
-    let planes: Vec<Result<PlaneSections, Cancelled>> = wall.heights().par_iter().map(plane).collect();
-    let planes: Vec<PlaneSections> = planes.into_iter().collect::<Result<_, _>>()?;
-    let mut planes = decided(planes, wall_mm);
-    // Where the sections do not make a sound skin, they are looked at from farther apart.
-    for _ in 0..MOST_WIDENINGS {
-        let faults = match lofted(wall, &planes, task) {
-            Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
-            Ok((skin, warnings)) => {
-                let faults = sound::faults(&skin, wall_mm);
-                if faults.is_empty() {
-                    return Ok((skin, warnings));
-                }
-                wall.barred.extend(&faults);
-                faults
-            }
-            // Creases that leave a branch between them no section are too close together: none is built then.
-            Err(Error::Spline(_)) if !wall.is_rounded => {
-                wall.is_rounded = true;
-                Vec::new()
-            }
-            other => return other,
-        };
-        planes = widened(planes, &faults);
+/// Builds the outer skin around a lumen, and measures the wall in between.
+///
+/// Where it is not as thick as asked, sections are added; where that does not help, other ways to build the events are
+/// tried. The best is kept.
+pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer, Error> {
+    let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else { return Ok(Outer::default()) };
+    let mut best = wall.attempt(task).and_then(|first| wall.refined(first, task));
+    for way in [Way { is_exact: true, is_rounded: false }, Way { is_exact: true, is_rounded: true }] {
+        if best.as_ref().is_ok_and(|b| b.measured.thickness.is_as_asked()) {
+            break;
+        }
+        (wall.way, wall.barred) = (way, Vec::new());
+        match (wall.attempt(task).and_then(|first| wall.refined(first, task)), &best) {
+            (Ok(next), Ok(known)) if next.measured.excess_mm3 >= known.measured.excess_mm3 => {}
+            (Ok(next), _) => best = Ok(next),
+            (Err(Error::Cancelled(why)), _) => return Err(why.into()),
+            (Err(_), _) => {}
+        }
     }
-    lofted(wall, &planes, task)
+    let Attempt { skin, mut warnings, measured: Measured { thickness, .. }, .. } = best?;
+    if thickness.least_mm < LEAST_THICKNESS * wall_mm {
+        let Thickness { least_mm, least_at_mm, .. } = thickness;
+        return Err(Error::ThinWall { asked_mm: wall_mm, least_mm, at_mm: least_at_mm });
+    }
+    warnings.extend(thickness.warning());
+    Ok(Outer { skin, warnings, thickness: Some(thickness) })
+}
+
+impl Wall<'_> {
+    /// A skin through outlines about a millimetre apart.
+    fn attempt(&mut self, task: &Task<'_>) -> Result<Attempt, Error> {
+        let planes = decided(self.planes(&self.heights(), task)?, self.wall_mm);
+        let ((skin, warnings), planes) = self.sound(planes, task)?;
+        self.measured(skin, warnings, planes, task)
+    }
+
+    /// The outlines at these heights.
+    fn planes(&self, heights: &[f64], task: &Task<'_>) -> Result<Vec<PlaneSections>, Cancelled> {
+        let plane = |&z_mm: &f64| {
+            task.check()?;
+            Ok(PlaneSections { z_mm, contours: self.outlines(z_mm) })
+        };
+        let planes: Vec<Result<PlaneSections, Cancelled>> = heights.par_iter().map(plane).collect();
+        planes.into_iter().collect()
+    }
+
+    fn measured(
+        &self,
+        skin: Skin,
+        warnings: Vec<Warning>,
+        planes: Vec<PlaneSections>,
+        task: &Task<'_>,
+    ) -> Result<Attempt, Error> {
+        let measured =
+            thickness::measure(&skin, &self.feet, self.wall_mm, task)?.ok_or(Error::NoOuterSkin)?;
+        Ok(Attempt { skin, warnings, planes, measured })
+    }
+
+    /// A sound skin through the planes, and those of them that it runs through: where they do not make a sound one, they
+    /// are looked at from farther apart.
+    fn sound(
+        &mut self,
+        mut planes: Vec<PlaneSections>,
+        task: &Task<'_>,
+    ) -> Result<((Skin, Vec<Warning>), Vec<PlaneSections>), Error> {
+        for _ in 0..MOST_WIDENINGS {
+            let faults = match lofted(self, &planes, task) {
+                Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
+                Ok(built) => {
+                    let faults = sound::faults(&built.0, self.wall_mm);
+                    if faults.is_empty() {
+                        return Ok((built, planes));
+                    }
+                    self.barred.extend(&faults);
+                    faults
+                }
+                // Creases that leave a branch between them no section are too close together: none is built then.
+                Err(Error::Spline(_)) if !self.way.is_rounded => {
+                    self.way.is_rounded = true;
+                    Vec::new()
+                }
+                Err(other) => return Err(other),
+            };
+            planes = widened(planes, &faults);
+        }
+        Ok((lofted(self, &planes, task)?, planes))
+    }
+
+    /// The same skin with further sections where the wall is not as thick as asked, as long as they make it better:
+    /// corners of the outlines that wander round the section are cut short between sections.
+    fn refined(&self, mut best: Attempt, task: &Task<'_>) -> Result<Attempt, Error> {
+        for _ in 0..MOST_REFINEMENTS {
+            let heights = between(&best.planes, &best.measured.off_z_mm);
+            if heights.is_empty() || best.measured.thickness.is_as_asked() {
+                break;
+            }
+            let mut planes = decided(self.planes(&heights, task)?, self.wall_mm);
+            planes.extend(best.planes.iter().cloned());
+            planes.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
+            let Ok((skin, warnings)) = lofted(self, &planes, task) else { break };
+            if !sound::faults(&skin, self.wall_mm).is_empty() {
+                break;
+            }
+            let next = self.measured(skin, warnings, planes, task)?;
+            if next.measured.excess_mm3 >= best.measured.excess_mm3 {
+                break;
+            }
+            best = next;
+        }
+        Ok(best)
+    }
+}
+
+/// Heights in the middle of the intervals of planes in which these heights lie.
+fn between(planes: &[PlaneSections], off_z_mm: &[f64]) -> Vec<f64> {
+    let holds = |low: f64, high: f64| {
+        let first = off_z_mm.partition_point(|z| *z <= low);
+        off_z_mm.get(first).is_some_and(|z| *z < high)
+    };
+    let pairs = planes.windows(2).map(|p| (p[0].z_mm, p[1].z_mm));
+    let asked = pairs.filter(|&(low, high)| high - low > 2.0 * LEAST_STEP_MM && holds(low, high));
+    asked.map(|(low, high)| 0.5 * (low + high)).collect()
 }
 
 /// The skin through the planes.
@@ -213,7 +316,7 @@ impl<'a> Wall<'a> {
         let radius = branches.iter().map(|b| b.radius_mm).fold(f64::INFINITY, f64::min);
         let step_mm = TRACE_STEP * (radius + wall_mm);
         let whole =
-            |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), is_rounded: false };
+            |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), way: Way::default() };
         Ok(Feet::try_new(samples).map(whole))
     }
 
@@ -357,14 +460,21 @@ impl Wall<'_> {
 }
 
 impl Recipe for Wall<'_> {
-    /// The outlines interpolated: the exact distance has a ridge in the crotch, which no patch follows.
+    /// The outlines interpolated, as the exact distance may have a ridge in the crotch, which no patch follows.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        if self.way.is_exact {
+            return self.exact(planes, sign);
+        }
         distances(planes).or_else(|| self.exact(planes, sign))
     }
 
     fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
         // Two branches are found from farther apart; three at one height need a field that tells them apart.
-        if planes.daughters[0].contours.len() > 2 { lobes(planes) } else { None }
+        match planes.daughters[0].contours.len() {
+            0..=2 if self.way.is_exact => distances(planes),
+            0..=2 => None,
+            _ => lobes(planes),
+        }
     }
 
     fn is_measured(&self) -> bool {
@@ -372,7 +482,7 @@ impl Recipe for Wall<'_> {
     }
 
     fn crease(&self, planes: &EventPlanes, upward: bool, floor: f64) -> Option<Creased> {
-        if self.is_rounded {
+        if self.way.is_rounded {
             return None;
         }
         let sign = if upward { 1.0 } else { -1.0 };

@@ -23,6 +23,8 @@ const ARC: usize = 48;
 const ROWS: usize = 12;
 /// How much the thickness may differ from what was asked before it is said, in t.
 const TOLERANCE: f64 = 0.02;
+/// Where it differs by more than this, in t, sections are added.
+const SLACK: f64 = 0.01;
 
 /// The thickness of a wall over the whole of its outer skin, mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -47,6 +49,27 @@ pub struct Thickness {
     pub within_percent: f64,
     /// Number of samples.
     pub n_samples: usize,
+}
+
+/// The thickness with what tells whether another skin is better, and where this one should be.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    pub(super) thickness: Thickness,
+    /// How much material is too much or missing beyond [`SLACK`].
+    pub(super) excess_mm3: f64,
+    /// Heights at which some is, ascending.
+    pub(super) off_z_mm: Vec<f64>,
+}
+
+impl Measured {
+    fn of(all: Vec<Sample>, asked_mm: f64) -> Option<Self> {
+        let excess = |s: &Sample| ((s.distance_mm - asked_mm).abs() - SLACK * asked_mm).max(0.0) * s.area_mm2;
+        let excess_mm3 = all.iter().map(excess).sum();
+        let mut off_z_mm: Vec<f64> = all.iter().filter(|s| excess(s) > 0.0).map(|s| s.at.z).collect();
+        off_z_mm.sort_by(f64::total_cmp);
+        off_z_mm.dedup();
+        Some(Self { thickness: Thickness::of(all, asked_mm)?, excess_mm3, off_z_mm })
+    }
 }
 
 /// A point of the outer skin with the area it stands for, and its distance.
@@ -117,12 +140,12 @@ pub(super) fn measure(
     feet: &Feet,
     wall_mm: f64,
     task: &Task<'_>,
-) -> Result<Option<Thickness>, Cancelled> {
+) -> Result<Option<Measured>, Cancelled> {
     task.check()?;
     let measured = |(at, area_mm2)| Sample { at, area_mm2, distance_mm: feet.foot(at).distance_mm };
     let on_tubes = outer.tubes.par_iter().flat_map_iter(on_tube);
     let on_slabs = outer.slabs.par_iter().flat_map_iter(on_slab);
-    Ok(Thickness::of(on_tubes.chain(on_slabs).map(measured).collect(), wall_mm))
+    Ok(Measured::of(on_tubes.chain(on_slabs).map(measured).collect(), wall_mm))
 }
 
 /// Samples between the sections of a tube.
