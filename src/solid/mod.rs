@@ -160,6 +160,22 @@ pub enum Error {
         /// Why.
         fault: EventFault,
     },
+    /// The outer skin comes far too near to the lumen, or lies inside it.
+    #[error(
+        "z {:.2} mm, x {:.2}, y {:.2}: the wall would be {least_mm:.2} mm thick{} where {asked_mm:.2} mm were asked: choose another wall thickness, add planes near this height, or look at the contours there",
+        at_mm[2], at_mm[0], at_mm[1], if *least_mm <= 0.0 { " (its outer skin lies inside the lumen)" } else { "" }
+    )]
+    ThinWall {
+        /// What was asked for, mm.
+        asked_mm: f64,
+        /// What it would be, mm.
+        least_mm: f64,
+        /// Where, stack frame.
+        at_mm: [f64; 3],
+    },
+    /// The lumen has no surface that a wall could be put around.
+    #[error("the lumen has no surface to put a wall around: look at the contours")]
+    NoOuterSkin,
     /// The outer skin's sections make no graph.
     #[error("outer skin of the wall: {0}")]
     OuterTopology(topology::Error),

@@ -1,11 +1,16 @@
 //! The nearest point of the lumen's surface: a cloud of samples that know their normal and curvature, in a tree.
 //!
-//! The tree (median splits along the widest axis, complete, four samples a leaf) finds the nearest sample; the
-//! surface around it is taken as its osculating paraboloid, whose nearest point follows from a 2 x 2 system. With
-//! samples h apart the distance is wrong by about h³ / 48 times the change of curvature along the surface: 1e-4 mm
-//! for a tenth of a millimetre.
+//! The surface around a sample is taken as its osculating paraboloid, whose nearest point follows from a 2 x 2
+//! system. With samples h apart the distance is wrong by about h³ / 48 times the change of curvature along the
+//! surface: 1e-4 mm for a tenth of a millimetre.
+//!
+//! The tree (median splits along the widest axis, complete, four samples a leaf) finds the samples whose patch of the
+//! surface may hold the foot. That is more than the nearest one: where two sheets are all but equally far, which sample
+//! is nearest depends on how the sheets happen to be sampled. At a distance d, a foot r beside its sample lies
+//! r² (1 + d k) / 2 d nearer than that.
 
 use crate::geom::{Point3, Vector3};
+use std::cell::Cell;
 
 /// Samples in a leaf.
 const LEAF: usize = 4;
@@ -13,6 +18,16 @@ const LEAF: usize = 4;
 const MOST_DESCENTS: usize = 8;
 /// Orderings smaller than this are not worth another thread.
 const PARALLEL_FROM: usize = 4096;
+/// How far beside its sample a foot lies at most, in steps of the grid: half of one each way, and a margin.
+const CELL: f64 = 0.55;
+/// Farther aside a paraboloid may bulge out of the surface. What a foot is taken to be farther there, in steps per step;
+/// and a little everywhere, so that of samples that agree the nearest one counts.
+const BULGE: f64 = 0.3;
+const ASIDE: f64 = 1e-3;
+/// Farther than any point from a vessel, mm.
+const BEYOND_ALL_MM: f64 = 1e9;
+/// Most that a surface may turn between neighbouring samples, radians: beyond, they do not know its curvature.
+const MOST_BEND: f64 = 1.0;
 /// Beyond the centre of curvature a paraboloid has no nearest point: the shrinking of tangential offsets is kept
 /// above this.
 const LEAST_SHRINK: f64 = 0.1;
@@ -29,6 +44,29 @@ pub(super) struct Sample {
     curvature: [f64; 3],
     /// How far the paraboloid stands for the surface, mm: the distance of neighbouring samples.
     reach_mm: f64,
+    /// One step of the grid along the first axis, and along both for one of its second direction, mm.
+    steps_mm: [f64; 3],
+    slack: Slack,
+}
+
+/// How much nearer, in squares, a surface may be than its samples.
+#[derive(Debug, Clone, Copy, Default)]
+struct Slack {
+    /// Where it is flat, mm².
+    flat_mm2: f64,
+    /// The more, per mm of distance, as it is convex.
+    bent_mm: f64,
+}
+
+impl Slack {
+    fn joined(self, other: Self) -> Self {
+        Self { flat_mm2: self.flat_mm2.max(other.flat_mm2), bent_mm: self.bent_mm.max(other.bent_mm) }
+    }
+
+    /// The square of the distance from which on nothing can be nearer than `distance_mm`.
+    fn limit2(self, distance_mm: f64) -> f64 {
+        distance_mm * distance_mm + self.flat_mm2 + self.bent_mm * distance_mm
+    }
 }
 
 /// Point and normal of a grid over a patch, before its curvature is known.
@@ -46,7 +84,7 @@ pub(super) struct Foot {
 
 impl Sample {
     /// The sample of a grid point from its neighbours along both directions of the grid.
-    fn new((at, normal): Oriented, along: [(Vector3, Vector3); 2]) -> Option<Self> {
+    fn new((at, normal): Oriented, along: [(Vector3, Vector3); 2], steps: [f64; 2]) -> Option<Self> {
         let first = (along[0].0 - normal * normal.dot(&along[0].0)).try_normalize(1e-12)?;
         let axes = [first, normal.cross(&first)];
         let flat = |v: &Vector3| [v.dot(&axes[0]), v.dot(&axes[1])];
@@ -63,11 +101,24 @@ impl Sample {
             [0.0; 3]
         };
         let reach_mm = 0.5 * along[0].0.norm().max(along[1].0.norm());
-        Some(Self { at, normal, axes, curvature, reach_mm })
+        let strength = curvature.iter().map(|k| k.abs()).fold(0.0, f64::max) * reach_mm;
+        let curvature = curvature.map(|k| k * (MOST_BEND / strength.max(1e-300)).min(1.0));
+        let second = steps[1] / along[1].0.norm().max(1e-12);
+        let steps_mm = [steps[0], dv[0] * second, dv[1] * second];
+        let (a, b) = (steps_mm[0] + steps_mm[1].abs(), steps_mm[2]);
+        let flat_mm2 = CELL * CELL * (a * a + b * b);
+        let most_bent = curvature[0].max(curvature[2]).max(0.0) + curvature[1].abs();
+        let slack = Slack { flat_mm2, bent_mm: flat_mm2 * most_bent };
+        Some(Self { at, normal, axes, curvature, reach_mm, steps_mm, slack })
     }
 
     /// The foot of `p` on the paraboloid.
     fn foot(&self, p: Point3) -> Foot {
+        self.placed_foot(p).0
+    }
+
+    /// The foot of `p` on the paraboloid, and how far beside the sample it lies, in steps of the grid.
+    fn placed_foot(&self, p: Point3) -> (Foot, f64) {
         let r = p - self.at;
         let height = r.dot(&self.normal);
         let (x, y) = (r.dot(&self.axes[0]), r.dot(&self.axes[1]));
@@ -76,6 +127,9 @@ impl Sample {
         let (a, b, d) = (1.0 + height * k11, height * k12, 1.0 + height * k22);
         let det = (a * d - b * b).max(LEAST_SHRINK * (a.abs() + d.abs()).max(1.0) * 0.5);
         let (fx, fy) = ((d * x - b * y) / det, (a * y - b * x) / det);
+        let second = fy / self.steps_mm[2].abs().max(1e-12);
+        let first =
+            (fx - second * self.steps_mm[1] * self.steps_mm[2].signum()) / self.steps_mm[0].max(1e-12);
         let shrink = (self.reach_mm / fx.hypot(fy).max(1e-300)).min(1.0);
         let (fx, fy) = (fx * shrink, fy * shrink);
         let sink = 0.5 * (k11 * fx * fx + 2.0 * k12 * fx * fy + k22 * fy * fy);
@@ -84,7 +138,7 @@ impl Sample {
         let sign = if out.dot(&self.normal) < 0.0 { -1.0 } else { 1.0 };
         let length = out.norm();
         let normal = if length > 1e-9 { out * (sign / length) } else { self.normal };
-        Foot { at, normal, distance_mm: sign * length }
+        (Foot { at, normal, distance_mm: sign * length }, first.abs().max(second.abs()).min(2.0))
     }
 }
 
@@ -100,8 +154,11 @@ pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool, out: &mut Vec<S
                 (j.saturating_sub(1), (j + 1).min(n - 1))
             };
             let between = |a: &Oriented, b: &Oriented| (b.0 - a.0, b.1 - a.1);
+            let here = row[j].0;
+            let step = |a: &Oriented, b: &Oriented| (here - a.0).norm().max((b.0 - here).norm());
+            let steps = [step(&row[before], &row[after]), step(&below[j], &above[j])];
             let along = [between(&row[before], &row[after]), between(&below[j], &above[j])];
-            out.extend(Sample::new(row[j], along));
+            out.extend(Sample::new(row[j], along, steps));
         }
     }
 }
@@ -110,18 +167,21 @@ pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool, out: &mut Vec<S
 struct Box3 {
     min: Point3,
     max: Point3,
+    slack: Slack,
 }
 
 impl Box3 {
     fn of(samples: &[Sample]) -> Self {
-        let empty = Self { min: Point3::from([f64::INFINITY; 3]), max: Point3::from([f64::NEG_INFINITY; 3]) };
-        samples.iter().fold(empty, |b, s| b.joined(Self { min: s.at, max: s.at }))
+        let (min, max) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+        let empty = Self { min, max, slack: Slack::default() };
+        samples.iter().fold(empty, |b, s| b.joined(Self { min: s.at, max: s.at, slack: s.slack }))
     }
 
     fn joined(self, other: Self) -> Self {
         Self {
             min: self.min.coords.inf(&other.min.coords).into(),
             max: self.max.coords.sup(&other.max.coords).into(),
+            slack: self.slack.joined(other.slack),
         }
     }
 
@@ -154,25 +214,58 @@ impl Feet {
 
     /// The sample nearest to a point.
     pub(super) fn nearest(&self, p: Point3) -> &Sample {
+        let best = Cell::new((f64::INFINITY, &self.samples[0]));
+        self.walk(
+            p,
+            |_, distance2| distance2 < best.get().0,
+            |s| {
+                let d2 = (s.at - p).norm_squared();
+                if d2 < best.get().0 {
+                    best.set((d2, s));
+                }
+            },
+        );
+        best.get().1
+    }
+
+    /// The foot of a point.
+    pub(super) fn foot(&self, p: Point3) -> Foot {
+        let mut found = None;
+        let least = Cell::new(BEYOND_ALL_MM);
+        self.walk(
+            p,
+            |slack, distance2| distance2 < slack.limit2(least.get()),
+            |s| {
+                if (s.at - p).norm_squared() >= s.slack.limit2(least.get()) {
+                    return;
+                }
+                let (foot, beside) = s.placed_foot(p);
+                let aside = ASIDE * beside * beside + BULGE * (beside - CELL).max(0.0);
+                let distance_mm = foot.distance_mm.abs() + aside * s.reach_mm;
+                if found.is_none() || distance_mm < least.get() {
+                    least.set(distance_mm);
+                    found = Some(foot);
+                }
+            },
+        );
+        found.unwrap_or_else(|| self.samples[0].foot(p))
+    }
+
+    /// Visits the samples of all leaves that are wanted, told by their slack and the square of their distance; the
+    /// nearer half of every node first.
+    fn walk<'a>(&'a self, p: Point3, wanted: impl Fn(Slack, f64) -> bool, mut visit: impl FnMut(&'a Sample)) {
         let n_leaves = self.boxes.len() / 2;
-        let mut best2 = f64::INFINITY;
-        let mut best = 0;
         let mut stack = [(0usize, 0usize, 0usize, 0.0f64); 48];
         stack[0] = (1, 0, self.samples.len(), 0.0);
         let mut height = 1;
         while height > 0 {
             height -= 1;
             let (node, from, to, distance2) = stack[height];
-            if distance2 >= best2 {
+            if !wanted(self.boxes[node].slack, distance2) {
                 continue;
             }
             if node >= n_leaves {
-                for (i, s) in self.samples[from..to].iter().enumerate() {
-                    let d2 = (s.at - p).norm_squared();
-                    if d2 < best2 {
-                        (best2, best) = (d2, from + i);
-                    }
-                }
+                self.samples[from..to].iter().for_each(&mut visit);
                 continue;
             }
             let middle = usize::midpoint(from, to);
@@ -183,16 +276,6 @@ impl Feet {
             stack[height + 1] = near;
             height += 2;
         }
-        &self.samples[best]
-    }
-
-    /// The foot of a point.
-    pub(super) fn foot(&self, p: Point3) -> Foot {
-        let first = self.nearest(p);
-        let foot = first.foot(p);
-        // The sample beside the foot describes it better than the one beside the point.
-        let better = self.nearest(foot.at).foot(p);
-        if better.distance_mm < foot.distance_mm + 1e-3 { better } else { foot }
     }
 
     /// The foot of a point on the part of the surface round `near`, whatever else is nearer: from sample to sample

@@ -2,7 +2,8 @@
 //! "point + t normal" on a grid, from which sections of the raw parallel surface are read column by column.
 //!
 //! Branches that end openly at the stack's ends are continued by t along their end tangents. The columns are read
-//! by cubic interpolation between rings; rings lie an eighth of the branch's radius apart and at all of its sections.
+//! by cubic interpolation between rings; rings lie a twelfth of the branch's radius apart and at all of its sections,
+//! closer where the wall is thin beside the branch: what is rough on the scale of t shapes its outer skin.
 
 use super::feet::{Oriented, Sample, grid_samples};
 use crate::geom::{Contour, Point2, Point3, Vector3};
@@ -14,7 +15,14 @@ use rayon::prelude::*;
 
 /// Distance of rings in radii of the branch.
 const RING_STEP: f64 = 0.08;
-/// Every how many of a section's points is a column.
+/// Farthest that samples lie apart, in t, but for what would only cost time, mm.
+const SAMPLE_STEP: f64 = 0.25;
+const LEAST_SAMPLE_STEP_MM: f64 = 0.1;
+/// How far apart the points of neighbouring rings may lie, in their distance, before further rings are put between them;
+/// and how many steps are made of one at most.
+const MOST_APART: f64 = 1.5;
+const MOST_BETWEEN: f64 = 16.0;
+/// Every how many of a section's points is a column where they are close enough.
 const COLUMN_STRIDE: usize = 2;
 /// Samples of a slab's patches along each direction.
 const ARC_SAMPLES: usize = 96;
@@ -47,7 +55,10 @@ impl Branch {
         let [bottom, top] = tube.surface.z_range_mm();
         let middle = Contour::new(tube.surface.section(0.5 * (bottom + top)).points());
         let radius_mm = (middle.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
-        let step = RING_STEP * radius_mm.max(0.3 * wall_mm);
+        let most_mm = (SAMPLE_STEP * wall_mm).max(LEAST_SAMPLE_STEP_MM);
+        let step = (RING_STEP * radius_mm.max(0.3 * wall_mm)).min(most_mm);
+        let spacing_mm = middle.perimeter_mm() / middle.len() as f64;
+        let stride = if COLUMN_STRIDE as f64 * spacing_mm > most_mm { 1 } else { COLUMN_STRIDE };
         let open = |end: End, z: f64, stack_end: f64| end == End::Cap && (z - stack_end).abs() < 1e-9;
         let mut heights = vec![bottom];
         for &z in tube.surface.section_z_mm() {
@@ -74,7 +85,7 @@ impl Branch {
                 flat_ends.push(*z);
             }
         }
-        let rings = heights.iter().map(|&z| ring(tube, z)).collect();
+        let (heights, rings) = closer(&heights, |z| ring(tube, z, stride), step.max(LEAST_SAMPLE_STEP_MM));
         Self { heights, rings, wall_mm, flat_ends, inner_ends, radius_mm }
     }
 
@@ -140,8 +151,30 @@ fn fill(heights: &mut Vec<f64>, z: f64, most: f64) {
     heights.extend((1..=n).map(|k| if k == n { z } else { last + (z - last) * k as f64 / n as f64 }));
 }
 
-/// Points and outward normals round a tube at z, beyond its ends along the end tangents.
-fn ring(tube: &Tube, z: f64) -> Vec<Oriented> {
+/// Rings at these heights and at further ones where the surface runs so flat that its points would lie far apart.
+fn closer(
+    heights: &[f64],
+    ring: impl Fn(f64) -> Vec<Oriented>,
+    most_mm: f64,
+) -> (Vec<f64>, Vec<Vec<Oriented>>) {
+    let mut found: Vec<(f64, Vec<Oriented>)> = Vec::with_capacity(heights.len());
+    for &z in heights {
+        let next = ring(z);
+        let further = found.last().map_or_else(Vec::new, |(from, last)| {
+            let apart = last.iter().zip(&next).map(|(a, b)| (b.0 - a.0).norm()).fold(0.0, f64::max);
+            let share = apart / most_mm;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
+            let n = if share > MOST_APART { share.ceil().min(MOST_BETWEEN) as usize } else { 1 };
+            (1..n).map(|k| from + (z - from) * k as f64 / n as f64).map(|z| (z, ring(z))).collect()
+        });
+        found.extend(further);
+        found.push((z, next));
+    }
+    found.into_iter().unzip()
+}
+
+/// Every `stride`-th point round a tube at z with its outward normal, beyond its ends along the end tangents.
+fn ring(tube: &Tube, z: f64, stride: usize) -> Vec<Oriented> {
     let [bottom, top] = tube.surface.z_range_mm();
     let inside = z.clamp(bottom, top);
     let slopes = tube.surface.section_slope(inside).points();
@@ -152,7 +185,7 @@ fn ring(tube: &Tube, z: f64) -> Vec<Oriented> {
     let n = points.len();
     let at = |i: usize| points[i % n].coords;
     (0..n)
-        .step_by(COLUMN_STRIDE)
+        .step_by(stride)
         .map(|i| {
             // Fourth-order difference quotient round the section.
             let du = (at(i + 1) - at(i + n - 1)) * 8.0 - (at(i + 2) - at(i + n - 2));
@@ -247,4 +280,21 @@ fn patch_grid(patch: &PatchSurface, [n_u, n_v]: [usize; 2], sign: f64) -> Vec<Ve
     let rows: Vec<Vec<Oriented>> = (0..=n_v).map(row).collect();
     let full = rows.iter().all(|r| r.len() == n_u + 1);
     if full { rows } else { Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rings_are_closer_where_the_surface_runs_flat() {
+        // Upright up to z 1, then 4 mm outward for every millimetre of height.
+        let ring = |z: f64| vec![(Point3::new(4.0 * (z - 1.0).max(0.0), 0.0, z), Vector3::x())];
+        let given = [0.0, 0.3, 0.65, 1.0, 1.3, 1.6];
+        let (heights, rings) = closer(&given, ring, 0.25);
+        assert!(given.iter().all(|z| heights.contains(z)) && heights.is_sorted());
+        assert!(heights.iter().filter(|z| **z < 0.9).count() == 3, "{heights:?}");
+        let apart = rings.windows(2).map(|r| (r[1][0].0 - r[0][0].0).norm());
+        assert!(apart.fold(0.0, f64::max) < 1.5 * 0.25 + 0.1);
+    }
 }

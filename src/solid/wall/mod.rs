@@ -2,23 +2,24 @@
 //!
 //! The outer section at height z is where the distance to the lumen is t. Where nothing is trimmed it is read off
 //! "point + t normal" ([`lumen`]); beside events and where branches come near each other it is followed as a level
-//! curve of the exact distance ([`trace`]), corners included. The sections (at most a millimetre apart) go through
-//! the same steps as the lumen's: graph, branches, patches at the events. Where two branches part, the parallel
+//! curve of the exact distance ([`trace`]), corners included. The sections (at most a millimetre apart, closer where
+//! several outlines part or join) go through the same steps as the lumen's: graph, branches, patches at the events. Where two branches part, the parallel
 //! surface has a crease: two patches that meet in it as an explicit edge ([`crease`]).
 //!
 //! Where no crease can be followed (three branches that part within about t of each other) the outlines around the
 //! event are interpolated instead, as the lumen's are; planes beside it are left out until the skin is sound
 //! ([`sound`]).
 //!
-//! The wall so built is measured over its whole outer skin ([`thickness`]); what is not as thick as asked is told with
-//! its place.
+//! The wall so built is measured over its whole outer skin ([`thickness`]). Where it is not as thick as asked, sections
+//! are added between the planes, then events without a crease are built on the exact distance itself, and what is
+//! nearest to the thickness asked for is kept; what is still off is told with its place, and a wall of less than half of
+//! t is refused.
 //!
 //! Limits: what is interpolated is no true parallel surface: up to half of t too thick in the pocket between three
 //! branches, and somewhat too thin beside it. Where a crease ends before it fades, the rest of it is rounded over the
 //! spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
 //! horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
-//! sections ([`union`]), which is also what is left when a curve cannot be followed. Where t is near the radius of a
-//! crotch (0.3 mm on a carotid) no crease is found, and the interpolated skin may be several t off.
+//! sections ([`union`]), which is also what is left when a curve cannot be followed.
 
 mod crease;
 mod feet;
@@ -33,7 +34,8 @@ pub use thickness::Thickness;
 
 use super::assemble::{Creased, Recipe, assemble};
 use super::distance::DistanceSource;
-use super::event::{EventPlanes, EventSource};
+use super::event::{Crotch, EventPlanes, EventSource};
+use super::grid::Jet;
 use super::lobes::LobeSource;
 use super::skin::Skin;
 use super::{Error, Place};
@@ -45,6 +47,7 @@ use crate::topology::{self, Graph};
 use feet::Feet;
 use lumen::Branch;
 use rayon::prelude::*;
+use thickness::Measured;
 use trace::{Tracer, at_height};
 
 /// Farthest that neighbouring outer sections lie apart, mm.
@@ -62,6 +65,13 @@ const SEED_STRIDE: usize = 8;
 const MOST_WIDENINGS: usize = 8;
 /// Outlines nearer to each other than this, in t, have no gap that a plane could tell.
 const LEAST_GAP: f64 = 0.02;
+/// How near to each other planes come, in t, between which several outlines part; and how many are added between two at
+/// most.
+const BRACKET: f64 = 0.1;
+const MOST_BRACKETS: usize = 12;
+/// How often sections are added where the wall is not as thick as asked; no closer than this, mm.
+const MOST_REFINEMENTS: usize = 3;
+const LEAST_STEP_MM: f64 = 0.1;
 /// Points of an outline that are enough to see how outlines overlap.
 const GRAPH_POINTS: usize = 64;
 
@@ -74,6 +84,14 @@ struct Wall<'a> {
     step_mm: f64,
     /// Heights at which a skin with creases was unsound: there are none there.
     barred: Vec<f64>,
+    way: Way,
+}
+
+/// How events of the outer skin are built.
+#[derive(Debug, Clone, Copy, Default)]
+struct Way {
+    /// Whether events without a crease take the distance to the lumen itself, not outlines interpolated between planes.
+    is_exact: bool,
     /// Whether all creases are rounded.
     is_rounded: bool,
 }
@@ -87,51 +105,189 @@ pub(super) struct Outer {
     pub(super) thickness: Option<Thickness>,
 }
 
-/// Builds the outer skin around a lumen, and measures the wall in between.
-pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer, Error> {
-    let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else { return Ok(Outer::default()) };
-    let (skin, mut warnings) = skin(&mut wall, task)?;
-    let thickness = thickness::measure(&skin, &wall.feet, wall_mm, task)?;
-    warnings.extend(thickness.and_then(|t| t.warning()));
-    Ok(Outer { skin, warnings, thickness })
+/// A skin, and what was decided by rule on the way to it.
+type Lofted = (Skin, Vec<Warning>);
+
+/// A skin through certain planes, and how thick it makes the wall.
+struct Attempt {
+    skin: Skin,
+    warnings: Vec<Warning>,
+    planes: Vec<PlaneSections>,
+    measured: Measured,
 }
 
-/// A sound skin through outlines as close as they can be.
-fn skin(wall: &mut Wall<'_>, task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
-    let wall_mm = wall.wall_mm;
-    let plane = |&z_mm: &f64| {
-        task.check()?;
-        Ok(PlaneSections { z_mm, contours: wall.outlines(z_mm) })
-    };
-    let planes: Vec<Result<PlaneSections, Cancelled>> = wall.heights().par_iter().map(plane).collect();
-    let planes: Vec<PlaneSections> = planes.into_iter().collect::<Result<_, _>>()?;
-    let mut planes = decided(planes, wall_mm);
-    // Where the sections do not make a sound skin, they are looked at from farther apart.
-    for _ in 0..MOST_WIDENINGS {
-        let faults = match lofted(wall, &planes, task) {
-            Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
-            Ok((skin, warnings)) => {
-                let faults = sound::faults(&skin, wall_mm);
-                if faults.is_empty() {
-                    return Ok((skin, warnings));
-                }
-                wall.barred.extend(&faults);
-                faults
-            }
-            // Creases that leave a branch between them no section are too close together: none is built then.
-            Err(Error::Spline(_)) if !wall.is_rounded => {
-                wall.is_rounded = true;
-                Vec::new()
-            }
-            other => return other,
-        };
-        planes = widened(planes, &faults);
+impl Attempt {
+    /// Whether some event has no crease.
+    fn is_rounded(&self) -> bool {
+        self.skin.slabs.iter().any(|slab| slab.crotch != Crotch::Crease)
     }
-    lofted(wall, &planes, task)
+}
+
+/// Builds the outer skin around a lumen, and measures the wall in between.
+///
+/// Where it is not as thick as asked, sections are added; where events were interpolated, they are built on the
+/// distance itself instead. The best is kept.
+pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer, Error> {
+    let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else { return Ok(Outer::default()) };
+    let planes = wall.bracketed(wall.planes(&wall.heights(), task)?, task)?;
+    let planes = decided(planes, wall_mm);
+    let mut best = wall.attempt(planes.clone(), task);
+    for is_rounded in [false, true] {
+        let other = match &best {
+            Ok(known) => !known.measured.thickness.is_as_asked() && known.is_rounded() && !is_rounded,
+            Err(error) => !matches!(error, Error::Cancelled(_)),
+        };
+        if !other {
+            break;
+        }
+        (wall.way, wall.barred) = (Way { is_exact: true, is_rounded }, Vec::new());
+        match (wall.attempt(planes.clone(), task), &best) {
+            (Ok(next), Ok(known)) if next.measured.excess_mm3 >= known.measured.excess_mm3 => {}
+            (Ok(next), _) => best = Ok(next),
+            (Err(Error::Cancelled(why)), _) => return Err(why.into()),
+            (Err(_), _) => {}
+        }
+    }
+    let Attempt { skin, mut warnings, measured: Measured { thickness, .. }, .. } = best?;
+    thickness.check()?;
+    warnings.extend(thickness.warning());
+    Ok(Outer { skin, warnings, thickness: Some(thickness) })
+}
+
+impl Wall<'_> {
+    /// The best skin that the way set makes of these planes and of further ones.
+    fn attempt(&mut self, planes: Vec<PlaneSections>, task: &Task<'_>) -> Result<Attempt, Error> {
+        let ((skin, warnings), planes) = self.sound(planes, task)?;
+        let first = self.measured(skin, warnings, planes, task)?;
+        self.refined(first, task)
+    }
+
+    /// The planes with further ones where several outlines part or join between two: which does so first is seen from
+    /// near by only.
+    fn bracketed(
+        &self,
+        planes: Vec<PlaneSections>,
+        task: &Task<'_>,
+    ) -> Result<Vec<PlaneSections>, Cancelled> {
+        let least_mm = BRACKET * self.wall_mm;
+        let found: Vec<Result<Vec<PlaneSections>, Cancelled>> = planes
+            .par_windows(2)
+            .map(|pair| {
+                let mut further = Vec::new();
+                let mut open = vec![[0, 1].map(|k| (pair[k].z_mm, pair[k].contours.len()))];
+                while let Some([low, high]) = open.pop() {
+                    let parts = low.1.abs_diff(high.1) > 1;
+                    if !parts || high.0 - low.0 < least_mm || further.len() >= MOST_BRACKETS {
+                        continue;
+                    }
+                    task.check()?;
+                    let z_mm = 0.5 * (low.0 + high.0);
+                    let contours = self.outlines(z_mm);
+                    let middle = (z_mm, contours.len());
+                    further.push(PlaneSections { z_mm, contours });
+                    open.extend([[low, middle], [middle, high]]);
+                }
+                Ok(further)
+            })
+            .collect();
+        let mut all = planes;
+        for further in found {
+            all.extend(further?);
+        }
+        all.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
+        Ok(all)
+    }
+
+    /// The outlines at these heights.
+    fn planes(&self, heights: &[f64], task: &Task<'_>) -> Result<Vec<PlaneSections>, Cancelled> {
+        let plane = |&z_mm: &f64| {
+            task.check()?;
+            Ok(PlaneSections { z_mm, contours: self.outlines(z_mm) })
+        };
+        let planes: Vec<Result<PlaneSections, Cancelled>> = heights.par_iter().map(plane).collect();
+        planes.into_iter().collect()
+    }
+
+    fn measured(
+        &self,
+        skin: Skin,
+        warnings: Vec<Warning>,
+        planes: Vec<PlaneSections>,
+        task: &Task<'_>,
+    ) -> Result<Attempt, Error> {
+        let measured = thickness::measure(&skin, self.lumen, &self.feet, self.wall_mm, task)?
+            .ok_or(Error::NoOuterSkin)?;
+        Ok(Attempt { skin, warnings, planes, measured })
+    }
+
+    /// A sound skin through the planes, and those of them that it runs through: where they do not make a sound one, they
+    /// are looked at from farther apart.
+    fn sound(
+        &mut self,
+        mut planes: Vec<PlaneSections>,
+        task: &Task<'_>,
+    ) -> Result<(Lofted, Vec<PlaneSections>), Error> {
+        for _ in 0..MOST_WIDENINGS {
+            let faults = match lofted(self, &planes, task) {
+                Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
+                Ok(built) => {
+                    let faults = sound::faults(&built.0, self.wall_mm);
+                    if faults.is_empty() {
+                        return Ok((built, planes));
+                    }
+                    self.barred.extend(&faults);
+                    faults
+                }
+                // Creases that leave a branch between them no section are too close together: none is built then.
+                Err(Error::Spline(_)) if !self.way.is_rounded => {
+                    self.way.is_rounded = true;
+                    Vec::new()
+                }
+                Err(other) => return Err(other),
+            };
+            planes = widened(planes, &faults);
+        }
+        Ok((lofted(self, &planes, task)?, planes))
+    }
+
+    /// The same skin with further sections where the wall is not as thick as asked, as long as they make it better:
+    /// corners of the outlines that wander round the section are cut short between sections.
+    fn refined(&self, mut best: Attempt, task: &Task<'_>) -> Result<Attempt, Error> {
+        for _ in 0..MOST_REFINEMENTS {
+            let heights = between(&best.planes, &best.measured.off_z_mm);
+            if heights.is_empty() || best.measured.thickness.is_as_asked() {
+                break;
+            }
+            let mut planes = decided(self.planes(&heights, task)?, self.wall_mm);
+            planes.extend(best.planes.iter().cloned());
+            planes.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
+            let Ok((skin, warnings)) = lofted(self, &planes, task) else { break };
+            if !sound::faults(&skin, self.wall_mm).is_empty() {
+                break;
+            }
+            let next = self.measured(skin, warnings, planes, task)?;
+            if next.measured.excess_mm3 >= best.measured.excess_mm3 {
+                break;
+            }
+            best = next;
+        }
+        Ok(best)
+    }
+}
+
+/// Heights in the middle of the intervals of planes in which these heights lie.
+fn between(planes: &[PlaneSections], off_z_mm: &[f64]) -> Vec<f64> {
+    let holds = |low: f64, high: f64| {
+        let first = off_z_mm.partition_point(|z| *z <= low);
+        off_z_mm.get(first).is_some_and(|z| *z < high)
+    };
+    let pairs = planes.windows(2).map(|p| (p[0].z_mm, p[1].z_mm));
+    let asked = pairs.filter(|&(low, high)| high - low > 2.0 * LEAST_STEP_MM && holds(low, high));
+    asked.map(|(low, high)| 0.5 * (low + high)).collect()
 }
 
 /// The skin through the planes.
-fn lofted(wall: &Wall<'_>, planes: &[PlaneSections], task: &Task<'_>) -> Result<(Skin, Vec<Warning>), Error> {
+fn lofted(wall: &Wall<'_>, planes: &[PlaneSections], task: &Task<'_>) -> Result<Lofted, Error> {
     let graph = outer_graph(planes.to_vec()).map_err(Error::OuterTopology)?;
     let skin = assemble(&graph, wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
@@ -213,7 +369,7 @@ impl<'a> Wall<'a> {
         let radius = branches.iter().map(|b| b.radius_mm).fold(f64::INFINITY, f64::min);
         let step_mm = TRACE_STEP * (radius + wall_mm);
         let whole =
-            |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), is_rounded: false };
+            |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), way: Way::default() };
         Ok(Feet::try_new(samples).map(whole))
     }
 
@@ -327,6 +483,11 @@ impl EventSource for WallSource<'_> {
         self.wall.feet.foot(at_height(p, self.sign * w)).distance_mm - self.wall.wall_mm
     }
 
+    fn jet(&self, p: Point2, w: f64) -> Jet {
+        let foot = self.wall.feet.foot(at_height(p, self.sign * w));
+        Jet { value: foot.distance_mm - self.wall.wall_mm, slope: foot.normal.xy() }
+    }
+
     fn contours(&self, w: f64) -> Vec<Contour> {
         self.wall.outlines(self.sign * w)
     }
@@ -357,14 +518,21 @@ impl Wall<'_> {
 }
 
 impl Recipe for Wall<'_> {
-    /// The outlines interpolated: the exact distance has a ridge in the crotch, which no patch follows.
+    /// The outlines interpolated, as the exact distance may have a ridge in the crotch, which no patch follows.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        if self.way.is_exact {
+            return self.exact(planes, sign);
+        }
         distances(planes).or_else(|| self.exact(planes, sign))
     }
 
     fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
         // Two branches are found from farther apart; three at one height need a field that tells them apart.
-        if planes.daughters[0].contours.len() > 2 { lobes(planes) } else { None }
+        match planes.daughters[0].contours.len() {
+            0..=2 if self.way.is_exact => distances(planes),
+            0..=2 => None,
+            _ => lobes(planes),
+        }
     }
 
     fn is_measured(&self) -> bool {
@@ -372,7 +540,7 @@ impl Recipe for Wall<'_> {
     }
 
     fn crease(&self, planes: &EventPlanes, upward: bool, floor: f64) -> Option<Creased> {
-        if self.is_rounded {
+        if self.way.is_rounded {
             return None;
         }
         let sign = if upward { 1.0 } else { -1.0 };

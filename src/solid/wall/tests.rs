@@ -6,7 +6,7 @@
 
 use super::super::{Body, Crotch, Params, Sectioned, Solid, build};
 use super::*;
-use crate::geom::Region;
+use crate::geom::{Point3, Region, Vector3};
 use crate::phantom::{Kind, Vessel};
 
 fn stack(planes: Vec<PlaneSections>) -> SectionStack {
@@ -171,7 +171,7 @@ fn the_thickness_that_is_told_is_what_cutting_the_lumen_tells() {
     assert!((told.least_mm - least).abs() < 5e-3, "{} {least}", told.least_mm);
     assert!((told.most_mm - most).abs() < 5e-3, "{} {most}", told.most_mm);
     assert!(told.is_as_asked() && told.warning().is_none());
-    assert!(told.least_mm <= told.p5_mm && told.p5_mm <= told.p95_mm && told.p95_mm <= told.most_mm);
+    assert!(told.least_mm <= told.p5_mm && told.p5_mm <= told.p95_mm);
 }
 
 #[test]
@@ -181,11 +181,83 @@ fn a_wall_that_is_not_as_thick_as_asked_is_noticed_where_it_is() {
     let solid = with_wall(&stack(planes), 1.0);
     let wall = Wall::around(&solid.lumen, 1.2, &Task::quiet()).unwrap().unwrap();
     let outer = solid.outer.unwrap();
-    let off = thickness::measure(&outer, &wall.feet, 1.2, &Task::quiet()).unwrap().unwrap();
-    assert!(!off.is_as_asked());
-    assert!((off.least_mm - 1.0).abs() < 1e-3 && off.within_percent < 1e-9);
-    let warning = off.warning().unwrap();
+    let off = thickness::measure(&outer, &solid.lumen, &wall.feet, 1.2, &Task::quiet()).unwrap().unwrap();
+    assert!(!off.thickness.is_as_asked());
+    assert!((off.thickness.least_mm - 1.0).abs() < 1e-3 && off.thickness.within_percent < 1e-9);
+    let warning = off.thickness.warning().unwrap();
     assert!(warning.code == "solid.wall_thickness" && warning.text.contains("z "), "{}", warning.text);
+    // All of the skin is 0.2 mm too near, less the slack.
+    let [low, high] = outer.z_range_mm();
+    let section = outer.section(0.5 * (low + high), 1e-4);
+    let skin_mm2 = section[0].perimeter_mm() * (high - low);
+    assert!((off.excess_mm3 / (skin_mm2 * 0.188) - 1.0).abs() < 0.2, "{} {skin_mm2}", off.excess_mm3);
+}
+
+#[test]
+fn a_wall_of_less_than_half_of_what_was_asked_is_refused_with_its_place() {
+    let mut planes = phantom(Kind::Tube).planes;
+    planes.truncate(8);
+    let solid = with_wall(&stack(planes), 1.0);
+    let wall = Wall::around(&solid.lumen, 1.0, &Task::quiet()).unwrap().unwrap();
+    let outer = solid.outer.unwrap();
+    let measured = |asked_mm: f64| {
+        let found = thickness::measure(&outer, &solid.lumen, &wall.feet, asked_mm, &Task::quiet());
+        found.unwrap().unwrap().thickness
+    };
+    assert!(measured(1.9).check().is_ok());
+    let refused = measured(2.1).check().unwrap_err().to_string();
+    for part in
+        ["z ", "x ", "y ", "1.00 mm thick where 2.10 mm", "choose another wall thickness", "add planes"]
+    {
+        assert!(refused.contains(part), "{refused}");
+    }
+    // The lumen's own skin taken for the outer one of a larger lumen lies inside it.
+    let inside = thickness::measure(
+        &solid.lumen,
+        &outer,
+        &Wall::around(&outer, 1.0, &Task::quiet()).unwrap().unwrap().feet,
+        1.0,
+        &Task::quiet(),
+    );
+    let refused = inside.unwrap().unwrap().thickness.check().unwrap_err().to_string();
+    assert!(refused.contains("inside the lumen") && refused.contains("-1.0"), "{refused}");
+}
+
+/// A level sheet of samples 0.3 mm apart.
+fn sheet(z: f64, up: f64, shift: f64, samples: &mut Vec<feet::Sample>) {
+    let row = |j: u32| {
+        let at = |i: u32| Point3::new(0.3 * f64::from(i) + shift, 0.3 * f64::from(j) + shift, z);
+        (0..12).map(|i| (at(i), Vector3::z() * up)).collect::<Vec<_>>()
+    };
+    let rows: Vec<_> = (0..12).map(row).collect();
+    feet::grid_samples(&rows, false, samples);
+}
+
+#[test]
+fn a_foot_is_on_the_nearer_sheet_wherever_its_samples_lie() {
+    let mut samples = Vec::new();
+    sheet(0.0, 1.0, 0.0, &mut samples);
+    sheet(2.005, -1.0, 0.15, &mut samples);
+    let feet = Feet::try_new(samples).unwrap();
+    // In the middle between samples of the lower sheet, right below one of the upper sheet.
+    let foot = feet.foot(Point3::new(1.65, 1.65, 1.0));
+    assert!((foot.distance_mm - 1.0).abs() < 1e-9 && foot.at.z.abs() < 1e-9, "{foot:?}");
+}
+
+#[test]
+fn the_wall_round_a_steep_ledge_is_followed_exactly() {
+    // The branch widens by 2 mm over 1 mm of height.
+    let radius = |k: u32| if k < 10 { 2.5 } else { 4.5 };
+    let plane = |k: u32| PlaneSections { z_mm: f64::from(k), contours: vec![disk(0.0, radius(k))] };
+    let solid = with_wall(&stack((0..20).map(plane).collect()), 1.0);
+    let wall = Wall::around(&solid.lumen, 1.0, &Task::quiet()).unwrap().unwrap();
+    for z in [8.2, 8.7, 9.1, 9.6, 10.2] {
+        let united = union::outlines(&solid.lumen, 1.0, z);
+        let off =
+            united.iter().flat_map(|c| &c.points).map(|&p| wall.feet.foot(at_height(p, z)).distance_mm - 1.0);
+        let farthest = off.map(f64::abs).fold(0.0, f64::max);
+        assert!(farthest < 0.02, "z {z}: {farthest}");
+    }
 }
 
 fn is_valid(solid: &Solid) -> bool {

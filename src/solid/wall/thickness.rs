@@ -7,8 +7,9 @@
 
 use super::feet::Feet;
 use crate::ct::Warning;
-use crate::geom::Point3;
+use crate::geom::{Point3, Region};
 use crate::progress::{Cancelled, Task};
+use crate::solid::Error;
 use crate::solid::event::{Crotch, Slab};
 use crate::solid::skin::{Skin, Tube};
 use crate::spline::PatchSurface;
@@ -21,8 +22,14 @@ const BETWEEN: [f64; 2] = [0.25, 0.75];
 /// Samples of a patch along each direction.
 const ARC: usize = 48;
 const ROWS: usize = 12;
+/// Chord tolerance of the lumen's sections in which a point is looked for, mm.
+const CHORD_MM: f64 = 1e-3;
 /// How much the thickness may differ from what was asked before it is said, in t.
 const TOLERANCE: f64 = 0.02;
+/// A wall thinner than this anywhere, in t, is refused.
+const LEAST_THICKNESS: f64 = 0.5;
+/// Where it differs by more than this, in t, sections are added.
+const SLACK: f64 = 0.01;
 
 /// The thickness of a wall over the whole of its outer skin, mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -47,6 +54,27 @@ pub struct Thickness {
     pub within_percent: f64,
     /// Number of samples.
     pub n_samples: usize,
+}
+
+/// The thickness with what tells whether another skin is better, and where this one should be.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    pub(super) thickness: Thickness,
+    /// How much material is too much or missing beyond [`SLACK`].
+    pub(super) excess_mm3: f64,
+    /// Heights at which some is, ascending.
+    pub(super) off_z_mm: Vec<f64>,
+}
+
+impl Measured {
+    fn of(all: Vec<Sample>, asked_mm: f64) -> Option<Self> {
+        let excess = |s: &Sample| ((s.distance_mm - asked_mm).abs() - SLACK * asked_mm).max(0.0) * s.area_mm2;
+        let excess_mm3 = all.iter().map(excess).sum();
+        let mut off_z_mm: Vec<f64> = all.iter().filter(|s| excess(s) > 0.0).map(|s| s.at.z).collect();
+        off_z_mm.sort_by(f64::total_cmp);
+        off_z_mm.dedup();
+        Some(Self { thickness: Thickness::of(all, asked_mm)?, excess_mm3, off_z_mm })
+    }
 }
 
 /// A point of the outer skin with the area it stands for, and its distance.
@@ -93,6 +121,17 @@ impl Thickness {
         off(self.least_mm).max(off(self.most_mm)) <= TOLERANCE * self.asked_mm
     }
 
+    /// Refuses a wall that is far too thin somewhere.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let Self { asked_mm, least_mm, least_at_mm: at_mm, .. } = *self;
+        // What is not a number is too thin, too.
+        if least_mm >= LEAST_THICKNESS * asked_mm {
+            Ok(())
+        } else {
+            Err(Error::ThinWall { asked_mm, least_mm, at_mm })
+        }
+    }
+
     /// What is to be said of a wall that is not as thick as asked.
     pub(super) fn warning(&self) -> Option<Warning> {
         let place = |[x, y, z]: [f64; 3]| format!("z {z:.2}, x {x:.2}, y {y:.2}");
@@ -107,10 +146,6 @@ impl Thickness {
                 self.within_percent
             )
         };
-        if self.least_mm <= 0.0 {
-            let into = format!("the outer skin reaches into the lumen, do not print this wall: {}", text());
-            return Some(Warning::new("solid.wall_broken", into));
-        }
         (!self.is_as_asked()).then(|| Warning::new("solid.wall_thickness", text()))
     }
 }
@@ -118,15 +153,27 @@ impl Thickness {
 /// Measures the wall between an outer skin and the lumen; `None` where there is none.
 pub(super) fn measure(
     outer: &Skin,
+    lumen: &Skin,
     feet: &Feet,
     wall_mm: f64,
     task: &Task<'_>,
-) -> Result<Option<Thickness>, Cancelled> {
+) -> Result<Option<Measured>, Cancelled> {
     task.check()?;
-    let measured = |(at, area_mm2)| Sample { at, area_mm2, distance_mm: feet.foot(at).distance_mm };
+    let measured = |(at, area_mm2)| Sample { at, area_mm2, distance_mm: distance_mm(lumen, feet, at) };
     let on_tubes = outer.tubes.par_iter().flat_map_iter(on_tube);
     let on_slabs = outer.slabs.par_iter().flat_map_iter(on_slab);
-    Ok(Thickness::of(on_tubes.chain(on_slabs).map(measured).collect(), wall_mm))
+    Ok(Measured::of(on_tubes.chain(on_slabs).map(measured).collect(), wall_mm))
+}
+
+/// The signed distance of a point from the lumen. Where the nearest sample says that it is inside, the lumen itself is
+/// asked: beside a sharp ridge, a point before it may lie behind the tangent plane of a sample on it.
+fn distance_mm(lumen: &Skin, feet: &Feet, at: Point3) -> f64 {
+    let told = feet.foot(at).distance_mm;
+    if told >= 0.0 {
+        return told;
+    }
+    let region = Region::new(lumen.section(at.z, CHORD_MM));
+    if region.contains(at.xy()) { told } else { -told }
 }
 
 /// Samples between the sections of a tube.

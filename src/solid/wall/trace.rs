@@ -20,6 +20,8 @@ const MOST_TURN_COS: f64 = 0.8;
 const MOST_HALVINGS: u32 = 5;
 /// How much nearer than t, in t, another sheet may seem where it is not: the feet's accuracy.
 const CLEAR: f64 = 5e-4;
+/// How far beyond a corner a vertex may lie that was set before it was noticed, in steps.
+const PASSED: f64 = 0.3;
 const MOST_VERTICES: usize = 4_000;
 
 /// A point of an outline.
@@ -43,9 +45,11 @@ fn along(foot: &Foot) -> Vector2 {
     Vector2::new(-n.y, n.x).try_normalize(1e-12).unwrap_or_default()
 }
 
-/// Appends a corner; it takes the place of a vertex that all but coincides with it.
+/// Appends a corner; it takes the place of a vertex that all but coincides with it or lies beyond it already.
 fn push_corner(vertices: &mut Vec<Vertex>, corner: Vertex, least_mm: f64) {
-    let doubled = vertices.last().is_some_and(|v| !v.is_corner && (v.p - corner.p).norm() < least_mm);
+    let passed = |v: &Vertex| (corner.p - v.p).dot(&along(&v.feet[1])) < 0.0;
+    let near = |v: &Vertex| (v.p - corner.p).norm() < least_mm;
+    let doubled = vertices.last().is_some_and(|v| !v.is_corner && (near(v) || passed(v)));
     if doubled && vertices.len() > 1 {
         vertices.pop();
     }
@@ -223,9 +227,11 @@ impl Tracer<'_> {
         let reach = (ahead - last.p).norm() + self.step_mm;
         let valid = |(corner, feet): &(Point2, [Foot; 2])| {
             let [a, b] = feet.each_ref().map(along);
-            // A turn of nearly half a circle has a small sine, too.
-            let turns = a.perp(&b) < -LEAST_TURN || a.dot(&b) < 0.0;
-            let forward = (corner - last.p).dot(&along(&own)) > -0.01 * self.step_mm;
+            let ahead_mm = (corner - last.p).dot(&along(&own));
+            // A turn of nearly half a circle has a small sine, too. A corner that was passed before its other sheet was
+            // noticed must turn the right way, or it is the one that the outline comes from.
+            let turns = a.perp(&b) < -LEAST_TURN || (a.dot(&b) < 0.0 && ahead_mm > 0.0);
+            let forward = ahead_mm > -PASSED * self.step_mm && !(last.is_corner && ahead_mm <= 0.0);
             let clear = self.feet.foot(at_height(*corner, z)).distance_mm > self.wall_mm * (1.0 - 2e-3);
             turns && forward && clear && (corner - last.p).norm() < reach
         };
