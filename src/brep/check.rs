@@ -40,9 +40,9 @@ pub fn check(brep: &Brep) -> Result<(), Invalid> {
     // What follows would stumble over missing edges.
     if faults.is_empty() {
         faults.extend(uses(brep));
-        faults.extend(brep.faces.iter().enumerate().flat_map(|(i, f)| loops(brep, i, f)));
-        faults.extend(brep.edges.iter().flat_map(|e| edge(brep, e)));
-        faults.extend(brep.faces.iter().enumerate().filter_map(|(i, f)| fold(i, f)));
+        faults.par_extend(brep.faces.par_iter().enumerate().flat_map_iter(|(i, f)| loops(brep, i, f)));
+        faults.par_extend(brep.edges.par_iter().flat_map_iter(|e| edge(brep, e)));
+        faults.par_extend(brep.faces.par_iter().enumerate().filter_map(|(i, f)| fold(i, f)));
         faults.extend(shells(brep));
         faults.extend(euler(brep));
         faults.extend(sections(brep));

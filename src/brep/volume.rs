@@ -5,6 +5,7 @@
 
 use super::{Brep, Face, Surface};
 use crate::spline::{Basis, PatchSurface, Span};
+use rayon::prelude::*;
 
 /// Nodes and weights of Gauss quadrature on [-1, 1], exact for polynomials of degree 7 and 9.
 const GAUSS_4: [(f64, f64); 4] = [
@@ -29,6 +30,11 @@ fn nodes(basis: &Basis, rule: &[(f64, f64)]) -> Vec<(f64, f64)> {
         rule.iter().map(|&(x, w)| (middle + half * x, half * w)).collect::<Vec<_>>()
     };
     wide.flat_map(on).collect()
+}
+
+/// A sum over nodes, in their order on any number of threads.
+fn summed(nodes: Vec<(f64, f64)>, term: impl Fn((f64, f64)) -> f64 + Sync) -> f64 {
+    nodes.into_par_iter().map(term).collect::<Vec<f64>>().into_iter().sum()
 }
 
 impl Brep {
@@ -80,7 +86,7 @@ fn level_flux(surface: &PatchSurface, x_0: f64) -> f64 {
         };
         form.iter().enumerate().map(term).sum()
     };
-    nodes(v, &GAUSS_4).into_iter().map(|(z, weight)| weight * section(z)).sum()
+    summed(nodes(v, &GAUSS_4), |(z, weight)| weight * section(z))
 }
 
 fn patch_flux(surface: &PatchSurface, x_0: f64) -> f64 {
@@ -95,5 +101,5 @@ fn patch_flux(surface: &PatchSurface, x_0: f64) -> f64 {
         };
         weight * at_u.iter().map(term).sum::<f64>()
     };
-    nodes(v, &GAUSS_5).into_iter().map(row).sum()
+    summed(nodes(v, &GAUSS_5), row)
 }

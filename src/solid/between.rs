@@ -136,7 +136,12 @@ pub(super) fn between(surface: &TubeSurface, sections: &[GivenSection]) -> Vec<G
 
 /// The tube's section at a share of the way between the middle two of four, moved onto the zero of the interpolated
 /// distances.
-fn moved(surface: &TubeSurface, around: [&GivenSection; 4], share: f64, most_mm: f64) -> Option<GivenSection> {
+fn moved(
+    surface: &TubeSurface,
+    around: [&GivenSection; 4],
+    share: f64,
+    most_mm: f64,
+) -> Option<GivenSection> {
     let z_mm = around[1].0 + share * (around[2].0 - around[1].0);
     let stencil = Stencil::at(around, z_mm)?;
     let points = surface.section(z_mm).points();

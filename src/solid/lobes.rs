@@ -248,8 +248,13 @@ impl LobeField {
     /// Corrections on the two planes nearest to the event on either side.
     fn residual_corrections(&self, planes: &EventPlanes, radius: f64) -> Option<Vec<Correction>> {
         let behind = planes.beyond.iter().flat_map(|beyond| beyond.planes.first());
-        let near: Vec<&Plane> =
-            planes.parents.iter().take(CORRECTED_PLANES).chain(planes.daughters.iter().take(CORRECTED_PLANES)).chain(behind).collect();
+        let near: Vec<&Plane> = planes
+            .parents
+            .iter()
+            .take(CORRECTED_PLANES)
+            .chain(planes.daughters.iter().take(CORRECTED_PLANES))
+            .chain(behind)
+            .collect();
         let mut corrections: Vec<Correction> = near
             .into_par_iter()
             .map(|plane| {

@@ -138,7 +138,7 @@ fn completed(
 fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
     let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
     let curves: Vec<ClosedCurve> =
-        strand.sections.iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
+        strand.sections.par_iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
     let needed = z.len().max(2);
     if curves.len() < needed {
         return Err(SplineError::TooFew { found: curves.len(), needed });
@@ -154,7 +154,7 @@ fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Resu
         .collect();
     let fractions = fractions_for(&curves, &starts_mm, &notches);
     let sections: Vec<Vec<Point2>> =
-        curves.iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
+        curves.par_iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
     Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
 }
 
@@ -167,7 +167,7 @@ fn fractions_for(curves: &[ClosedCurve], starts_mm: &[f64], notches: &[Notch]) -
         let fractions = fractions(notches, n);
         let keeps =
             |(curve, start_mm): (&ClosedCurve, &f64)| keeps_to(curve, *start_mm, &fractions, tolerance_mm);
-        if curves.iter().zip(starts_mm).all(keeps) {
+        if curves.par_iter().zip(starts_mm).all(keeps) {
             return fractions;
         }
     }

@@ -10,6 +10,7 @@
 //! r² (1 + d k) / 2 d nearer than that.
 
 use crate::geom::{Point3, Vector3};
+use rayon::prelude::*;
 use std::cell::Cell;
 
 /// Samples in a leaf.
@@ -144,23 +145,24 @@ impl Sample {
 
 /// Samples of a grid of rows of equally many points; closed rows end where they began.
 pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool, out: &mut Vec<Sample>) {
-    for (i, row) in rows.iter().enumerate() {
-        let (below, above) = (&rows[i.saturating_sub(1)], &rows[(i + 1).min(rows.len() - 1)]);
-        let n = row.len();
-        for j in 0..n {
-            let (before, after) = if closed {
-                ((j + n - 1) % n, (j + 1) % n)
-            } else {
-                (j.saturating_sub(1), (j + 1).min(n - 1))
-            };
-            let between = |a: &Oriented, b: &Oriented| (b.0 - a.0, b.1 - a.1);
-            let here = row[j].0;
-            let step = |a: &Oriented, b: &Oriented| (here - a.0).norm().max((b.0 - here).norm());
-            let steps = [step(&row[before], &row[after]), step(&below[j], &above[j])];
-            let along = [between(&row[before], &row[after]), between(&below[j], &above[j])];
-            out.extend(Sample::new(row[j], along, steps));
-        }
-    }
+    out.par_extend((0..rows.len()).into_par_iter().flat_map_iter(|i| row_samples(rows, i, closed)));
+}
+
+fn row_samples(rows: &[Vec<Oriented>], i: usize, closed: bool) -> Vec<Sample> {
+    let row = &rows[i];
+    let (below, above) = (&rows[i.saturating_sub(1)], &rows[(i + 1).min(rows.len() - 1)]);
+    let n = row.len();
+    let sample = |j: usize| {
+        let (before, after) =
+            if closed { ((j + n - 1) % n, (j + 1) % n) } else { (j.saturating_sub(1), (j + 1).min(n - 1)) };
+        let between = |a: &Oriented, b: &Oriented| (b.0 - a.0, b.1 - a.1);
+        let here = row[j].0;
+        let step = |a: &Oriented, b: &Oriented| (here - a.0).norm().max((b.0 - here).norm());
+        let steps = [step(&row[before], &row[after]), step(&below[j], &above[j])];
+        let along = [between(&row[before], &row[after]), between(&below[j], &above[j])];
+        Sample::new(row[j], along, steps)
+    };
+    (0..n).filter_map(sample).collect()
 }
 
 #[derive(Debug, Clone, Copy)]

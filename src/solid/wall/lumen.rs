@@ -154,23 +154,22 @@ fn fill(heights: &mut Vec<f64>, z: f64, most: f64) {
 /// Rings at these heights and at further ones where the surface runs so flat that its points would lie far apart.
 fn closer(
     heights: &[f64],
-    ring: impl Fn(f64) -> Vec<Oriented>,
+    ring: impl Fn(f64) -> Vec<Oriented> + Sync,
     most_mm: f64,
 ) -> (Vec<f64>, Vec<Vec<Oriented>>) {
-    let mut found: Vec<(f64, Vec<Oriented>)> = Vec::with_capacity(heights.len());
-    for &z in heights {
-        let next = ring(z);
-        let further = found.last().map_or_else(Vec::new, |(from, last)| {
-            let apart = last.iter().zip(&next).map(|(a, b)| (b.0 - a.0).norm()).fold(0.0, f64::max);
-            let share = apart / most_mm;
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
-            let n = if share > MOST_APART { share.ceil().min(MOST_BETWEEN) as usize } else { 1 };
-            (1..n).map(|k| from + (z - from) * k as f64 / n as f64).map(|z| (z, ring(z))).collect()
-        });
-        found.extend(further);
-        found.push((z, next));
-    }
-    found.into_iter().unzip()
+    let rings: Vec<Vec<Oriented>> = heights.par_iter().map(|&z| ring(z)).collect();
+    let further = |k: usize| -> Vec<(f64, Vec<Oriented>)> {
+        let Some(before) = k.checked_sub(1) else { return Vec::new() };
+        let apart = rings[before].iter().zip(&rings[k]).map(|(a, b)| (b.0 - a.0).norm()).fold(0.0, f64::max);
+        let share = apart / most_mm;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
+        let n = if share > MOST_APART { share.ceil().min(MOST_BETWEEN) as usize } else { 1 };
+        let (from, to) = (heights[before], heights[k]);
+        (1..n).map(|i| from + (to - from) * i as f64 / n as f64).map(|z| (z, ring(z))).collect()
+    };
+    let between: Vec<_> = (0..heights.len()).into_par_iter().map(further).collect();
+    let given = heights.iter().copied().zip(rings);
+    between.into_iter().zip(given).flat_map(|(further, given)| further.into_iter().chain([given])).unzip()
 }
 
 /// Every `stride`-th point round a tube at z with its outward normal, beyond its ends along the end tangents.
