@@ -1,6 +1,7 @@
 //! Numbered entities of a STEP file, and how numbers are spelt in one.
 
 use crate::geom::{Point3, Vector3};
+use crate::spline::Basis;
 use std::fmt::Write;
 
 /// Decimals of lengths, mm.
@@ -26,6 +27,12 @@ impl Entities {
     pub(super) fn point(&mut self, p: Point3) -> usize {
         let [x, y, z] = [p.x, p.y, p.z].map(length);
         self.add(&format!("CARTESIAN_POINT('',({x},{y},{z}))"))
+    }
+
+    /// A point in the parameters of a surface.
+    pub(super) fn point_on_surface(&mut self, uv: [f64; 2]) -> usize {
+        let [u, v] = uv.map(parameter);
+        self.add(&format!("CARTESIAN_POINT('',({u},{v}))"))
     }
 
     pub(super) fn direction(&mut self, v: Vector3) -> usize {
@@ -66,6 +73,13 @@ fn real(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let text = text.trim_end_matches('0');
     if text == "-0." { "0.".into() } else { text.into() }
+}
+
+/// Distinct knots of a basis with their multiplicities.
+pub(super) fn knots(basis: &Basis) -> (String, String) {
+    let groups: Vec<&[f64]> = basis.knots().chunk_by(|a, b| a >= b).collect();
+    let times = list(groups.iter().map(|g| g.len().to_string()));
+    (times, list(groups.iter().map(|g| parameter(g[0]))))
 }
 
 #[cfg(test)]

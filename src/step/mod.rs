@@ -1,12 +1,13 @@
 //! A boundary representation as a STEP file (ISO 10303-21, schema AP242).
 //!
 //! Spline faces are written as `B_SPLINE_SURFACE_WITH_KNOTS` with clamped knots, flat caps as `PLANE`, edges once each as
-//! `EDGE_CURVE` on a `B_SPLINE_CURVE_WITH_KNOTS` that both faces share; one `MANIFOLD_SOLID_BREP` (or
-//! `BREP_WITH_VOIDS`) a body. Lengths are mm, to 1e-9 mm. The file carries no name, no source and a fixed time stamp:
+//! `EDGE_CURVE` on a `B_SPLINE_CURVE_WITH_KNOTS` that both faces share, with a `PCURVE` for each use by a spline face; one
+//! `MANIFOLD_SOLID_BREP` (or `BREP_WITH_VOIDS`) a body. Lengths are mm, to 1e-9 mm. The file carries no name, no source and a fixed time stamp:
 //! the same body gives the same bytes.
 //!
 //! Pure: it makes the text; writing it is the caller's.
 
+mod edge;
 mod entities;
 mod shape;
 #[cfg(test)]
@@ -33,10 +34,11 @@ ENDSEC;
 DATA;
 ";
 
-/// The context of the shape and the definition it belongs to.
+/// The contexts of what lies in space and of what lies in the parameters of a surface, and the definition of the shape.
 #[derive(Debug, Clone, Copy)]
 struct Context {
     geometry: usize,
+    parameters: usize,
     product_shape: usize,
 }
 
@@ -64,5 +66,8 @@ fn product_context(out: &mut Entities) -> Context {
         "(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{uncertainty}))\
 GLOBAL_UNIT_ASSIGNED_CONTEXT((#{length},#{angle},#{solid_angle}))REPRESENTATION_CONTEXT('',''))"
     ));
-    Context { geometry, product_shape }
+    let parameters = out.add(
+        "(GEOMETRIC_REPRESENTATION_CONTEXT(2)PARAMETRIC_REPRESENTATION_CONTEXT()REPRESENTATION_CONTEXT('',''))",
+    );
+    Context { geometry, parameters, product_shape }
 }

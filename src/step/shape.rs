@@ -1,10 +1,10 @@
-//! Bodies, faces, edges and their geometry.
+//! Bodies, shells, faces and their surfaces.
 
-use super::Context;
-use super::entities::{Entities, length, list, logical, parameter, references};
+use super::entities::{Entities, knots, list, logical, references};
+use super::{Context, edge};
 use crate::brep::{Body, Brep, Face, Loop, Shell, Surface};
 use crate::geom::{Point3, Vector3};
-use crate::spline::{Basis, Curve, PatchSurface};
+use crate::spline::PatchSurface;
 
 /// Writes all bodies as one shape of the product.
 pub(super) fn write(out: &mut Entities, brep: &Brep, context: Context) {
@@ -16,15 +16,10 @@ pub(super) fn write(out: &mut Entities, brep: &Brep, context: Context) {
             out.add(&format!("VERTEX_POINT('',#{point})"))
         })
         .collect();
-    let edges: Vec<usize> = brep
-        .edges
-        .iter()
-        .map(|e| {
-            let curve = curve(out, &e.curve);
-            out.add(&format!("EDGE_CURVE('',#{},#{},#{curve},.T.)", vertices[e.start], vertices[e.end]))
-        })
-        .collect();
-    let faces: Vec<usize> = brep.faces.iter().map(|f| face(out, f, &edges)).collect();
+    let surfaces: Vec<usize> = brep.faces.iter().map(|f| surface(out, &f.surface)).collect();
+    let edges = edge::write(out, brep, &vertices, &surfaces, context);
+    let faces: Vec<usize> =
+        brep.faces.iter().zip(surfaces).map(|(f, surface)| face(out, f, surface, &edges)).collect();
     let mut items = vec![placement(out, Point3::origin())];
     items.extend(brep.bodies.iter().map(|b| body(out, b, &faces)));
     let shape = out.add(&format!(
@@ -56,17 +51,9 @@ fn body(out: &mut Entities, body: &Body, faces: &[usize]) -> usize {
     out.add(&format!("BREP_WITH_VOIDS('',#{outer},{})", references(&voids)))
 }
 
-fn face(out: &mut Entities, face: &Face, edges: &[usize]) -> usize {
+fn face(out: &mut Entities, face: &Face, surface: usize, edges: &[usize]) -> usize {
     let bounds: Vec<usize> =
         face.loops.iter().enumerate().map(|(i, l)| bound(out, l, edges, i == 0)).collect();
-    let surface = match &face.surface {
-        Surface::Plane(z_mm) => {
-            let at = placement(out, Point3::new(0.0, 0.0, *z_mm));
-            out.add(&format!("PLANE('',#{at})"))
-        }
-        Surface::Tube(s) => surface(out, s, true),
-        Surface::Lateral(s) | Surface::Saddle(s) => surface(out, s, false),
-    };
     out.add(&format!("ADVANCED_FACE('',{},#{surface},{})", references(&bounds), logical(face.is_outward)))
 }
 
@@ -87,26 +74,18 @@ fn placement(out: &mut Entities, at: Point3) -> usize {
     out.add(&format!("AXIS2_PLACEMENT_3D('',#{origin},#{up},#{along})"))
 }
 
-/// Distinct knots of a basis with their multiplicities.
-fn knots(basis: &Basis) -> (String, String) {
-    let groups: Vec<&[f64]> = basis.knots().chunk_by(|a, b| a >= b).collect();
-    let times = list(groups.iter().map(|g| g.len().to_string()));
-    (times, list(groups.iter().map(|g| parameter(g[0]))))
+fn surface(out: &mut Entities, surface: &Surface) -> usize {
+    match surface {
+        Surface::Plane(z_mm) => {
+            let at = placement(out, Point3::new(0.0, 0.0, *z_mm));
+            out.add(&format!("PLANE('',#{at})"))
+        }
+        Surface::Tube(s) => spline(out, s, true),
+        Surface::Lateral(s) | Surface::Saddle(s) => spline(out, s, false),
+    }
 }
 
-fn curve(out: &mut Entities, curve: &Curve) -> usize {
-    let points: Vec<usize> = curve.control().iter().map(|&p| out.point(p)).collect();
-    let (times, values) = knots(curve.basis());
-    let [start, end] = curve.ends();
-    let is_closed = logical(length((end - start).norm()) == "0.");
-    out.add(&format!(
-        "B_SPLINE_CURVE_WITH_KNOTS('',{},{},.UNSPECIFIED.,{is_closed},.F.,{times},{values},.UNSPECIFIED.)",
-        curve.basis().degree(),
-        references(&points)
-    ))
-}
-
-fn surface(out: &mut Entities, surface: &PatchSurface, is_closed: bool) -> usize {
+fn spline(out: &mut Entities, surface: &PatchSurface, is_closed: bool) -> usize {
     let [u, v] = surface.bases();
     let points: Vec<usize> = surface.control().map(|p| out.point(p)).collect();
     let columns = (0..u.len())
