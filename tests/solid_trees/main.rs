@@ -237,7 +237,7 @@ fn runner(config: ProptestConfig) -> TestRunner {
 /// The first tree that is drawn.
 fn first_tree(seed: RngSeed) -> String {
     let mut runner = runner(ProptestConfig { rng_seed: seed, ..ProptestConfig::default() });
-    format!("{:?}", case().new_tree(&mut runner).unwrap().current())
+    format!("{:?}", case().new_tree(&mut runner).expect("nothing is filtered out").current())
 }
 
 #[test]
