@@ -3,8 +3,9 @@
 //!
 //! `cargo test --release --test solid_trees` tries a sample; `LUMENFAB_TREES=1000 cargo test --release --test solid_trees --
 //! --nocapture` tries a thousand and lists what was refused, `LUMENFAB_TREES=200..300` some of them; with
-//! `LUMENFAB_TREES_DIR=DIR` the contours of refused trees are written there as `treeN.json`. With `-- --ignored` the first
-//! tree that is refused is shrunk to a small one; `PROPTEST_RNG_SEED=N` draws others.
+//! `LUMENFAB_TREES_DIR=DIR` the contours of refused trees are written there as `treeN.json`. `PROPTEST_RNG_SEED=N` draws
+//! other trees. With `-- --ignored` the first tree that is refused is shrunk to a small one; without a seed those are
+//! drawn anew every time.
 
 mod field;
 
@@ -18,7 +19,7 @@ use lumenfab::sections::{PlaneSections, SectionStack};
 use lumenfab::solid::{Body, Params, Sectioned, Solid, build};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
-use proptest::test_runner::TestRunner;
+use proptest::test_runner::{RngSeed, TestRunner};
 
 /// What is put into a tree that no solid can satisfy.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -225,9 +226,30 @@ fn trees() -> std::ops::Range<u32> {
 /// than the event asks for.
 const LEAST_VALID_PERCENT: usize = 95;
 
+/// Draws always the same trees, or those of the seed that `PROPTEST_RNG_SEED` names.
+fn runner(config: ProptestConfig) -> TestRunner {
+    match config.rng_seed {
+        RngSeed::Random => TestRunner::deterministic(),
+        RngSeed::Fixed(_) => TestRunner::new(config),
+    }
+}
+
+/// The first tree that is drawn.
+fn first_tree(seed: RngSeed) -> String {
+    let mut runner = runner(ProptestConfig { rng_seed: seed, ..ProptestConfig::default() });
+    format!("{:?}", case().new_tree(&mut runner).expect("nothing is filtered out").current())
+}
+
+#[test]
+fn a_seed_draws_other_trees_and_always_the_same() {
+    let [usual, one, two] = [RngSeed::Random, RngSeed::Fixed(1), RngSeed::Fixed(2)].map(first_tree);
+    assert!(usual != one && one != two && usual != two);
+    assert_eq!([RngSeed::Random, RngSeed::Fixed(1)].map(first_tree), [usual, one]);
+}
+
 #[test]
 fn trees_become_valid_solids_or_are_refused_by_name() {
-    let mut runner = TestRunner::deterministic();
+    let mut runner = runner(ProptestConfig::default());
     let mut refused: Vec<String> = Vec::new();
     let asked = trees();
     for i in 0..asked.end {
