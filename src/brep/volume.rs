@@ -33,7 +33,7 @@ fn nodes(basis: &Basis, rule: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// A sum over nodes, in their order on any number of threads.
-fn summed(nodes: Vec<(f64, f64)>, term: impl Fn((f64, f64)) -> f64 + Sync) -> f64 {
+fn summed(nodes: Vec<(f64, f64)>, term: impl Fn((f64, f64)) -> f64 + Send + Sync) -> f64 {
     nodes.into_par_iter().map(term).collect::<Vec<f64>>().into_iter().sum()
 }
 

@@ -21,6 +21,7 @@ mod net;
 mod plain;
 mod remesh;
 mod ribbon;
+mod rows;
 mod slab;
 mod sound;
 pub mod stl;
@@ -69,6 +70,8 @@ pub enum Error {
     NotKept {
         /// Lowest and highest z of the face.
         z_mm: [f64; 2],
+        /// Middle and radius, mm, of a face between edges that it shares all round: more points on those may help.
+        patch: Option<(Point3, f64)>,
     },
     /// More vertices than an index can name.
     #[error("the mesh would have more than 2^32 vertices: ask for a larger deflection")]

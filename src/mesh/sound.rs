@@ -4,15 +4,19 @@
 //! together than that, or a surface bends within it, their triangles may still meet. Such places are found (exactly,
 //! [`super::intersect`]) and meshed again with a smaller deflection there, which grows again with the distance from them,
 //! for as long as fewer triangles meet each time. Where more of them do, it depends on where vertices happen to lie, and
-//! everything is meshed again for a somewhat smaller deflection. What does not become sound then is refused with its
+//! everything is meshed again for a somewhat smaller deflection, in the end row by row. What does not become sound then is refused with its
 //! place: the finer the mesh of a surface that crosses itself, the more triangles meet.
 //!
-//! The loop ends: the number of meeting triangles falls with every round at one deflection, and of these there are four.
+//! A patch between edges that it shares all round may need more points on them to keep the deflection: it gets them by
+//! the same smaller deflection over it.
+//!
+//! The loop ends: patches are asked three times, the number of meeting triangles falls with every round at one deflection, and of these there are four.
 
 use super::chart::Finer;
 use super::intersect::{self, Intersection};
 use super::tessellate::{Tessellation, mesh_once};
-use super::{Deflection, Error, TriMesh, closed_in_files};
+use super::{Deflection, Error, TriMesh, closed_in_files, fit_for_files, rows};
+use crate::geom::Point3;
 use crate::progress::Task;
 use crate::solid::Solid;
 
@@ -24,6 +28,8 @@ const FALL_EVERYWHERE: f64 = 0.8;
 const LEAST_EVERYWHERE: f64 = 0.5;
 /// A smaller deflection than this at some place, mm, is lost in the rounding of a file's coordinates.
 const LEAST_MM: f64 = 1e-5;
+/// Least share of the deflection on the edges of a patch that does not keep it.
+const LEAST_ON_PATCH: f64 = 0.01;
 /// A place reaches so many times as far as the triangles that meet there.
 const REACH: f64 = 1.0;
 
@@ -41,9 +47,19 @@ pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<
         share *= FALL_EVERYWHERE;
         let is_by_chance =
             matches!(found, Err(Error::NotKept { .. } | Error::Open(_) | Error::SelfIntersecting { .. }));
-        if !is_by_chance || share < LEAST_EVERYWHERE {
-            return found;
+        if is_by_chance && share >= LEAST_EVERYWHERE {
+            continue;
         }
+        return if is_by_chance { found.or_else(|error| row_by_row(solid, how, task, error)) } else { found };
+    }
+}
+
+/// The last resort, where a surface all but folds: rows of triangles at half the deflection, with chords within it only.
+fn row_by_row(solid: &Solid, how: &Tessellation, task: &Task<'_>, error: Error) -> Result<TriMesh, Error> {
+    let Deflection::Absolute { mm } = how.deflection else { return Err(error) };
+    match rows::tessellate(solid, how.skin, 0.5 * mm, task).and_then(|mesh| fit_for_files(&mesh, task)) {
+        Err(Error::Cancelled(c)) => Err(Error::Cancelled(c)),
+        found => found.map_err(|_unsound| error),
     }
 }
 
@@ -52,7 +68,12 @@ fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh,
     let mut finer = Vec::new();
     let mut fewest = usize::MAX;
     loop {
-        let mesh = closed_in_files(&mesh_once(solid, how, &finer, task)?)?;
+        let mesh = match mesh_once(solid, how, &finer, task) {
+            Err(Error::NotKept { patch: Some(patch), .. }) if densify(&mut finer, patch, how.deflection) => {
+                continue;
+            }
+            found => closed_in_files(&found?)?,
+        };
         let met = intersect::of_closed(&mesh, task)?;
         let Some(first) = met.first() else { return Ok(mesh) };
         if met.len() >= fewest || !refine(&mut finer, &mesh, &met, how.deflection) {
@@ -60,6 +81,15 @@ fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh,
         }
         fewest = met.len();
     }
+}
+
+/// Asks for less deflection over a patch that did not keep it, so that the edges that it shares get more points: they
+/// cannot be divided later. `false` where that did not help before.
+fn densify(finer: &mut Vec<Finer>, (at, radius_mm): (Point3, f64), asked: Deflection) -> bool {
+    let asked_mm = asked.near_mm(radius_mm);
+    let deflection_mm = FALL * finer.iter().map(|f| f.allows(at)).fold(asked_mm, f64::min);
+    finer.push(Finer { at, radius_mm, deflection_mm });
+    deflection_mm >= LEAST_ON_PATCH * asked_mm
 }
 
 /// Asks for less deflection where triangles meet; `false` where it would be too little.

@@ -6,7 +6,7 @@ use super::face::{Corner, Face};
 use super::slab::{Patch, SlabEdges, mesh_patch, surface};
 use super::tube::{MeshedTube, mesh_tube};
 use super::{Error, TriMesh};
-use crate::geom::{Contour, Point2};
+use crate::geom::{Contour, Point2, Point3};
 use crate::progress::Task;
 use crate::solid::{End, Skin, Slab, Solid};
 use crate::spline::TubeSurface;
@@ -236,6 +236,17 @@ impl Job<'_> {
         self.done(face, Vec::new(), !slab.upward, is_kept)
     }
 
+    fn not_kept(&self, corners: &[Corner]) -> Error {
+        let all = || corners.iter().map(|c| c.point);
+        let low = all().fold(Point3::from([f64::INFINITY; 3]), |l, p| l.coords.inf(&p.coords).into());
+        let high = all().fold(Point3::from([f64::NEG_INFINITY; 3]), |h, p| h.coords.sup(&p.coords).into());
+        let patch = matches!(self.what, What::Patch(..));
+        Error::NotKept {
+            z_mm: [low.z, high.z],
+            patch: patch.then(|| (nalgebra::center(&low, &high), 0.5 * (high - low).norm())),
+        }
+    }
+
     fn done(
         &self,
         face: Face<'_>,
@@ -245,10 +256,7 @@ impl Job<'_> {
     ) -> Result<Done, Error> {
         let Face { corners, mut triangles, .. } = face;
         if !is_kept {
-            let z = corners.iter().map(|c| c.point.z);
-            return Err(Error::NotKept {
-                z_mm: z.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], z| [l.min(z), h.max(z)]),
-            });
+            return Err(self.not_kept(&corners));
         }
         if self.is_void != is_mirrored {
             triangles.iter_mut().for_each(|t| t.swap(1, 2));
