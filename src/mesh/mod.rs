@@ -1,9 +1,9 @@
 //! Tessellation of the solid, what is wrong with a mesh, and files for other programs.
 //!
 //! Every edge (a ring at a waist or a daughter's end, a seam, the rim of a cap) is sampled once and its vertices
-//! are shared by the faces on both sides: the mesh is watertight by construction, not by repair. Rows of a branch
-//! follow its sections; points along a row are spaced by the square root of the curvature, so that chords stay
-//! within the deflection with few triangles, and neighbouring rows are staggered.
+//! are shared by the faces on both sides: the mesh is watertight by construction, not by repair. Faces are filled with
+//! nearly equilateral triangles, which are divided until every one keeps the deflection; where the triangles of two places
+//! meet, both are meshed again more finely.
 
 mod bodies;
 mod bvh;

@@ -34,7 +34,8 @@ const LEAST_ON_PATCH: f64 = 0.01;
 const REACH: f64 = 1.0;
 
 /// Meshes a solid: closed, nowhere meeting itself, no point of the surface farther than the deflection from its
-/// triangles. The vertices are as a file of 32-bit floats holds them.
+/// triangles. The vertices are as a file of 32-bit floats holds them. Where no such mesh is found for a deflection in mm,
+/// the solid is meshed row by row: sound as well, but with chords within the deflection only.
 ///
 /// # Errors
 /// A deflection out of range, an interruption, or a solid for which no mesh is sound, with the place.

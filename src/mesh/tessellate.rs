@@ -77,7 +77,8 @@ impl Deflection {
 pub struct Tessellation {
     /// Which skins.
     pub skin: SkinChoice,
-    /// Farthest that any point of the surface may be from its triangles; measured, and kept.
+    /// Farthest that any point of the surface may be from its triangles; measured, and kept. Where no such mesh is sound,
+    /// only chords keep it ([`tessellate`](super::tessellate)).
     pub deflection: Deflection,
 }
 
