@@ -66,7 +66,8 @@ fn sections_between_the_planes_are_near_the_truth() {
             let (made, truth) = (solid.section(z_mm, 1e-3).outer, vessel.region_at(z_mm, 256));
             assert_eq!(made.contours.len(), truth.contours.len(), "{kind:?} z {z_mm}");
             let off = farthest(&made, &truth).max(farthest(&truth, &made));
-            assert!(off < 0.1, "{kind:?} z {z_mm}: {off}");
+            // In the plane, which where the surface slopes is longer than in space.
+            assert!(off < 0.035, "{kind:?} z {z_mm}: {off}");
             volumes[0] += made.area_mm2();
             volumes[1] += truth.area_mm2();
         }
@@ -138,35 +139,15 @@ fn the_wall_of_a_cylinder_is_a_cylinder() {
 }
 
 #[test]
-fn the_wall_is_as_thick_across_a_split() {
-    let solid = wall(&phantom_stack(Kind::Carotid), 1.0);
-    // Distance in space from the outer section to the lumen: least over the lumen's sections near it.
-    for k in 0..30 {
-        let z_mm = 62.0 + 0.5 * f64::from(k);
-        let near: Vec<(f64, SegmentIndex)> = (-50..=50)
-            .map(|i| 0.021 * f64::from(i))
-            .filter_map(|dz| {
-                Some((dz, SegmentIndex::try_new(&solid.section(z_mm + dz, 1e-3).lumen.contours)?))
-            })
-            .collect();
-        let thickness = |p: Point2| {
-            near.iter().map(|(dz, i)| i.nearest(p).distance_mm.hypot(*dz)).fold(f64::INFINITY, f64::min)
-        };
-        let outer = solid.section(z_mm, 1e-2).outer;
-        for &p in outer.contours.iter().flat_map(|c| &c.points) {
-            let t = thickness(p);
-            assert!((0.95..1.08).contains(&t), "z {z_mm}: {t} at {p}");
-        }
-    }
-}
-
-#[test]
 fn every_phantom_gets_a_wall_of_any_usual_thickness() {
     for kind in [Kind::Merge, Kind::Trifurcation] {
         let stack = phantom_stack(kind);
         for wall_mm in [0.5, 1.0, 2.0] {
             let built = build(&stack, &Params::new(Body::Wall { wall_mm }), &Task::quiet());
-            assert!(built.is_ok(), "{kind:?} {wall_mm}: {:?}", built.err());
+            let built = built.unwrap_or_else(|e| panic!("{kind:?} {wall_mm}: {e}"));
+            let thickness = built.thickness.expect("a wall is measured");
+            let told = built.warnings.iter().any(|w| w.code == "solid.wall_thickness");
+            assert_eq!(told, !thickness.is_as_asked(), "{kind:?} {wall_mm}");
         }
     }
 }

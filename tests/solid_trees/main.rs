@@ -147,7 +147,7 @@ fn stack_of(case: &Case) -> SectionStack {
     SectionStack { planes, patient_from_stack: RigidTransform::identity() }
 }
 
-/// Every given contour lies on the solid's section at its plane, and nothing else does.
+/// Every given contour lies on the solid's section at its plane, which has as many contours.
 fn check_interpolation(stack: &SectionStack, solid: &Solid) -> Result<(), TestCaseError> {
     for plane in &stack.planes {
         let cut = solid.section(plane.z_mm, 1e-4);
