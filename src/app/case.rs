@@ -467,9 +467,17 @@ fn is_vacant(dir: &Path) -> Result<bool, FileError> {
     }
 }
 
+fn is_read_only(error: &std::io::Error) -> bool {
+    matches!(error.kind(), std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem)
+}
+
 fn lock(dir: &Path) -> Result<File, CaseError> {
     let path = dir.join(LOCK_FILE);
-    let file = File::options().create(true).truncate(false).write(true).open(&path);
+    let file = match File::options().create(true).truncate(false).write(true).open(&path) {
+        // A case that may only be read, as one in an archive, is read; what is to be written says so itself.
+        Err(e) if is_read_only(&e) => File::open(&path),
+        opened => opened,
+    };
     let file = file.map_err(failed("open", &path))?;
     match file.try_lock() {
         Ok(()) => Ok(file),

@@ -46,6 +46,10 @@ pub(crate) enum Command {
     /// CT to contours: start a case with --ct and --out, or do the stage again
     Segment(SegmentArgs),
     /// Contours to the solid: start a case with --sections and --out, or do the stage again
+    ///
+    /// A hollow wall is open at the ends of the stack, a cast is closed. Points of neighbouring contours correspond by
+    /// least twist; `[solid] correspondence = "published"` in case.toml takes the published rule for comparison: start at
+    /// the least x, then at the nearest point.
     Solid(SolidArgs),
     /// Solid to layers, toolpaths and G-code
     Slice(SliceArgs),
@@ -56,7 +60,7 @@ pub(crate) enum Command {
         /// Case directory
         case: PathBuf,
     },
-    /// Write the solid as a triangle mesh
+    /// Write the solid for other programs: STL, 3MF, STEP, or a table of triangles against deflections
     Export(ExportArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
@@ -273,7 +277,7 @@ pub(crate) struct ExportArgs {
           help = range_help("The same as a fraction", settings::DEFLECTION_RELATIVE))]
     pub(crate) deflection_relative: Option<f64>,
     /// What the vertices of a 3MF are coloured by
-    #[arg(long, default_value = "none", value_parser = colouring())]
+    #[arg(long, requires = "three_mf", default_value = "none", value_parser = colouring())]
     pub(crate) colour: Colouring,
 }
 

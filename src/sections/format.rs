@@ -64,8 +64,17 @@ pub fn from_json(text: &str) -> Result<SectionStack, FormatError> {
 
 /// The plane and contour at which a document departs from the form, where it is JSON at all.
 fn diagnosed(text: &str, error: serde_json::Error) -> FormatError {
-    let Ok(document) = serde_json::from_str::<Value>(text) else { return FormatError::Json(error) };
-    departure(&document).unwrap_or(FormatError::Json(error))
+    if let Ok(document) = serde_json::from_str::<Value>(text) {
+        return departure(&document).unwrap_or(FormatError::Json(error));
+    }
+    // JSON knows no such numbers; some programs write them all the same.
+    let nulls = text.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null");
+    match serde_json::from_str::<Value>(&nulls).ok().and_then(|document| departure(&document)) {
+        Some(FormatError::Structure { place, found, expected }) => {
+            FormatError::Structure { place, found: found.replace("null", "NaN or Infinity"), expected }
+        }
+        _ => FormatError::Json(error),
+    }
 }
 
 fn departure(document: &Value) -> Option<FormatError> {
@@ -192,6 +201,8 @@ mod tests {
             assert_eq!(from_json(&text).unwrap_err().to_string(), message, "{text}");
         }
         let nan = from_json(&document(r#"{"z_mm":NaN,"contours":[]}"#)).unwrap_err().to_string();
-        assert!(nan.starts_with("not a sections document: ") && nan.contains("line 1"), "{nan}");
+        assert_eq!(nan, "plane 0: found NaN or Infinity, expected \"z_mm\": a height in mm");
+        let broken = from_json("{]").unwrap_err().to_string();
+        assert!(broken.starts_with("not a sections document: ") && broken.contains("line 1"), "{broken}");
     }
 }

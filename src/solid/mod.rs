@@ -177,7 +177,9 @@ pub enum Error {
     #[error("the lumen has no surface to put a wall around: look at the contours")]
     NoOuterSkin,
     /// The outer skin's sections make no graph.
-    #[error("outer skin of the wall: {0}")]
+    #[error(
+        "the outlines of the wall make no skin (of computed planes and contours: {0}): look at the lumen's contours near that height, or choose another wall thickness"
+    )]
     OuterTopology(topology::Error),
     /// The work was interrupted.
     #[error(transparent)]

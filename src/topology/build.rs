@@ -4,6 +4,7 @@ use super::between::{self, Meeting, Slice};
 use super::check::{self, Sheet};
 use super::decisions::{self, Decisions};
 use super::error::Error;
+use super::interrupted;
 use super::link::{Cause, Forced};
 use super::stars::{Cluster, Joint, clusters, joints, joints_of_two};
 use super::{Graph, Link, Node, Reason, Star, warning};
@@ -70,6 +71,9 @@ fn build(stack: &SectionStack, decisions: &Decisions, doubt: Doubt) -> Result<Gr
     let forced = forced(&sheets, &resolved);
     let joints = joints(&sheets, &forced);
     settle_doubts(&sheets, &joints, doubt, &mut warnings)?;
+    if doubt == Doubt::Ask {
+        interrupted::check(&sheets, &joints, &mut warnings)?;
+    }
     let clusters: Vec<Vec<Cluster>> = joints
         .iter()
         .enumerate()

@@ -72,7 +72,7 @@ pub enum Error {
     },
     /// A plane without contours between planes that have some.
     #[error(
-        "plane {plane} (z {z_mm} mm) has no contour, but planes below and above it have: draw one, or leave the plane out"
+        "plane {plane} (z {z_mm} mm) has no contour, but planes below and above it have: draw one, or take the plane out of the stack"
     )]
     EmptyPlane {
         /// Plane, counted from 0.

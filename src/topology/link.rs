@@ -39,7 +39,7 @@ const DRIFT_PROVEN: f64 = 0.8;
 const COURSE: f64 = 0.5;
 const SECOND_COURSE: f64 = 0.3;
 /// Areas of one branch on neighbouring planes differ by less than this factor, where nothing else speaks for it.
-const MOST_GROWTH: f64 = 4.0;
+pub(super) const MOST_GROWTH: f64 = 4.0;
 /// Steepest course that is looked for, sideways over upward (75 degrees), beyond one radius.
 const STEEPEST: f64 = 3.7;
 /// Rounds in which links found by drift help to find further ones.

@@ -34,6 +34,7 @@ mod crossing;
 mod decisions;
 pub mod drawing;
 mod error;
+mod interrupted;
 mod link;
 pub mod matching;
 mod overlap;

@@ -99,6 +99,28 @@ fn branches_that_lean_over_each_others_place_are_not_crossed() {
 }
 
 #[test]
+fn an_end_beside_a_beginning_is_asked_about() {
+    // Three disks, and three beside them: overlapping by a sliver of 1 %, and half a millimetre apart.
+    for x in [7.5, 8.5] {
+        let planes = stack((0..6).map(|k| vec![disk(if k < 3 { 0.0 } else { x }, 4.0)]).collect());
+        let asked = ask(&planes).unwrap_err();
+        assert!(matches!(asked, Error::Undecided { lower_plane: 2, upper_plane: 3, lower: 0, upper: 0, .. }));
+        for (join, branches) in [(true, 1), (false, 2)] {
+            let link = LinkDecision { plane: 2, lower: Pick::Number(0), upper: Pick::Number(0), join };
+            let decided = Decisions { link: vec![link], ..Decisions::default() };
+            let graph = graph_decided_by(&planes, &decided).unwrap();
+            assert_eq!(graph.branches().len(), branches);
+            let told = graph.warnings.iter().any(|w| w.code == "topology.interrupted");
+            assert_eq!(told, !join);
+        }
+    }
+    let far = stack((0..6).map(|k| vec![disk(if k < 3 { 0.0 } else { 30.0 }, 4.0)]).collect());
+    let graph = ask(&far).unwrap();
+    assert_eq!((graph.branches().len(), graph.warnings.len()), (2, 1));
+    assert_eq!(graph.warnings[0].code, "topology.interrupted");
+}
+
+#[test]
 fn an_island_is_left_out_and_reported() {
     let planes = vec![vec![disk(0.0, 2.0)], vec![disk(0.1, 2.0), disk(20.0, 1.0)], vec![disk(0.2, 2.0)]];
     let graph = ask(&stack(planes)).unwrap();
@@ -298,7 +320,7 @@ fn every_bad_stack_says_where_and_what_to_do() {
         ),
         (
             refused(3.0, vec![]),
-            "plane 1 (z 3 mm) has no contour, but planes below and above it have: draw one, or leave the plane out",
+            "plane 1 (z 3 mm) has no contour, but planes below and above it have: draw one, or take the plane out of the stack",
         ),
         (
             refused(6.0, vec![good()]),

@@ -102,7 +102,9 @@ impl Session<'_> {
         let text = atomic::read_text(file)?;
         let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes()))]);
         let known = self.case.made_from(Stage::Segment).and_then(|m| m.get("sections"));
-        if known.is_some_and(|known| *known != made_from["sections"]) {
+        // Contours that no solid came about from may be corrected.
+        let is_begun = self.case.made_from(Stage::Solid).is_some();
+        if is_begun && known.is_some_and(|known| *known != made_from["sections"]) {
             return Err(CaseError::OtherSource(self.case.dir().to_owned()).into());
         }
         let Some(because_of) = self.case.outdated(Stage::Segment, &made_from)? else {
