@@ -1,5 +1,6 @@
 //! Why a stack makes no graph, in words that name plane and contour.
 
+use super::check::HIGHEST_MM;
 use super::decisions::Pick;
 
 /// The stack cannot be turned into a graph.
@@ -14,7 +15,8 @@ pub enum Error {
     },
     /// The height of a plane is not a number, or beyond any stack.
     #[error(
-        "plane {plane}: its height is {z_mm} mm, expected a number between -100000 and 100000: correct z_mm"
+        "plane {plane}: its height is {z_mm} mm, expected a number between -{limit} and {limit}: correct z_mm",
+        limit = HIGHEST_MM
     )]
     PlaneHeight {
         /// Plane, counted from 0.
