@@ -1,6 +1,6 @@
 //! Why a stack makes no graph, in words that name plane and contour.
 
-use super::check::HIGHEST_MM;
+use super::check::{HIGHEST_MM, MOST_CONTOURS, MOST_PLANES, MOST_POINTS};
 use super::decisions::Pick;
 
 /// The stack cannot be turned into a graph.
@@ -11,6 +11,25 @@ pub enum Error {
     #[error("a solid needs contours on at least two planes; found {found}: add planes, or widen the z range")]
     TooFewPlanes {
         /// Planes with at least one contour.
+        found: usize,
+    },
+    /// More planes than any scan has.
+    #[error("the stack has {found} planes, expected at most {limit}: leave planes out", limit = MOST_PLANES)]
+    TooManyPlanes {
+        /// Planes in the stack.
+        found: usize,
+    },
+    /// More contours than any vessel has branches.
+    #[error(
+        "plane {plane} (z {z_mm} mm) has {found} contours, expected at most {limit}: remove those that are not the vessel's",
+        limit = MOST_CONTOURS
+    )]
+    TooManyContours {
+        /// Plane, counted from 0.
+        plane: usize,
+        /// Height of the plane.
+        z_mm: f64,
+        /// Contours of the plane.
         found: usize,
     },
     /// The height of a plane is not a number, or beyond any stack.
@@ -137,6 +156,9 @@ pub enum ContourFault {
     /// A closed curve through fewer than this many points says nothing about its shape.
     #[error("it has {0} different points, at least 4 are needed")]
     TooFewPoints(usize),
+    /// More points than any outline needs.
+    #[error("it has {0} points, at most {limit} are expected", limit = MOST_POINTS)]
+    TooManyPoints(usize),
     /// NaN, infinite or farther out than 5 m.
     #[error("point {0} is not a finite coordinate within 5 m")]
     NotFinite(usize),

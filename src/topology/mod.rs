@@ -37,6 +37,7 @@ mod error;
 mod link;
 pub mod matching;
 mod overlap;
+mod spikes;
 mod stars;
 
 pub use build::{graph, graph_decided_by, repaired};
