@@ -557,6 +557,13 @@ fn ready_contours_become_closed_meshes_of_their_volume() {
     assert_eq!(fs::read(place.path("b.stl")).unwrap(), fs::read(place.path("w.stl")).unwrap());
     let relative = place.json(0, &["export", "case", "--3mf", "r.3mf", "--deflection-relative", "0.02"]);
     assert!(relative["n_triangles"].as_u64() < both["n_triangles"].as_u64(), "{relative}");
+    let coloured = ["--3mf", "c.3mf", "--deflection-relative", "0.02", "--colour", "curvature"];
+    assert_eq!(
+        place.json(0, &[&["export", "case"], &coloured[..]].concat())["n_triangles"],
+        relative["n_triangles"]
+    );
+    let exact = place.json(0, &["export", "case", "--step", "x.step", "--skin", "lumen"]);
+    close(&serde_json::json!({"volume_mm3": exact["brep_volume_mm3"]}), volume(5.0));
     fs::create_dir(place.path("dir")).unwrap();
     fs::create_dir(place.path("case/kept")).unwrap();
     for (code, args, line) in [

@@ -4,6 +4,7 @@
 //! documents too, laid one [over](CaseFile::over) the other. [`Settings`] is what it comes to once the defaults are
 //! filled in and every value was checked. Keys are the flags' names with underscores, units included.
 
+use crate::mesh;
 use crate::phantom;
 use crate::ready::Label;
 use crate::sections::Boundary;
@@ -72,10 +73,10 @@ pub const PIXEL_MM: Limits = Limits::of(phantom::PIXEL_MM, "mm");
 pub const PLANE_STEP_MM: Limits = Limits::of(phantom::PLANE_STEP_MM, "mm");
 /// Tilt of a phantom's planes.
 pub const TILT_DEG: Limits = Limits::of(phantom::TILT_DEG, "degrees");
-/// Deflection of a tessellation: below half a micrometre the file outgrows every memory.
-pub const DEFLECTION_MM: Limits = Limits { min: 0.0005, max: 5.0, unit: "mm" };
-/// The same as a fraction of the local radius: a fifth leaves eight corners to a circle.
-pub const DEFLECTION_RELATIVE: Limits = Limits { min: 0.0001, max: 0.2, unit: "of the local radius" };
+/// Deflection of a tessellation.
+pub const DEFLECTION_MM: Limits = Limits::of(mesh::DEFLECTION_MM, "mm");
+/// The same as a fraction of the local radius.
+pub const DEFLECTION_RELATIVE: Limits = Limits::of(mesh::DEFLECTION_RELATIVE, "of the local radius");
 
 impl Limits {
     const fn of([min, max]: [f64; 2], unit: &'static str) -> Self {

@@ -6,8 +6,7 @@
 use super::caps::{Rim, caps};
 use super::{Body, Brep, Coedge, Edge, Face, Loop, Shell, Surface, Vertex};
 use crate::geom::Point3;
-use crate::mesh::SkinChoice;
-use crate::solid::{Crotch, End, Skin, Solid, Tube, Weld};
+use crate::solid::{Crotch, End, Skin, SkinChoice, Solid, Tube, Weld};
 use crate::spline::{Curve, Side};
 
 /// Edges round the end of a tube, from the seam u = 0 once round.

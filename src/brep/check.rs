@@ -9,6 +9,7 @@
 //! across every event: there all curves must be simple and apart, and go round the material once. What happens
 //! between two such heights only is not seen; a triangle test of the mesh sees it.
 
+use super::fault::MOST_FAULTS;
 use super::sections::{Cutter, Piece, winding};
 use super::{Brep, Edge, Face, Fault, Invalid, Kind, Surface, along};
 use crate::geom::{Point2, Point3, Vector2};
@@ -28,13 +29,11 @@ const EVENT_SECTIONS: usize = 8;
 const LEAST_CHORD: f64 = 1e-3;
 /// Intervals, each way, at which a saddle is tested for folds.
 const SADDLE_SAMPLES: usize = 16;
-/// More faults than this say nothing more.
-const MOST_FAULTS: usize = 100;
 
 /// Tests a boundary representation.
 ///
 /// # Errors
-/// [`Invalid`] with every fault found: kind, face and place.
+/// [`Invalid`] with the faults found, a hundred at most: kind, face and place.
 pub fn check(brep: &Brep) -> Result<(), Invalid> {
     let mut faults = references(brep);
     // What follows would stumble over missing edges.

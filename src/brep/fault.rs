@@ -84,7 +84,10 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// The faults of an invalid solid; at least one.
+/// More faults than this say nothing more: no more are listed.
+pub(super) const MOST_FAULTS: usize = 100;
+
+/// The faults of an invalid solid; at least one, at most a hundred.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Invalid(pub Vec<Fault>);
 
@@ -95,7 +98,8 @@ impl std::fmt::Display for Invalid {
             write!(f, "{first}")?;
         }
         if self.0.len() > 1 {
-            write!(f, "; and {} more", self.0.len() - 1)?;
+            let or_more = if self.0.len() < MOST_FAULTS { "" } else { "at least " };
+            write!(f, "; and {or_more}{} more", self.0.len() - 1)?;
         }
         write!(f, ": look at the contours at this height and correct them")
     }

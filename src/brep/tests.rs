@@ -1,10 +1,9 @@
 use super::*;
 use crate::geom::{Contour, Point2, Point3, RigidTransform};
-use crate::mesh::SkinChoice;
 use crate::phantom::{Kind as Vessels, Vessel};
 use crate::progress::Task;
 use crate::sections::{PlaneSections, SectionStack};
-use crate::solid::{Body as Wanted, Params, Solid, build};
+use crate::solid::{Body as Wanted, Params, SkinChoice, Solid, build};
 
 fn solid(planes: Vec<PlaneSections>, body: Wanted) -> Solid {
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
@@ -97,29 +96,27 @@ fn each_fault_is_found_alone_and_in_its_place() {
         damage(&mut brep);
         kinds(&brep)
     };
-    let holds =
-        |found: &[Kind], wanted: &dyn Fn(&Kind) -> bool| assert!(found.iter().any(wanted), "{found:?}");
-    holds(&damaged(&|b| b.faces[2].loops.clear()), &|k| *k == Kind::Incomplete);
-    holds(&damaged(&|b| b.edges[0].start = 99), &|k| *k == Kind::Incomplete);
-    holds(&damaged(&|b| b.bodies[0].outer.faces.push(99)), &|k| *k == Kind::Incomplete);
+    assert_eq!(damaged(&|b| b.faces[2].loops.clear()), [Kind::Incomplete]);
+    assert_eq!(damaged(&|b| b.edges[0].start = 99), [Kind::Incomplete]);
+    assert_eq!(damaged(&|b| b.bodies[0].outer.faces.push(99)), [Kind::Incomplete]);
+    // A cap that has lost one of its two rims.
     let one = damaged(&|b| b.faces[2].loops.truncate(1));
-    holds(&one, &|k| matches!(k, Kind::EdgeUses(1)));
-    holds(&one, &|k| matches!(k, Kind::Euler { .. }));
-    let turned = damaged(&|b| b.faces[2].loops[0].coedges[0].is_forward ^= true);
-    holds(&turned, &|k| *k == Kind::Misoriented);
-    holds(&damaged(&|b| b.faces[0].loops[0].coedges.swap(0, 1)), &|k| *k == Kind::LoopOpen);
+    assert_eq!(one, [Kind::EdgeUses(1), Kind::Euler { found: 1, expected: 0 }]);
+    assert_eq!(damaged(&|b| b.faces[2].loops[0].coedges[0].is_forward ^= true), [Kind::Misoriented]);
+    assert_eq!(damaged(&|b| b.faces[0].loops[0].coedges.swap(0, 1)), [Kind::LoopOpen; 2]);
+    // A vertex at which two rings and a seam end.
     let off = damaged(&|b| b.vertices[0].point.x += 1e-3);
     assert!(off.iter().all(|k| matches!(k, Kind::OffVertex(_))) && !off.is_empty(), "{off:?}");
     let lifted = damaged(&|b| b.faces[2].surface = Surface::Plane(55.0));
-    assert!(lifted.iter().all(|k| matches!(k, Kind::OffSurface(_))) && !lifted.is_empty(), "{lifted:?}");
+    assert!(lifted.iter().all(|k| matches!(k, Kind::OffSurface(_))) && lifted.len() == 2, "{lifted:?}");
     let shrunk = damaged(&|b| {
         let edge = &mut b.edges[0];
         let start = edge.curve.ends()[0];
         edge.curve = Curve::new(edge.curve.basis().clone(), vec![start; edge.curve.control().len()]);
     });
-    holds(&shrunk, &|k| *k == Kind::ZeroLength);
-    let split = damaged(&|b| b.bodies[0].outer.faces = vec![0, 1]);
-    holds(&split, &|k| matches!(k, Kind::Incomplete | Kind::Disconnected));
+    // An edge that has shrunk to a point is off its surface, too.
+    assert!(matches!(shrunk[..], [Kind::OffSurface(_), Kind::ZeroLength]), "{shrunk:?}");
+    assert_eq!(damaged(&|b| b.bodies[0].outer.faces = vec![0, 1]), [Kind::Incomplete; 2]);
     let inside_out = damaged(&|b| b.faces.iter_mut().for_each(|f| f.is_outward ^= true));
     assert!(inside_out.iter().all(|k| *k == Kind::InsideOut) && !inside_out.is_empty(), "{inside_out:?}");
     // Moves or bends the lumen's tube; its edges are then off it, too.
@@ -131,8 +128,12 @@ fn each_fault_is_found_alone_and_in_its_place() {
             b.faces[0].surface = Surface::Tube(PatchSurface::with_control(u.clone(), v.clone(), &points));
         })
     };
-    holds(&bent(&|p| Point3::new(p.x + 2.0, p.y, p.z)), &|k| *k == Kind::Crossing);
-    holds(&bent(&|p| Point3::new(p.x, p.y, p.z + 0.1 * p.x)), &|k| *k == Kind::Folded);
+    let beside_its_edges = |found: Vec<Kind>, kind: Kind| {
+        let others: Vec<Kind> = found.into_iter().filter(|k| !matches!(k, Kind::OffSurface(_))).collect();
+        assert!(!others.is_empty() && others.iter().all(|k| *k == kind), "{others:?}");
+    };
+    beside_its_edges(bent(&|p| Point3::new(p.x + 2.0, p.y, p.z)), Kind::Crossing);
+    beside_its_edges(bent(&|p| Point3::new(p.x, p.y, p.z + 0.1 * p.x)), Kind::Folded);
     let text = check(&{
         let mut b = valid.clone();
         b.vertices[0].point.x += 1e-3;
@@ -140,6 +141,28 @@ fn each_fault_is_found_alone_and_in_its_place() {
     });
     let text = text.unwrap_err().to_string();
     assert!(text.starts_with("the solid is not valid: z "), "{text}");
+}
+
+#[test]
+fn two_bodies_taken_for_one_fall_apart() {
+    let pair = |k: u32| {
+        let disk = |x: f64| Contour::circle(Point2::new(x, 0.0), 2.0, 128);
+        PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![disk(0.0), disk(9.0)] }
+    };
+    let mut brep = Brep::of(&solid((0..5).map(pair).collect(), Wanted::Cast), SkinChoice::All);
+    assert_eq!((brep.bodies.len(), kinds(&brep)), (2, vec![]));
+    let second = brep.bodies.pop().unwrap();
+    brep.bodies[0].outer.faces.extend(second.outer.faces);
+    brep.bodies[0].outer.faces.sort_unstable();
+    assert_eq!(kinds(&brep), [Kind::Disconnected]);
+}
+
+#[test]
+fn a_list_that_was_cut_says_so() {
+    let fault = Fault { kind: Kind::Folded, face: None, part: "solid", at: Point3::origin() };
+    let text = |n: usize| Invalid(vec![fault; n]).to_string();
+    assert!(text(7).contains("; and 6 more:"), "{}", text(7));
+    assert!(text(100).contains("; and at least 99 more:"), "{}", text(100));
 }
 
 #[test]

@@ -138,13 +138,15 @@ pub(super) struct Nearest {
 }
 
 impl Bvh {
-    /// The point of a mesh (that the hierarchy was made of) nearest to p, unless all are `within_mm` or farther away.
+    /// The point of a mesh (that the hierarchy was made of) nearest to p, unless all are `within_mm` or farther away, or there are no
+    /// triangles.
     pub(super) fn nearest(&self, mesh: &TriMesh, p: Point3, within_mm: f64) -> Option<Nearest> {
         let mut best = Nearest { distance_mm: within_mm, triangle: 0, at: p };
         let mut is_found = false;
         let top = self.levels.len() - 1;
+        let root = self.levels[top].first()?;
         let mut stack = [(0, 0, 0.0); 64];
-        stack[0] = (top, 0, self.levels[top][0].distance_mm(p));
+        stack[0] = (top, 0, root.distance_mm(p));
         let mut n = 1;
         while n > 0 {
             n -= 1;

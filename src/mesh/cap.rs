@@ -44,6 +44,13 @@ pub(super) struct Region<'r> {
     holes: Vec<&'r Rim>,
 }
 
+impl Region<'_> {
+    /// Whether its triangles bound a void in the body.
+    pub(super) fn is_void(&self) -> bool {
+        self.outer.is_void
+    }
+}
+
 /// Sorts rims into regions. At one end, a rim lies in another one where the smaller is a void in the larger's body or
 /// a body in its void.
 pub(super) fn regions(rims: &[Rim]) -> Vec<Region<'_>> {

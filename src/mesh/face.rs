@@ -389,12 +389,12 @@ impl<'a> Face<'a> {
         let sum: Vector3 = ring.iter().map(|&w| self.corners[w as usize].point - corner.point).sum();
         let [du, dv] = self.chart.tangents(corner.param);
         let Some(step) = solved(du, dv, sum / ring.len() as f64) else { return false };
-        let before = self.least_cosine_quality(&star);
+        let before = self.least_sine_of(&star);
         for share in [1.0, 0.5] {
             let moved = self.corner_at(corner.param + step * share);
             self.corners[v as usize] = moved;
             let stands = star.iter().all(|&t| self.is_upright(self.triangles[t as usize]));
-            if stands && self.least_cosine_quality(&star) > before + 1e-4 {
+            if stands && self.least_sine_of(&star) > before + 1e-4 {
                 self.changed.extend(star);
                 return true;
             }
@@ -404,7 +404,7 @@ impl<'a> Face<'a> {
     }
 
     /// The least sine of an angle of the triangles.
-    fn least_cosine_quality(&self, triangles: &[u32]) -> f64 {
+    fn least_sine_of(&self, triangles: &[u32]) -> f64 {
         triangles.iter().map(|&t| least_sine(self.places(t))).fold(f64::INFINITY, f64::min)
     }
 

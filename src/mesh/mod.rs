@@ -36,12 +36,14 @@ mod zip;
 pub use bodies::bodies;
 pub use check::{Closedness, closedness};
 pub use intersect::{Intersection, self_intersections};
-pub use measure::{MeasuredMesh, measure, triangles_on};
-pub use sound::tessellate;
-pub use tessellate::{Deflection, SkinChoice, Tessellation};
+pub use measure::{Deviation, MeasuredMesh, measure};
+pub use sound::{parted, tessellate};
+pub use tessellate::{DEFLECTION_MM, DEFLECTION_RELATIVE, Deflection, Tessellation};
 
 use crate::geom::Point3;
 use crate::progress::{Cancelled, Task};
+
+pub use crate::solid::SkinChoice;
 
 /// Triangles over shared vertices, mm; seen from outside their vertices run counter-clockwise.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -56,10 +58,16 @@ pub struct TriMesh {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A deflection must be a length.
-    #[error("deflection is {0} mm: it must lie between 0.0005 and 5 mm")]
+    #[error(
+        "deflection is {0} mm: it must lie between {least} and {most} mm",
+        least = DEFLECTION_MM[0], most = DEFLECTION_MM[1]
+    )]
     Deflection(f64),
     /// A relative deflection must be a fraction of the size.
-    #[error("relative deflection is {0}: it must lie between 0.0001 and 0.5 of the local radius")]
+    #[error(
+        "relative deflection is {0}: it must lie between {least} and {most} of the local radius",
+        least = DEFLECTION_RELATIVE[0], most = DEFLECTION_RELATIVE[1]
+    )]
     Fraction(f64),
     /// A face cannot be approached by triangles.
     #[error(
@@ -72,6 +80,18 @@ pub enum Error {
         z_mm: [f64; 2],
         /// Middle and radius, mm, of a face between edges that it shares all round: more points on those may help.
         patch: Option<(Point3, f64)>,
+    },
+    /// All that was sound is farther off.
+    #[error(
+        "the surface at x {:.3} y {:.3} z {:.3} mm is {:.5} mm from its triangles, more than the deflection of {asked_mm} \
+         mm: look at the contours near that height, or ask for a larger deflection",
+        found.at.x, found.at.y, found.at.z, found.mm
+    )]
+    Deviates {
+        /// What was asked for, mm.
+        asked_mm: f64,
+        /// What was found, and where.
+        found: Deviation,
     },
     /// More vertices than an index can name.
     #[error("the mesh would have more than 2^32 vertices: ask for a larger deflection")]
@@ -89,8 +109,9 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
     /// The mesh meets itself.
     #[error(
-        "the mesh meets itself in {} place(s), the first at x {:.3} y {:.3} z {:.3} mm: nothing was written; ask for a \
-         smaller deflection, and look at the contours near that height", n, at.x, at.y, at.z
+        "the mesh meets itself in {}{n} pair(s) of triangles, the first at x {:.3} y {:.3} z {:.3} mm: nothing was written; ask \
+         for a smaller deflection, and look at the contours near that height",
+        if *n < intersect::MOST_INTERSECTIONS { "" } else { "at least " }, at.x, at.y, at.z
     )]
     SelfIntersecting {
         /// Pairs of triangles; no more than [`intersect::MOST_INTERSECTIONS`] are counted.
@@ -101,6 +122,40 @@ pub enum Error {
     /// The mesh has a free, doubled or misoriented edge.
     #[error("the mesh is not closed: {0}")]
     Open(Closedness),
+}
+
+/// What a triangle of a solid's mesh bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The lumen: its skin, and its flat ends inside the body.
+    Lumen,
+    /// The outside of a wall.
+    Outer,
+    /// A flat end of the body.
+    Cap,
+}
+
+/// A mesh of a solid, and what is known of it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Parted {
+    /// The mesh.
+    pub mesh: TriMesh,
+    /// What each of its triangles bounds, in their order.
+    pub parts: Vec<Part>,
+    /// Where the surface is farthest from the triangles, where that is more than the deflection asked for.
+    pub deviation: Option<Deviation>,
+}
+
+impl Parted {
+    /// Takes all triangles that are not taken yet for this part.
+    fn fill_up(&mut self, part: Part) {
+        self.parts.resize(self.mesh.triangles.len(), part);
+    }
+
+    /// The same with another mesh of the same triangles.
+    fn with(self, mesh: TriMesh) -> Self {
+        Self { mesh, ..self }
+    }
 }
 
 /// The mesh as files of 32-bit floats hold it, found to be closed and to meet itself nowhere.

@@ -4,8 +4,9 @@
 //! together than that, or a surface bends within it, their triangles may still meet. Such places are found (exactly,
 //! [`super::intersect`]) and meshed again with a smaller deflection there, which grows again with the distance from them,
 //! for as long as fewer triangles meet each time. Where more of them do, it depends on where vertices happen to lie, and
-//! everything is meshed again for a somewhat smaller deflection, in the end row by row. What does not become sound then is refused with its
-//! place: the finer the mesh of a surface that crosses itself, the more triangles meet.
+//! everything is meshed again for a somewhat smaller deflection, in the end row by row: how far
+//! that mesh is off is measured. What does not become sound then is refused with its place: the finer the mesh of a
+//! surface that crosses itself, the more triangles meet.
 //!
 //! A patch between edges that it shares all round may need more points on them to keep the deflection: it gets them by
 //! the same smaller deflection over it.
@@ -14,8 +15,9 @@
 
 use super::chart::Finer;
 use super::intersect::{self, Intersection};
+use super::measure::{Deviation, farthest};
 use super::tessellate::{Tessellation, mesh_once};
-use super::{Deflection, Error, TriMesh, closed_in_files, fit_for_files, rows};
+use super::{Deflection, Error, Parted, SkinChoice, TriMesh, closed_in_files, fit_for_files, rows};
 use crate::geom::Point3;
 use crate::progress::Task;
 use crate::solid::Solid;
@@ -33,13 +35,30 @@ const LEAST_ON_PATCH: f64 = 0.01;
 /// A place reaches so many times as far as the triangles that meet there.
 const REACH: f64 = 1.0;
 
+/// Shares of the deflection at which rows are set, one after the other until their mesh keeps it.
+const ROW_SHARES: [f64; 4] = [0.5, 0.25, 0.12, 0.06];
+
 /// Meshes a solid: closed, nowhere meeting itself, no point of the surface farther than the deflection from its
-/// triangles. The vertices are as a file of 32-bit floats holds them. Where no such mesh is found for a deflection in mm,
-/// the solid is meshed row by row: sound as well, but with chords within the deflection only.
+/// triangles. The vertices are as a file of 32-bit floats holds them.
+///
+/// # Errors
+/// A deflection out of range, an interruption, or a solid for which no mesh is sound or none of those keeps the deflection,
+/// with the place.
+pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+    let Parted { mesh, deviation, .. } = parted(solid, how, task)?;
+    match (deviation, how.deflection) {
+        (Some(found), Deflection::Absolute { mm: asked_mm }) => Err(Error::Deviates { asked_mm, found }),
+        _ => Ok(mesh),
+    }
+}
+
+/// The same, and what each triangle bounds. Where no sound mesh is found for a deflection in mm, the solid is meshed row
+/// by row, ever finer until that mesh is found to keep the deflection; where none does, the best is taken, and how far it
+/// is off is told.
 ///
 /// # Errors
 /// A deflection out of range, an interruption, or a solid for which no mesh is sound, with the place.
-pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+pub fn parted(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, Error> {
     how.deflection.check()?;
     let mut share = 1.0;
     loop {
@@ -51,32 +70,55 @@ pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<
         if is_by_chance && share >= LEAST_EVERYWHERE {
             continue;
         }
-        return if is_by_chance { found.or_else(|error| row_by_row(solid, how, task, error)) } else { found };
+        return match (found, how.deflection) {
+            (Err(error), Deflection::Absolute { mm }) if is_by_chance => {
+                row_by_row(solid, how.skin, mm, task)?.ok_or(error)
+            }
+            (found, _) => found,
+        };
     }
 }
 
-/// The last resort, where a surface all but folds: rows of triangles at half the deflection, with chords within it only.
-fn row_by_row(solid: &Solid, how: &Tessellation, task: &Task<'_>, error: Error) -> Result<TriMesh, Error> {
-    let Deflection::Absolute { mm } = how.deflection else { return Err(error) };
-    match rows::tessellate(solid, how.skin, 0.5 * mm, task).and_then(|mesh| fit_for_files(&mesh, task)) {
-        Err(Error::Cancelled(c)) => Err(Error::Cancelled(c)),
-        found => found.map_err(|_unsound| error),
+/// The last resort, where a surface all but folds: rows of triangles. `None` where those are unsound, too.
+pub(super) fn row_by_row(
+    solid: &Solid,
+    skin: SkinChoice,
+    deflection_mm: f64,
+    task: &Task<'_>,
+) -> Result<Option<Parted>, Error> {
+    let mut best: Option<(Parted, Deviation)> = None;
+    for share in ROW_SHARES {
+        let rows = rows::tessellate(solid, skin, share * deflection_mm, task);
+        let rows = match rows.and_then(|rows| Ok((fit_for_files(&rows.mesh, task)?, rows))) {
+            Err(Error::Cancelled(why)) => return Err(why.into()),
+            Err(_unsound) => continue,
+            Ok((mesh, rows)) => rows.with(mesh),
+        };
+        let found = farthest(solid, skin, &rows.mesh, deflection_mm, task)?;
+        if found.mm <= deflection_mm {
+            return Ok(Some(rows));
+        }
+        if best.as_ref().is_none_or(|(_, known)| found.mm < known.mm) {
+            best = Some((rows, found));
+        }
     }
+    Ok(best.map(|(rows, found)| Parted { deviation: Some(found), ..rows }))
 }
 
 /// Meshes a solid, again and again with less deflection where triangles meet, while they become fewer.
-fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
+fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, Error> {
     let mut finer = Vec::new();
     let mut fewest = usize::MAX;
     loop {
-        let mesh = match mesh_once(solid, how, &finer, task) {
+        let made = match mesh_once(solid, how, &finer, task) {
             Err(Error::NotKept { patch: Some(patch), .. }) if densify(&mut finer, patch, how.deflection) => {
                 continue;
             }
-            found => closed_in_files(&found?)?,
+            found => found?,
         };
+        let mesh = closed_in_files(&made.mesh)?;
         let met = intersect::of_closed(&mesh, task)?;
-        let Some(first) = met.first() else { return Ok(mesh) };
+        let Some(first) = met.first() else { return Ok(made.with(mesh)) };
         if met.len() >= fewest || !refine(&mut finer, &mesh, &met, how.deflection) {
             return Err(Error::SelfIntersecting { n: met.len(), at: first.at });
         }

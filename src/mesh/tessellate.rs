@@ -5,28 +5,18 @@ use super::chart::{Allowed, Asked, Chart, Finer};
 use super::face::{Corner, Face};
 use super::slab::{Patch, SlabEdges, mesh_patch, surface};
 use super::tube::{MeshedTube, mesh_tube};
-use super::{Error, TriMesh};
+use super::{Error, Part, Parted, TriMesh};
 use crate::geom::{Contour, Point2, Point3};
 use crate::progress::Task;
-use crate::solid::{End, Skin, Slab, Solid};
+use crate::solid::{End, Skin, SkinChoice, Slab, Solid};
 use crate::spline::TubeSurface;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Deflections that are accepted, mm.
-const DEFLECTION_MM: std::ops::RangeInclusive<f64> = 0.0005..=5.0;
-/// Relative deflections that are accepted.
-const FRACTION: std::ops::RangeInclusive<f64> = 1e-4..=0.5;
-
-/// Which skins are meshed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SkinChoice {
-    /// The body as printed: the wall between both skins, or the cast.
-    All,
-    /// The lumen alone, closed by its caps.
-    Lumen,
-}
+/// Least and largest deflection that is accepted, mm: below half a micrometre the file outgrows every memory.
+pub const DEFLECTION_MM: [f64; 2] = [0.0005, 5.0];
+/// The same in relation to the local size: a fifth leaves eight corners to a circle.
+pub const DEFLECTION_RELATIVE: [f64; 2] = [1e-4, 0.2];
 
 /// How far the surface may be from its triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -40,17 +30,23 @@ pub enum Deflection {
     /// In relation to the local size: the radius of the circle with the section's area. In a dome, which ends in
     /// nothing, the size falls no faster than at 45 degrees.
     Relative {
-        /// Deflection over size, 0.0001 to 0.5.
+        /// Deflection over size, 0.0001 to 0.2.
         fraction: f64,
     },
+}
+
+fn is_within(value: f64, [least, most]: [f64; 2]) -> bool {
+    (least..=most).contains(&value)
 }
 
 impl Deflection {
     /// Refuses what no mesh is made for.
     pub(super) fn check(self) -> Result<(), Error> {
         match self {
-            Self::Absolute { mm } if !DEFLECTION_MM.contains(&mm) => Err(Error::Deflection(mm)),
-            Self::Relative { fraction } if !FRACTION.contains(&fraction) => Err(Error::Fraction(fraction)),
+            Self::Absolute { mm } if !is_within(mm, DEFLECTION_MM) => Err(Error::Deflection(mm)),
+            Self::Relative { fraction } if !is_within(fraction, DEFLECTION_RELATIVE) => {
+                Err(Error::Fraction(fraction))
+            }
             _ => Ok(()),
         }
     }
@@ -77,8 +73,7 @@ impl Deflection {
 pub struct Tessellation {
     /// Which skins.
     pub skin: SkinChoice,
-    /// Farthest that any point of the surface may be from its triangles; measured, and kept. Where no such mesh is sound,
-    /// only chords keep it ([`tessellate`](super::tessellate)).
+    /// Farthest that any point of the surface may be from its triangles.
     pub deflection: Deflection,
 }
 
@@ -99,61 +94,86 @@ pub(super) fn mesh_once(
     how: &Tessellation,
     finer: &[Finer],
     task: &Task<'_>,
-) -> Result<TriMesh, Error> {
-    let mut skins = vec![(&solid.lumen, false)];
-    if let (SkinChoice::All, Some(outer)) = (how.skin, &solid.outer) {
-        // Seen from the material, the lumen's skin faces inward.
-        skins = vec![(&solid.lumen, true), (outer, false)];
-    }
-    let mut mesh = TriMesh::default();
-    let mut jobs = Vec::new();
-    let mut edges = Vec::new();
-    for (skin, _) in &skins {
-        let of_skin = skin.slabs.iter().map(|slab| {
-            let allowed = Allowed { asked: of_slab(slab, how.deflection), finer };
-            SlabEdges::sampled(slab, &allowed, &mut mesh)
-        });
-        edges.push(of_skin.collect::<Result<Vec<_>, _>>()?);
-    }
-    for (k, &(skin, is_void)) in skins.iter().enumerate() {
-        jobs.extend((0..skin.tubes.len()).map(|tube| Job {
-            skin,
-            is_void,
-            edges: &edges[k],
-            finer,
-            what: What::Tube(tube),
-        }));
-        for slab in 0..skin.slabs.len() {
-            let patches = [Patch::Lateral(0), Patch::Lateral(1), Patch::Saddle];
-            let present = patches.into_iter().filter(|&p| surface(&skin.slabs[slab], p).is_some());
-            jobs.extend(present.map(|patch| Job {
-                skin,
-                is_void,
-                edges: &edges[k],
-                finer,
-                what: What::Patch(slab, patch),
-            }));
-        }
-    }
+) -> Result<Parted, Error> {
+    let mut made = Parted::default();
+    let sides = sides(solid, how.skin);
+    let edges: Vec<Vec<SlabEdges>> = sides
+        .iter()
+        .map(|side| slab_edges(side.skin, how.deflection, finer, &mut made.mesh))
+        .collect::<Result<_, _>>()?;
+    let jobs: Vec<Job<'_>> =
+        sides.iter().zip(&edges).flat_map(|(&side, edges)| jobs(side, edges, finer)).collect();
     let done: Vec<Result<Done, Error>> = jobs.par_iter().map(|job| job.run(how.deflection, task)).collect();
     let mut rims = Vec::new();
     for done in done {
-        let Done { filled, ends, is_void } = done?;
-        let numbers = append(&mut mesh, filled)?;
-        rims.extend(ends.into_iter().map(|(is_bottom, ring)| {
-            let vertex = |&v: &u32| (numbers[v as usize], mesh.vertices[numbers[v as usize] as usize]);
-            let mut rim = Rim { vertices: ring.iter().map(vertex).collect(), is_bottom, is_void };
-            // A hole in a skin runs clockwise and bounds the other side.
-            rim.is_void ^= !Contour::new(rim.vertices.iter().map(|v| v.1.xy()).collect()).is_ccw();
-            rim
-        }));
+        rims.extend(put(&mut made, done?)?);
     }
-    let caps: Vec<Result<Filled, Error>> =
-        cap::regions(&rims).par_iter().map(|region| cap::fill(region, task)).collect();
+    let fill = |region: &cap::Region<'_>| Ok((cap::fill(region, task)?, region.is_void()));
+    let caps: Vec<Result<(Filled, bool), Error>> = cap::regions(&rims).par_iter().map(fill).collect();
     for cap in caps {
-        append(&mut mesh, cap?)?;
+        let (filled, is_void) = cap?;
+        append(&mut made.mesh, filled)?;
+        made.fill_up(if is_void { Part::Lumen } else { Part::Cap });
     }
-    Ok(mesh)
+    Ok(made)
+}
+
+/// A skin as a side of the body.
+#[derive(Debug, Clone, Copy)]
+struct Surfaced<'a> {
+    skin: &'a Skin,
+    /// Whether it encloses a void in the body: seen from the material, it then faces inward.
+    is_void: bool,
+    part: Part,
+}
+
+fn sides(solid: &Solid, choice: SkinChoice) -> Vec<Surfaced<'_>> {
+    let lumen = |is_void| Surfaced { skin: &solid.lumen, is_void, part: Part::Lumen };
+    match (choice, &solid.outer) {
+        (SkinChoice::All, Some(skin)) => {
+            vec![lumen(true), Surfaced { skin, is_void: false, part: Part::Outer }]
+        }
+        _ => vec![lumen(false)],
+    }
+}
+
+/// The edges of all slabs of a skin, their vertices in the mesh.
+fn slab_edges(
+    skin: &Skin,
+    deflection: Deflection,
+    finer: &[Finer],
+    mesh: &mut TriMesh,
+) -> Result<Vec<SlabEdges>, Error> {
+    let sampled = |slab: &Slab| {
+        let allowed = Allowed { asked: of_slab(slab, deflection), finer };
+        SlabEdges::sampled(slab, &allowed, mesh)
+    };
+    skin.slabs.iter().map(sampled).collect()
+}
+
+/// The faces of a skin: its tubes, then the patches of its slabs.
+fn jobs<'a>(side: Surfaced<'a>, edges: &'a [SlabEdges], finer: &'a [Finer]) -> Vec<Job<'a>> {
+    let tubes = (0..side.skin.tubes.len()).map(What::Tube);
+    let patches = side.skin.slabs.iter().enumerate().flat_map(|(k, slab)| {
+        let all = [Patch::Lateral(0), Patch::Lateral(1), Patch::Saddle].into_iter();
+        all.filter(|&p| surface(slab, p).is_some()).map(move |p| What::Patch(k, p))
+    });
+    tubes.chain(patches).map(|what| Job { side, edges, finer, what }).collect()
+}
+
+/// Adds a meshed face; returns the rims that it leaves open.
+fn put(made: &mut Parted, done: Done) -> Result<Vec<Rim>, Error> {
+    let Done { filled, ends, is_void, part } = done;
+    let numbers = append(&mut made.mesh, filled)?;
+    made.fill_up(part);
+    let rim = |(is_bottom, ring): (bool, Vec<u32>)| {
+        let vertex = |&v: &u32| (numbers[v as usize], made.mesh.vertices[numbers[v as usize] as usize]);
+        let mut rim = Rim { vertices: ring.iter().map(vertex).collect(), is_bottom, is_void };
+        // A hole in a skin runs clockwise and bounds the other side.
+        rim.is_void ^= !Contour::new(rim.vertices.iter().map(|v| v.1.xy()).collect()).is_ccw();
+        rim
+    };
+    Ok(ends.into_iter().map(rim).collect())
 }
 
 /// Adds a face; returns the numbers of its corners.
@@ -172,8 +192,7 @@ enum What {
 
 /// A face to mesh.
 struct Job<'a> {
-    skin: &'a Skin,
-    is_void: bool,
+    side: Surfaced<'a>,
     edges: &'a [SlabEdges],
     finer: &'a [Finer],
     what: What,
@@ -185,6 +204,7 @@ struct Done {
     /// Rings that need a cap, and whether they are at the bottom.
     ends: Vec<(bool, Vec<u32>)>,
     is_void: bool,
+    part: Part,
 }
 
 impl Job<'_> {
@@ -197,16 +217,18 @@ impl Job<'_> {
     }
 
     fn tube(&self, tube: usize, deflection: Deflection, task: &Task<'_>) -> Result<Done, Error> {
-        let tube = &self.skin.tubes[tube];
+        let tube = &self.side.skin.tubes[tube];
         let allowed = Allowed { asked: of_tube(&tube.surface, deflection), finer: self.finer };
         let shared = |end: End| match end {
             End::Cap => None,
             End::Waist { slab } => {
-                Some(self.edges[slab].waist_ring(&self.skin.slabs[slab], &self.skin.welds[slab]))
+                Some(self.edges[slab].waist_ring(&self.side.skin.slabs[slab], &self.side.skin.welds[slab]))
             }
-            End::Daughter { slab, side } => {
-                Some(self.edges[slab].daughter_ring(&self.skin.slabs[slab], &self.skin.welds[slab], side))
-            }
+            End::Daughter { slab, side } => Some(self.edges[slab].daughter_ring(
+                &self.side.skin.slabs[slab],
+                &self.side.skin.welds[slab],
+                side,
+            )),
         };
         let chart = Chart::of_tube(&tube.surface);
         let rings = [shared(tube.bottom), shared(tube.top)];
@@ -229,7 +251,7 @@ impl Job<'_> {
         task: &Task<'_>,
     ) -> Result<Done, Error> {
         let edges = &self.edges[slab];
-        let slab = &self.skin.slabs[slab];
+        let slab = &self.side.skin.slabs[slab];
         let allowed = Allowed { asked: of_slab(slab, deflection), finer: self.finer };
         let chart = Chart::of_patch(surface(slab, patch).unwrap_or(&slab.laterals[0]));
         let (face, is_kept) = mesh_patch(&chart, slab, patch, edges, &allowed, task)?;
@@ -259,10 +281,15 @@ impl Job<'_> {
         if !is_kept {
             return Err(self.not_kept(&corners));
         }
-        if self.is_void != is_mirrored {
+        if self.side.is_void != is_mirrored {
             triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
-        Ok(Done { filled: Filled { corners, triangles }, ends, is_void: self.is_void })
+        Ok(Done {
+            filled: Filled { corners, triangles },
+            ends,
+            is_void: self.side.is_void,
+            part: self.side.part,
+        })
     }
 }
 
@@ -272,7 +299,7 @@ fn equivalent_radius_mm(points: Vec<Point2>) -> f64 {
 }
 
 fn of_fraction(fraction: f64, size_mm: f64) -> f64 {
-    (fraction * size_mm).max(*DEFLECTION_MM.start())
+    (fraction * size_mm).max(DEFLECTION_MM[0])
 }
 
 /// The deflection allowed in a slab: by its smaller daughter.

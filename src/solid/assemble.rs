@@ -10,6 +10,7 @@ use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
 use super::sweep::{Interval, Joint, LEGS_SIDE_MM, Onward, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
 use super::{Error, Place};
+use crate::ct::Warning;
 use crate::geom::{Contour, Vector2};
 use crate::progress::Task;
 use crate::spline::ClosedCurve;
@@ -170,8 +171,12 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Builds a skin.
-pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> Result<Skin, Error> {
+/// Builds a skin; with what was decided by rule.
+pub(super) fn assemble(
+    graph: &Graph,
+    recipe: &dyn Recipe,
+    task: &Task<'_>,
+) -> Result<(Skin, Vec<Warning>), Error> {
     let layout = Layout::of(graph);
     let mut strands = Strands::of(layout.branches.iter().map(|b| layout.strand(b)).collect());
     let events: Vec<usize> = (0..graph.stars.len()).filter(|&s| is_event(&graph.stars[s])).collect();
@@ -200,10 +205,12 @@ pub(super) fn assemble(graph: &Graph, recipe: &dyn Recipe, task: &Task<'_>) -> R
         }
     }
     let mut strands_left = strands.joined(&slabs);
+    let mut warnings = Vec::new();
     if recipe.is_measured() {
-        [false, true].into_iter().for_each(|is_top| keep_ends_apart(graph, is_top, &mut strands_left));
+        let both = [false, true].into_iter();
+        warnings.extend(both.filter_map(|is_top| keep_ends_apart(graph, is_top, &mut strands_left)));
     }
-    skin(strands_left, slabs, recipe.correspondence(), recipe.is_measured()).map_err(Error::Spline)
+    Ok((skin(strands_left, slabs, recipe.correspondence(), recipe.is_measured())?, warnings))
 }
 
 fn is_event(star: &Star) -> bool {
@@ -268,15 +275,10 @@ impl Strands {
     fn joined(mut self, slabs: &[Slab]) -> Vec<Strand> {
         let n = self.strands.len();
         let is_root: Vec<bool> = (0..n).map(|k| self.root(k) == k).collect();
-        let z = |end: End| match end {
-            End::Cap => None,
-            End::Waist { slab } => Some(slabs[slab].z_of(slabs[slab].w_mm[0])),
-            End::Daughter { slab, .. } => Some(slabs[slab].z_of(slabs[slab].w_mm[1])),
-        };
         let mut left = Vec::new();
         for (mut strand, _) in self.strands.into_iter().zip(is_root).filter(|(_, is_root)| *is_root) {
-            let low = z(strand.bottom).unwrap_or(f64::NEG_INFINITY);
-            let high = z(strand.top).unwrap_or(f64::INFINITY);
+            let low = strand.bottom.z_mm(slabs).unwrap_or(f64::NEG_INFINITY);
+            let high = strand.top.z_mm(slabs).unwrap_or(f64::INFINITY);
             strand.sections.retain(|(z, _)| *z >= low && *z <= high);
             left.push(strand);
         }
@@ -548,9 +550,10 @@ fn finish(layout: &Layout<'_>, node: usize, is_top: bool, strand: &mut Strand) {
 }
 
 /// Branches that lean towards each other would meet beyond the stack's end, where nothing is known of them: those that do
-/// go on straight there.
-fn keep_ends_apart(graph: &Graph, is_top: bool, strands: &mut [Strand]) {
-    let Some(&plane_z) = (if is_top { graph.z_mm.last() } else { graph.z_mm.first() }) else { return };
+/// go on straight there, which is told.
+fn keep_ends_apart(graph: &Graph, is_top: bool, strands: &mut [Strand]) -> Option<Warning> {
+    let plane = if is_top { graph.z_mm.len().checked_sub(1)? } else { 0 };
+    let plane_z = *graph.z_mm.get(plane)?;
     let is_beyond = |z: f64| if is_top { z > plane_z + ONE_HEIGHT_MM } else { z < plane_z - ONE_HEIGHT_MM };
     let outermost = |strand: &Strand| -> Option<(f64, Contour)> {
         let beyond = strand.sections.iter().filter(|s| is_beyond(s.0));
@@ -562,12 +565,28 @@ fn keep_ends_apart(graph: &Graph, is_top: bool, strands: &mut [Strand]) {
         ends[i].as_ref().is_some_and(|(_, own)| others.into_iter().any(|(_, other)| meet(own, other)))
     };
     let met: Vec<bool> = (0..ends.len()).map(meets).collect();
+    let mut straightened = Vec::new();
     for (strand, _) in strands.iter_mut().zip(met).filter(|(_, met)| *met) {
         let at_end = strand.sections.iter().find(|s| (s.0 - plane_z).abs() < ONE_HEIGHT_MM);
         let Some(contour) = at_end.map(|s| s.1.clone()) else { continue };
         let beyond = strand.sections.iter_mut().filter(|s| is_beyond(s.0));
         beyond.for_each(|section| section.1 = contour.clone());
+        straightened.push(contour);
     }
+    (!straightened.is_empty()).then(|| straight_ends(graph, plane, &straightened))
+}
+
+fn straight_ends(graph: &Graph, plane: usize, contours: &[Contour]) -> Warning {
+    let of_plane = graph.nodes.iter().filter(|node| node.plane == plane && contours.contains(&node.contour));
+    let numbers: Vec<String> = of_plane.filter_map(|node| node.number).map(|n| n.to_string()).collect();
+    let text = format!(
+        "plane {} (z {:.2} mm), contours {}: these branches lean towards each other and would meet beyond the stack's end: \
+         they go on straight there",
+        graph.given[plane].unwrap_or(plane),
+        graph.z_mm[plane],
+        numbers.join(", ")
+    );
+    Warning { code: "solid.straight_ends".into(), text }
 }
 
 /// The first section moved on by `by_mm` along the direction to it from the one that lies about as far behind it; by less,

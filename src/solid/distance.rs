@@ -7,7 +7,7 @@
 //! can be found; sections of the planes are met within a thousandth of the smallest radius.
 
 use super::event::{EventPlanes, EventSource, Frame, Plane};
-use super::grid::{Jet, SmoothGrid};
+use super::grid::{Jet, SmoothGrid, bounded_step_mm};
 use super::iso;
 use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::ClosedCurve;
@@ -43,8 +43,8 @@ impl DistanceSource {
         let radii = near.iter().flat_map(|p| p.contours.iter().map(radius));
         let [least, most] = radii.fold([f64::INFINITY, 0.0f64], |[a, b], r| [a.min(r), b.max(r)]);
         // A tiny hole in a large vessel must not cost millions of nodes.
-        let step = least.max(0.15 * most) / STEPS;
         let bounds = planes.bounds()?.grown(0.4 * most);
+        let step = bounded_step_mm(bounds, least.max(0.15 * most) / STEPS);
         let mut layers: Vec<Layer> = near
             .par_iter()
             .map(|plane| {
@@ -56,7 +56,8 @@ impl DistanceSource {
             .collect::<Option<_>>()?;
         layers.sort_by(|a, b| a.w.total_cmp(&b.w));
         let anchors = planes.daughters[0].contours.iter().map(Contour::centroid).collect();
-        Some(Self { layers, frame: Frame { bounds, step_mm: least.max(0.1 * most) / 16.0 }, anchors })
+        let frame = Frame { bounds, step_mm: bounded_step_mm(bounds, least.max(0.1 * most) / 16.0) };
+        Some(Self { layers, frame, anchors })
     }
 
     /// Lagrange weights of the layers.

@@ -14,6 +14,15 @@ pub(super) struct Jet {
     pub(super) slope: Vector2,
 }
 
+/// Steps of a grid along its longer side, at most.
+const MOST_STEPS: f64 = 1500.0;
+
+/// A grid's step, coarser than asked where a speck lies beside something large, or where something thin runs far: memory
+/// stays bounded.
+pub(super) fn bounded_step_mm(bounds: Bounds2, step_mm: f64) -> f64 {
+    step_mm.max(bounds.size().amax() / MOST_STEPS)
+}
+
 /// Nodes along the border where the spline's end condition is felt; it fades by 0.27 a node.
 const BORDER: f64 = 6.0;
 

@@ -14,6 +14,8 @@ const LEVELS: u32 = 4;
 const STEEPEST: f64 = 1.5;
 /// A vertex nearer than this to the one before it, in steps, is left out.
 const LEAST_SPACING: f64 = 0.25;
+/// Steps along the longer side of what is searched, at most: memory stays bounded, and every edge has a number.
+const MOST_STEPS: f64 = 4000.0;
 const NONE: u32 = u32::MAX;
 
 struct Grid<'a> {
@@ -80,7 +82,8 @@ impl Grid<'_> {
                 _ if middle_inside => (exit + 1) % 4,
                 _ => (exit + 3) % 4,
             };
-            let number = |edge: usize| u32::try_from(edge).unwrap_or(NONE);
+            let number =
+                |edge: usize| u32::try_from(edge).expect("MOST_STEPS squared nodes have fewer edges");
             self.next[edges[exit]] = number(edges[to]);
             self.starts.push(number(edges[exit]));
         }
@@ -122,8 +125,10 @@ impl Grid<'_> {
 }
 
 /// All closed contours on which `field` vanishes, the negative side to the left: outer ones counter-clockwise, holes
-/// clockwise. The field must be positive on the border of `bounds`.
+/// clockwise. The field must be positive on the border of `bounds`. The step is made coarser where the box is longer than
+/// some thousand of them.
 pub(super) fn contours(field: &dyn Fn(Point2) -> Jet, bounds: Bounds2, step_mm: f64) -> Vec<Contour> {
+    let step_mm = step_mm.max(bounds.size().amax() / MOST_STEPS);
     let quick = searched(field, bounds, step_mm, STEEPEST);
     let found = if quick.iter().all(Option::is_some) {
         quick
@@ -198,6 +203,14 @@ pub(super) fn project(field: &dyn Fn(Point2) -> Jet, start: Point2, most_mm: f64
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_step_is_too_fine_for_the_memory() {
+        let disk = |p: Point2| Jet { value: p.coords.norm() - 1.0, slope: p.coords.normalize() };
+        let bounds = Bounds2 { min: Point2::new(-1.5, -1.5), max: Point2::new(1.5, 1.5) };
+        let [found] = &contours(&disk, bounds, 1e-9)[..] else { panic!("one disk") };
+        assert!((found.signed_area_mm2() - std::f64::consts::PI).abs() < 1e-5);
+    }
 
     #[test]
     fn two_disks_and_a_hole_are_found_on_the_zero() {

@@ -13,7 +13,7 @@
 
 use super::event::{EventPlanes, EventSource, Frame, Plane};
 use super::fit::{Normal, least_squares};
-use super::grid::{Jet, SmoothGrid};
+use super::grid::{Jet, SmoothGrid, bounded_step_mm};
 use super::iso;
 use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::{Basis, ClosedCurve};
@@ -32,8 +32,6 @@ const TEMPLATE_REACH: f64 = 1.2;
 /// The same for a correction.
 const CORRECTION_STEPS: f64 = 12.0;
 const CORRECTION_REACH: f64 = 0.5;
-/// Steps of any grid along its longer side.
-const MOST_STEPS: f64 = 1500.0;
 /// Steps of the contours' grid to the smallest daughter's radius.
 const CONTOUR_STEPS: f64 = 18.0;
 /// Planes where the daughters have joined again that tell how they come there.
@@ -115,11 +113,6 @@ impl Lobe {
         let Jet { value, slope } = self.template(local);
         (params[2] * value, [-slope.x, -slope.y, value - slope.dot(&(local - self.centre))])
     }
-}
-
-/// A grid's step, coarser than asked where a speck lies beside something large: memory stays bounded.
-fn bounded_step_mm(bounds: Bounds2, step_mm: f64) -> f64 {
-    step_mm.max((bounds.max - bounds.min).amax() / MOST_STEPS)
 }
 
 fn radius_mm(area_mm2: f64) -> f64 {

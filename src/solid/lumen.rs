@@ -6,6 +6,7 @@ use super::distance::{DistanceSource, Inverse};
 use super::event::{EventPlanes, EventSource, Plane};
 use super::lobes::LobeSource;
 use super::skin::{Correspondence, Skin};
+use crate::ct::Warning;
 use crate::geom::Contour;
 use crate::progress::Task;
 use crate::topology::Graph;
@@ -58,7 +59,11 @@ impl Recipe for Lumen {
     }
 }
 
-/// Builds the lumen's skin from the graph of its contours.
-pub(super) fn build(graph: &Graph, correspondence: Correspondence, task: &Task<'_>) -> Result<Skin, Error> {
+/// Builds the lumen's skin from the graph of its contours; with what was decided by rule.
+pub(super) fn build(
+    graph: &Graph,
+    correspondence: Correspondence,
+    task: &Task<'_>,
+) -> Result<(Skin, Vec<Warning>), Error> {
     assemble(graph, &Lumen { correspondence }, task)
 }

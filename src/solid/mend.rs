@@ -13,11 +13,12 @@
 //! Cost: three curves of each interval, and of each that it overlaps seen along z; some thousand distances where a section
 //! is added.
 
+use super::Error;
 use super::grid::Jet;
 use super::iso;
 use super::skin::{GivenSection, Strand, Tube};
 use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
-use crate::spline::{SplineError, TubeSurface};
+use crate::spline::TubeSurface;
 use crate::topology::{meet, meets_itself};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -40,8 +41,8 @@ const STEPS: f64 = 160.0;
 /// Those of `loft`.
 pub(super) fn mended(
     mut lofted: Vec<(Strand, Tube)>,
-    loft: impl Fn(&Strand) -> Result<Tube, SplineError> + Sync,
-) -> Result<Vec<Tube>, SplineError> {
+    loft: impl Fn(&Strand) -> Result<Tube, Error> + Sync,
+) -> Result<Vec<Tube>, Error> {
     for _ in 0..ROUNDS {
         let further = further(&lofted);
         if further.iter().all(Vec::is_empty) {

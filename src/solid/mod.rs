@@ -25,8 +25,10 @@ mod lobes;
 mod lumen;
 mod mend;
 mod neck;
+mod section;
 mod skin;
 mod slab;
+mod stored;
 mod sweep;
 mod tangent;
 mod tip;
@@ -34,7 +36,7 @@ mod wall;
 mod weld;
 
 pub use event::{Crotch, EventFault, Slab};
-pub use skin::{Correspondence, End, Skin, Tube};
+pub use skin::{BranchFault, Correspondence, End, Skin, Tube};
 pub use wall::Thickness;
 pub use weld::Weld;
 
@@ -42,7 +44,6 @@ use crate::ct::Warning;
 use crate::geom::Region;
 use crate::progress::{Cancelled, Task};
 use crate::sections::SectionStack;
-use crate::spline::SplineError;
 use crate::topology;
 use serde::{Deserialize, Serialize};
 
@@ -143,9 +144,17 @@ pub enum Error {
         /// Why.
         fault: EventFault,
     },
-    /// Sections cannot be interpolated.
-    #[error(transparent)]
-    Spline(SplineError),
+    /// A branch has no surface.
+    #[error(
+        "the branch from z {:.2} to {:.2} mm: {fault}: look at the contours there and correct them",
+        z_mm[0], z_mm[1]
+    )]
+    Branch {
+        /// Its lowest and highest section, or the events that it lies between.
+        z_mm: [f64; 2],
+        /// Why.
+        fault: BranchFault,
+    },
     /// A wall thickness that no printer and no vessel has.
     #[error("wall thickness is {0} mm: it must lie between 0.1 and 20 mm")]
     WallThickness(f64),
@@ -159,6 +168,18 @@ pub enum Error {
         z_mm: [f64; 2],
         /// Why.
         fault: EventFault,
+    },
+    /// A branch of the outer skin has no surface.
+    #[error(
+        "outer skin of the wall, the branch from z {:.2} to {:.2} mm: {fault}: look at the contours there, or choose \
+         another wall thickness",
+        z_mm[0], z_mm[1]
+    )]
+    OuterBranch {
+        /// Its lowest and highest section, or the events that it lies between.
+        z_mm: [f64; 2],
+        /// Why.
+        fault: BranchFault,
     },
     /// The outer skin comes far too near to the lumen, or lies inside it.
     #[error(
@@ -184,6 +205,16 @@ pub enum Error {
     /// The work was interrupted.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+/// Which skins of a solid are looked at: those of the whole body or the lumen's alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SkinChoice {
+    /// The body as printed: the wall between both skins, or the cast.
+    All,
+    /// The lumen alone, closed by its caps.
+    Lumen,
 }
 
 /// A vessel as a solid: one skin (a cast) or two (a wall around the open lumen).
@@ -219,9 +250,10 @@ pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<B
         Body::Wall { wall_mm } => return Err(Error::WallThickness(wall_mm)),
     };
     let graph = topology::graph_decided_by(stack, &params.decisions)?;
-    let lumen = lumen::build(&graph, params.correspondence, task)?;
+    let (lumen, about_lumen) = lumen::build(&graph, params.correspondence, task)?;
     let matching = topology::Matching::of(&graph);
     let mut warnings = graph.warnings;
+    warnings.extend(about_lumen);
     let (mut outer, mut thickness) = (None, None);
     if let Some(wall_mm) = wall_mm {
         let built = wall::build(&lumen, wall_mm, task)?;

@@ -1,11 +1,12 @@
 //! A closed skin: tubes between events, slabs of three patches at the events, flat caps at the ends.
 
+use super::Error;
 use super::between::between;
 use super::event::{Crotch, Slab};
 use super::mend::mended;
 use super::weld::{Weld, weld};
-use crate::geom::{Contour, Point2, Point3};
-use crate::spline::{ClosedCurve, PatchSurface, SectionCurve, SplineError, TubeSurface};
+use crate::geom::{Contour, Point2};
+use crate::spline::{ClosedCurve, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -19,10 +20,6 @@ const LOOSE_TOLERANCE_MM: f64 = 8e-4;
 const AMPLE_POINTS: usize = 1024;
 /// Most that points are closer in a notch than elsewhere.
 const MOST_DENSITY: f64 = 8.0;
-/// Samples along a lateral patch's row from which its bending is taken.
-const ARC_SAMPLES: usize = 64;
-/// Grid on which the saddle patch is cut by a plane.
-const SADDLE_GRID: usize = 48;
 
 /// Which points of neighbouring sections of a tube are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -55,6 +52,18 @@ pub enum End {
     },
 }
 
+impl End {
+    /// Height of the slab's border at which it ends; `None` for a cap.
+    pub(super) fn z_mm(self, slabs: &[Slab]) -> Option<f64> {
+        let border = |slab: usize, end: usize| slabs[slab].z_of(slabs[slab].w_mm[end]);
+        match self {
+            Self::Cap => None,
+            Self::Waist { slab } => Some(border(slab, 0)),
+            Self::Daughter { slab, .. } => Some(border(slab, 1)),
+        }
+    }
+}
+
 /// A branch between two events or ends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tube {
@@ -68,6 +77,7 @@ pub struct Tube {
 
 /// A closed surface.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "super::stored::RawSkin")]
 pub struct Skin {
     /// Branches.
     pub tubes: Vec<Tube>,
@@ -91,6 +101,17 @@ pub(super) struct Strand {
     pub(super) top: End,
 }
 
+impl Strand {
+    /// Its lowest and highest section; the events at its ends where there is none.
+    fn z_range_mm(&self, slabs: &[Slab]) -> [f64; 2] {
+        let sections = self.sections.iter().map(|s| s.0);
+        let ends = [self.bottom, self.top].into_iter().filter_map(|end| end.z_mm(slabs));
+        sections
+            .chain(ends)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)])
+    }
+}
+
 /// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
 /// ask for them; between any, those without which tubes would cross.
 pub(super) fn skin(
@@ -98,9 +119,9 @@ pub(super) fn skin(
     mut slabs: Vec<Slab>,
     correspondence: Correspondence,
     is_measured: bool,
-) -> Result<Skin, SplineError> {
+) -> Result<Skin, Error> {
     let loft = |strand: &Strand| tube(strand, &slabs, correspondence);
-    let lofted: Vec<Result<(Strand, Tube), SplineError>> =
+    let lofted: Vec<Result<(Strand, Tube), Error>> =
         strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
     let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut tubes = match correspondence {
@@ -114,10 +135,10 @@ pub(super) fn skin(
 /// A strand with the tube through its sections and through those that they ask for in between where they are measured.
 fn completed(
     mut strand: Strand,
-    loft: &impl Fn(&Strand) -> Result<Tube, SplineError>,
+    loft: &impl Fn(&Strand) -> Result<Tube, Error>,
     correspondence: Correspondence,
     is_measured: bool,
-) -> Result<(Strand, Tube), SplineError> {
+) -> Result<(Strand, Tube), Error> {
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
@@ -135,17 +156,47 @@ fn completed(
     Ok((strand, tube))
 }
 
-fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
-    let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
-    let curves: Vec<ClosedCurve> =
-        strand.sections.par_iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
-    let needed = z.len().max(2);
-    if curves.len() < needed {
-        return Err(SplineError::TooFew { found: curves.len(), needed });
-    }
+/// Why a branch has no surface.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BranchFault {
+    /// A contour is none.
+    #[error("its contour at z {z_mm:.3} mm has fewer than three distinct points")]
+    Degenerate {
+        /// Height of the contour.
+        z_mm: f64,
+    },
+    /// There are too few sections.
+    #[error("it has {found} section(s) where two are needed")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+    },
+    /// Its sections cannot be joined.
+    #[error(transparent)]
+    Spline(#[from] SplineError),
+}
+
+fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, Error> {
+    let surface = lofted(strand, slabs, correspondence)
+        .map_err(|fault| Error::Branch { z_mm: strand.z_range_mm(slabs), fault })?;
+    Ok(Tube { surface, bottom: strand.bottom, top: strand.top })
+}
+
+fn lofted(
+    strand: &Strand,
+    slabs: &[Slab],
+    correspondence: Correspondence,
+) -> Result<TubeSurface, BranchFault> {
+    let curve = |(z_mm, contour): &GivenSection| {
+        ClosedCurve::through(contour).ok_or(BranchFault::Degenerate { z_mm: *z_mm })
+    };
+    let curves: Vec<Result<ClosedCurve, BranchFault>> = strand.sections.par_iter().map(curve).collect();
+    // The lowest fault is reported, on any number of threads.
+    let curves = curves.into_iter().collect::<Result<Vec<_>, _>>()?;
     if curves.len() < 2 {
-        return Err(SplineError::TooFew { found: curves.len(), needed: 2 });
+        return Err(BranchFault::TooFew { found: curves.len() });
     }
+    let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
     let starts_mm = starts_mm(&curves, correspondence);
     let last = curves.len() - 1;
     let notches: Vec<Notch> = [(strand.bottom, 0), (strand.top, last)]
@@ -155,7 +206,7 @@ fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Resu
     let fractions = fractions_for(&curves, &starts_mm, &notches);
     let sections: Vec<Vec<Point2>> =
         curves.par_iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
-    Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
+    Ok(TubeSurface::through(&z, &sections)?)
 }
 
 /// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all
@@ -317,45 +368,6 @@ impl Skin {
             .map(|t| t.surface.z_range_mm())
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [a, b]| [low.min(a), high.max(b)])
     }
-
-    /// The closed curves at height z as polylines with chords within the tolerance: outlines run counter-clockwise,
-    /// holes clockwise.
-    #[must_use]
-    pub fn section(&self, z_mm: f64, tolerance_mm: f64) -> Vec<Contour> {
-        let mut contours: Vec<Contour> = self
-            .tubes
-            .iter()
-            .filter(|t| {
-                let [low, high] = t.surface.z_range_mm();
-                z_mm >= low && z_mm <= high
-            })
-            .map(|t| polyline(&t.surface.section(z_mm), tolerance_mm))
-            .collect();
-        for slab in &self.slabs {
-            let w = slab.w_of(z_mm);
-            // At its borders the tubes have the section already.
-            if w > slab.w_mm[0] && w < slab.w_mm[1] {
-                contours.extend(slab.section(w, tolerance_mm));
-            }
-        }
-        contours
-    }
-}
-
-/// Most chords of a curve: beyond it a tolerance below what contours know.
-const MOST_CHORDS: f64 = 4096.0;
-
-/// How many equal steps of the parameter keep a curve within the tolerance of its chords, from its largest second
-/// derivative over a parameter from 0 to 1: a chord over a step h leaves the curve by at most bend h² / 8.
-fn n_chords(bend_mm: f64, tolerance_mm: f64) -> usize {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    let n = (bend_mm / (8.0 * tolerance_mm)).sqrt().ceil().clamp(16.0, MOST_CHORDS) as usize;
-    n
-}
-
-fn polyline(curve: &SectionCurve, tolerance_mm: f64) -> Contour {
-    let n = n_chords(curve.bend_mm(), tolerance_mm);
-    Contour::new((0..n).map(|i| curve.at(i as f64 / n as f64)).collect())
 }
 
 impl Slab {
@@ -397,132 +409,29 @@ impl Slab {
         let v = self.v_of(self.w_mm[end]);
         self.laterals.each_ref().map(|l| l.at(0.0, v).xy())
     }
-
-    /// The closed curves at height w inside the slab.
-    #[must_use]
-    pub fn section(&self, w: f64, tolerance_mm: f64) -> Vec<Contour> {
-        let laterals = self.laterals.each_ref().map(|patch| {
-            let row = patch.row(self.v_of(w));
-            let at = |u: f64| {
-                let p: Point3 = row.at(u);
-                Point2::new(p.x, p.y)
-            };
-            let samples: Vec<Point2> = (0..=ARC_SAMPLES).map(|i| at(i as f64 / ARC_SAMPLES as f64)).collect();
-            let bends = samples.windows(3).map(|s| ((s[2] - s[1]) - (s[1] - s[0])).norm());
-            let bend_mm = bends.fold(0.0, f64::max) * (ARC_SAMPLES * ARC_SAMPLES) as f64;
-            let n = n_chords(bend_mm, tolerance_mm);
-            (0..=n).map(|i| at(i as f64 / n as f64)).collect::<Vec<_>>()
-        });
-        let between = match &self.crotch {
-            Crotch::Saddle(saddle) => self.saddle_curves(saddle, w),
-            Crotch::Crease => Vec::new(),
-        };
-        close_loops(laterals.to_vec(), between)
-    }
-
-    /// The curves in which the plane at height w cuts the saddle patch.
-    fn saddle_curves(&self, saddle: &PatchSurface, w: f64) -> Vec<Vec<Point2>> {
-        let n = SADDLE_GRID;
-        let parameter = |i: usize| i as f64 / n as f64;
-        let height: Vec<Vec<f64>> = (0..=n)
-            .map(|j| {
-                let row = saddle.row(parameter(j));
-                (0..=n).map(|i| self.w_of(row.at(parameter(i)).z) - w).collect()
-            })
-            .collect();
-        let at = |i: usize, j: usize| height[j][i];
-        let cross = |a: (usize, usize), b: (usize, usize)| {
-            let (fa, fb) = (at(a.0, a.1), at(b.0, b.1));
-            ((fa < 0.0) != (fb < 0.0)).then(|| {
-                let t = fa / (fa - fb);
-                let mix = |p: usize, q: usize| parameter(p) + (parameter(q) - parameter(p)) * t;
-                saddle.at(mix(a.0, b.0), mix(a.1, b.1))
-            })
-        };
-        let mut pieces = Vec::new();
-        for i in 0..n {
-            for j in 0..n {
-                // Two triangles a cell: no ambiguous case.
-                for triangle in [[(i, j), (i + 1, j), (i + 1, j + 1)], [(i, j), (i + 1, j + 1), (i, j + 1)]] {
-                    let ends: Vec<Point2> = (0..3)
-                        .filter_map(|k| {
-                            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-                            // Both triangles of an edge must find the same point, to the last bit.
-                            if a < b { cross(a, b) } else { cross(b, a) }
-                        })
-                        .map(|p| Point2::new(p.x, p.y))
-                        .collect();
-                    if let [a, b] = ends[..] {
-                        pieces.push(vec![a, b]);
-                    }
-                }
-            }
-        }
-        chained(pieces)
-    }
-}
-
-/// Joins polylines that share end points into longer ones.
-fn chained(mut pieces: Vec<Vec<Point2>>) -> Vec<Vec<Point2>> {
-    let mut curves = Vec::new();
-    while let Some(mut curve) = pieces.pop() {
-        loop {
-            let (head, tail) = (curve[0], curve[curve.len() - 1]);
-            let joins = |piece: &Vec<Point2>| {
-                let (a, b) = (piece[0], piece[piece.len() - 1]);
-                a == tail || b == tail || a == head || b == head
-            };
-            let Some(i) = pieces.iter().position(joins) else { break };
-            let mut piece = pieces.swap_remove(i);
-            if piece[0] == head || piece[piece.len() - 1] == head {
-                curve.reverse();
-            }
-            if piece[piece.len() - 1] == curve[curve.len() - 1] {
-                piece.reverse();
-            }
-            curve.extend_from_slice(&piece[1..]);
-        }
-        curves.push(curve);
-    }
-    curves
-}
-
-/// Joins directed open curves, by bridges of either direction, to closed contours, nearest ends first.
-fn close_loops(mut open: Vec<Vec<Point2>>, mut bridges: Vec<Vec<Point2>>) -> Vec<Contour> {
-    let mut closed = Vec::new();
-    while let Some(mut contour) = open.pop() {
-        loop {
-            let (head, tail) = (contour[0], contour[contour.len() - 1]);
-            let candidates = open.iter().chain(&bridges);
-            let gap =
-                |curve: &Vec<Point2>| (curve[0] - tail).norm().min((curve[curve.len() - 1] - tail).norm());
-            let nearest = candidates.enumerate().min_by(|a, b| gap(a.1).total_cmp(&gap(b.1)));
-            let Some((i, curve)) = nearest else { break };
-            if gap(curve) >= (head - tail).norm() && contour.len() > 2 {
-                break;
-            }
-            let mut next =
-                if i < open.len() { open.swap_remove(i) } else { bridges.swap_remove(i - open.len()) };
-            if (next[0] - tail).norm() > (next[next.len() - 1] - tail).norm() {
-                next.reverse();
-            }
-            contour.extend(next);
-        }
-        contour.dedup_by(|a, b| (*a - *b).norm() < 1e-7);
-        if contour.len() > 1 && (contour[0] - contour[contour.len() - 1]).norm() < 1e-7 {
-            contour.pop();
-        }
-        let contour = Contour::new(contour);
-        if contour.len() >= 3 {
-            closed.push(contour);
-        }
-    }
-    closed
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_branch_without_a_surface_is_named_with_its_place() {
+        let disk = |z: f64| (z, Contour::circle(Point2::origin(), 2.0, 64));
+        let built = |sections: Vec<GivenSection>| {
+            let strand = Strand { sections, bottom: End::Cap, top: End::Cap };
+            skin(vec![strand], Vec::new(), Correspondence::default(), true).unwrap_err().to_string()
+        };
+        let point = (2.0, Contour::new(vec![Point2::origin(); 5]));
+        assert_eq!(
+            built(vec![disk(1.0), point, disk(3.0)]),
+            "the branch from z 1.00 to 3.00 mm: its contour at z 2.000 mm has fewer than three distinct points: look at the \
+             contours there and correct them"
+        );
+        assert!(
+            built(vec![disk(4.5)]).contains("z 4.50 to 4.50 mm: it has 1 section(s) where two are needed")
+        );
+    }
 
     #[test]
     fn the_published_rule_starts_at_least_x_and_then_at_the_nearest_point() {

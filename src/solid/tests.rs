@@ -5,7 +5,7 @@ use crate::sections::PlaneSections;
 
 mod events;
 
-fn phantom_stack(kind: Kind) -> SectionStack {
+pub(super) fn phantom_stack(kind: Kind) -> SectionStack {
     let vessel = Vessel::new(kind);
     let plane = |k: u32| {
         let z_mm = 3.0 * f64::from(k);
@@ -14,7 +14,7 @@ fn phantom_stack(kind: Kind) -> SectionStack {
     stack((0..46).map(plane).collect())
 }
 
-fn stack(planes: Vec<PlaneSections>) -> SectionStack {
+pub(super) fn stack(planes: Vec<PlaneSections>) -> SectionStack {
     SectionStack { planes, patient_from_stack: RigidTransform::identity() }
 }
 
@@ -27,7 +27,7 @@ fn cylinder(radius_mm: f64, n_planes: u32) -> SectionStack {
     )
 }
 
-fn cast(stack: &SectionStack) -> Solid {
+pub(super) fn cast(stack: &SectionStack) -> Solid {
     build(stack, &Params::new(Body::Cast), &Task::quiet()).unwrap().solid
 }
 
@@ -150,6 +150,46 @@ fn every_phantom_gets_a_wall_of_any_usual_thickness() {
             assert_eq!(told, !thickness.is_as_asked(), "{kind:?} {wall_mm}");
         }
     }
+}
+
+#[test]
+fn branches_that_would_meet_beyond_the_stack_go_on_straight_and_that_is_told() {
+    // Two tubes that lean towards each other: half an interval above the last plane they would overlap.
+    let plane = |k: u32| {
+        let x = 2.2 + 0.35 * f64::from(7 - k);
+        let tube = |side: f64| Contour::circle(Point2::new(side * x, 0.0), 2.1, 64);
+        PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![tube(1.0), tube(-1.0)] }
+    };
+    let built = |n: u32| build(&stack((0..n).map(plane).collect()), &Params::new(Body::Cast), &Task::quiet());
+    let leaning = built(8).unwrap();
+    let told: Vec<&Warning> = leaning.warnings.iter().filter(|w| w.code == "solid.straight_ends").collect();
+    assert_eq!(told.len(), 1, "{:?}", leaning.warnings);
+    assert!(told[0].text.starts_with("plane 7 (z 14.00 mm), contours 0, 1: "), "{}", told[0].text);
+    assert_eq!(leaning.solid.section(14.9, 1e-3).outer.contours.len(), 2);
+    // Farther apart they lean on.
+    assert_eq!(built(5).unwrap().warnings, []);
+}
+
+#[test]
+fn a_hole_that_the_wall_fills_is_told_where_it_is_wider_than_the_wall() {
+    let ring = |hole_mm: f64| {
+        let outer = Contour::circle(Point2::new(1.0, 2.0), 8.0, 128);
+        let inner = Contour::circle(Point2::new(1.0, 2.0), hole_mm, 128).reversed();
+        let plane =
+            |k: u32| PlaneSections { z_mm: 2.0 * f64::from(k), contours: vec![outer.clone(), inner.clone()] };
+        build(&stack((0..5).map(plane).collect()), &Params::new(Body::Wall { wall_mm: 1.0 }), &Task::quiet())
+            .unwrap()
+    };
+    let filled = |built: &Built| -> Vec<Warning> {
+        built.warnings.iter().filter(|w| w.code == "solid.hole_filled").cloned().collect()
+    };
+    let [warning] = &filled(&ring(4.0))[..] else { panic!("one hole is filled") };
+    assert!(
+        warning.text.contains("from z -1.00 to 9.00 mm") && warning.text.contains("is 3."),
+        "{}",
+        warning.text
+    );
+    assert_eq!(filled(&ring(0.9)), []);
 }
 
 #[test]

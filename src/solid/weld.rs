@@ -51,7 +51,8 @@ fn end_z_mm(tube: &Tube, end: End) -> f64 {
     if tube.bottom == end { low } else { high }
 }
 
-fn ends_of(slab: usize) -> [End; 3] {
+/// What the tubes on the side of the waist and of either daughter end in.
+pub(super) fn ends_of(slab: usize) -> [End; 3] {
     [End::Waist { slab }, End::Daughter { slab, side: 0 }, End::Daughter { slab, side: 1 }]
 }
 

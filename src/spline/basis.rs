@@ -25,6 +25,11 @@ pub enum SplineError {
     },
 }
 
+/// Numbers that were read and make no B-spline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("no B-spline: {0}")]
+pub struct Malformed(pub(super) &'static str);
+
 /// The four basis functions that do not vanish at a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
@@ -38,9 +43,41 @@ pub struct Span {
 ///
 /// The parameter runs from the knot `degree` to the knot `degree` from the end; a clamped basis repeats its ends there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawBasis")]
 pub struct Basis {
     knots: Vec<f64>,
     degree: usize,
+}
+
+/// A basis as it was read.
+#[derive(Deserialize)]
+struct RawBasis {
+    knots: Vec<f64>,
+    degree: usize,
+}
+
+impl TryFrom<RawBasis> for Basis {
+    type Error = Malformed;
+
+    fn try_from(RawBasis { knots, degree }: RawBasis) -> Result<Self, Malformed> {
+        if !(1..=DEGREE).contains(&degree) {
+            return Err(Malformed("its degree is not 1, 2 or 3"));
+        }
+        if knots.len() < 2 * (degree + 1) {
+            return Err(Malformed("it has too few knots"));
+        }
+        if !knots.iter().all(|k| k.is_finite()) || !knots.is_sorted() {
+            return Err(Malformed("its knots do not ascend"));
+        }
+        let basis = Self { knots, degree };
+        let [first, last] = basis.range();
+        let is_inside = |k: &f64| *k > first && *k < last;
+        if first < last && basis.inner_knots().iter().all(is_inside) {
+            Ok(basis)
+        } else {
+            Err(Malformed("its knots leave no range"))
+        }
+    }
 }
 
 impl Basis {
@@ -415,6 +452,23 @@ mod tests {
         let greville = basis.greville();
         assert_eq!([greville[0], greville[5]].map(f64::to_bits), basis.range().map(f64::to_bits));
         assert!((value(&basis, &greville, basis.at(2.2)) - 2.2).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_basis_that_was_read_is_one() {
+        let basis = Basis::not_a_knot(&[0.0, 1.0, 1.5, 3.0, 4.0, 4.5]).unwrap();
+        let read = |text: &str| serde_json::from_str::<Basis>(text).map_err(|e| e.to_string());
+        assert_eq!(read(&serde_json::to_string(&basis).unwrap()), Ok(basis));
+        for (text, fault) in [
+            (r#"{"knots":[0,0,0,0,1,1,1,1],"degree":0}"#, "degree"),
+            (r#"{"knots":[0,0,0,0,1,1,1,1],"degree":4}"#, "degree"),
+            (r#"{"knots":[0,0,0,1,1,1,1],"degree":3}"#, "too few knots"),
+            (r#"{"knots":[0,0,0,0,1,1,0.5,1],"degree":3}"#, "ascend"),
+            (r#"{"knots":[0,0,0,0,0,0,0,0],"degree":3}"#, "no range"),
+            (r#"{"knots":[0,0,0,0,1,1,1,1,1],"degree":3}"#, "no range"),
+        ] {
+            assert!(read(text).is_err_and(|e| e.contains(fault)), "{text}: {:?}", read(text));
+        }
     }
 
     #[test]

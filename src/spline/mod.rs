@@ -15,7 +15,7 @@ mod closed;
 mod curve;
 mod surface;
 
-pub use basis::{Basis, Span, SplineError};
+pub use basis::{Basis, Malformed, Span, SplineError};
 pub use closed::{ClosedCurve, periodic_control_points};
 pub use curve::Curve;
 pub use surface::{Jet, PatchRow, PatchSurface, SectionCurve, Side, TubeJet, TubeNet, TubeRing, TubeSurface};

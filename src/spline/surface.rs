@@ -1,12 +1,13 @@
 //! The two kinds of B-spline surfaces of a vessel. In both z depends on v alone where it matters: a section at
 //! any height of a tube or a lateral patch is an iso-curve.
 
-use super::{Basis, Curve, Span, SplineError, periodic_control_points};
+use super::{Basis, Curve, Malformed, Span, SplineError, periodic_control_points};
 use crate::geom::{Point2, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A tube: periodic cubic in u (uniform, u in [0, 1)), cubic in v, and v is z in mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawTube")]
 pub struct TubeSurface {
     n_u: usize,
     /// Heights of the sections it was made through.
@@ -14,6 +15,45 @@ pub struct TubeSurface {
     z: Basis,
     /// Control rows in v; each row holds x, y of the periodic control points, the i-th one centred on u = i / n_u.
     control: Vec<f64>,
+}
+
+/// A tube as it was read.
+#[derive(Deserialize)]
+struct RawTube {
+    n_u: usize,
+    z_mm: Vec<f64>,
+    z: Basis,
+    control: Vec<f64>,
+}
+
+impl TryFrom<RawTube> for TubeSurface {
+    type Error = Malformed;
+
+    fn try_from(RawTube { n_u, z_mm, z, control }: RawTube) -> Result<Self, Malformed> {
+        let [low, high] = z.range();
+        let is_inside = |h: &f64| (low..=high).contains(h);
+        if z_mm.len() < 2 || !z_mm.is_sorted() || !z_mm.iter().all(is_inside) {
+            return Err(Malformed("the heights of a tube's sections do not ascend inside it"));
+        }
+        if n_u < 3 {
+            return Err(Malformed("a tube's section has fewer than three points"));
+        }
+        is_full(&control, [2, n_u, z.len()])?;
+        Ok(Self { n_u, z_mm, z, control })
+    }
+}
+
+/// Whether there are as many control numbers as the product says, all finite.
+fn is_full(control: &[f64], [width, n_u, n_v]: [usize; 3]) -> Result<(), Malformed> {
+    let n = n_u.checked_mul(n_v).and_then(|n| n.checked_mul(width));
+    if n != Some(control.len()) {
+        return Err(Malformed("the control points of a surface do not fit its bases"));
+    }
+    if control.iter().all(|c| c.is_finite()) {
+        Ok(())
+    } else {
+        Err(Malformed("a control point is no number"))
+    }
 }
 
 impl TubeSurface {
@@ -390,11 +430,29 @@ impl SectionCurve {
 
 /// A patch with four sides: a B-spline surface on clamped bases in both directions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawPatch")]
 pub struct PatchSurface {
     u: Basis,
     v: Basis,
     /// Control rows in v, each of as many points (x, y, z) as u has functions.
     control: Vec<f64>,
+}
+
+/// A patch as it was read.
+#[derive(Deserialize)]
+struct RawPatch {
+    u: Basis,
+    v: Basis,
+    control: Vec<f64>,
+}
+
+impl TryFrom<RawPatch> for PatchSurface {
+    type Error = Malformed;
+
+    fn try_from(RawPatch { u, v, control }: RawPatch) -> Result<Self, Malformed> {
+        is_full(&control, [3, u.len(), v.len()])?;
+        Ok(Self { u, v, control })
+    }
 }
 
 /// A side of a patch.
@@ -597,6 +655,26 @@ impl PatchRow<'_> {
         self.weighted(self.basis.derivative_at(u))
     }
 
+    /// First and last u.
+    #[must_use]
+    pub fn range(&self) -> [f64; 2] {
+        self.basis.range()
+    }
+
+    /// Its pieces between knots, each with the largest length of the second derivative on it. That derivative is at most
+    /// linear there: it is largest at an end.
+    #[must_use]
+    pub fn bends(&self) -> Vec<([f64; 2], f64)> {
+        let (p, knots) = (self.basis.degree(), self.basis.knots());
+        let point = |i: usize| Vector3::from_column_slice(&self.control[3 * i..3 * i + 3]);
+        let first = |i: usize| (point(i + 1) - point(i)) * (p as f64 / (knots[i + p + 1] - knots[i + 1]));
+        let second =
+            |i: usize| (first(i + 1) - first(i)) * ((p - 1) as f64 / (knots[i + p + 1] - knots[i + 2]));
+        let bend = |j: usize| (j - p..j + 1 - p.min(2)).map(|i| second(i).norm()).fold(0.0, f64::max);
+        let pieces = (p..self.basis.len()).filter(|&j| knots[j] < knots[j + 1]);
+        pieces.map(|j| ([knots[j], knots[j + 1]], if p < 2 { 0.0 } else { bend(j) })).collect()
+    }
+
     /// Its control points, x, y, z one after the other.
     #[must_use]
     pub fn control(&self) -> &[f64] {
@@ -666,6 +744,36 @@ mod tests {
         assert!((pulled.section(7.5).at(0.9) - end.at(0.9)).norm() < 1e-14);
         let turned = tube.clone().turned(5).section(2.0).at(0.1);
         assert!((turned - tube.section(2.0).at(0.1 + 5.0 / 32.0)).norm() < 1e-13);
+    }
+
+    #[test]
+    fn a_surface_that_was_read_has_the_numbers_it_needs() {
+        let (tube, patch) = (bent_tube(), bent_tube().clamped());
+        let damaged = |text: &str, what: &dyn Fn(&mut serde_json::Value)| {
+            let mut value: serde_json::Value = serde_json::from_str(text).unwrap();
+            what(&mut value);
+            value
+        };
+        let text = serde_json::to_string(&tube).unwrap();
+        let of_tube = |what: &dyn Fn(&mut serde_json::Value)| {
+            serde_json::from_value::<TubeSurface>(damaged(&text, what)).map_err(|e| e.to_string())
+        };
+        assert!(of_tube(&|_| {}).is_ok());
+        assert!(of_tube(&|v| v["n_u"] = 0.into()).is_err_and(|e| e.contains("three points")));
+        assert!(of_tube(&|v| v["n_u"] = u64::MAX.into()).is_err_and(|e| e.contains("do not fit")));
+        assert!(of_tube(&|v| v["z_mm"] = serde_json::json!([])).is_err_and(|e| e.contains("heights")));
+        assert!(
+            of_tube(&|v| v["control"].as_array_mut().unwrap().truncate(7))
+                .is_err_and(|e| e.contains("do not fit"))
+        );
+        let text = serde_json::to_string(&patch).unwrap();
+        let of_patch = |what: &dyn Fn(&mut serde_json::Value)| {
+            serde_json::from_value::<PatchSurface>(damaged(&text, what)).map_err(|e| e.to_string())
+        };
+        assert!(of_patch(&|_| {}).is_ok());
+        assert!(
+            of_patch(&|v| v["control"] = serde_json::json!([1.0])).is_err_and(|e| e.contains("do not fit"))
+        );
     }
 
     #[test]

@@ -1,10 +1,9 @@
 use super::*;
 use crate::geom::{Contour, Point2, Point3, RigidTransform};
-use crate::mesh::SkinChoice;
 use crate::phantom::{Kind, Vessel};
 use crate::progress::Task;
 use crate::sections::{PlaneSections, SectionStack};
-use crate::solid::{Body, Crotch, Params, Solid, build};
+use crate::solid::{Body, Crotch, Params, SkinChoice, Solid, build};
 
 fn wall(planes: Vec<PlaneSections>) -> Solid {
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };

@@ -4,6 +4,7 @@
 use super::decisions::Resolved;
 use super::error::{ContourFault, Error};
 use super::overlap::{Component, overlap_mm2};
+use super::spikes::cut_spikes;
 use super::{crossing, warning};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Region};
@@ -14,13 +15,16 @@ use rayon::prelude::*;
 const FARTHEST_MM: f64 = 5000.0;
 /// Height of a plane beyond which it is a slip of the pen: stacks of thousands of planes are still lower.
 pub(super) const HIGHEST_MM: f64 = 1e5;
+/// Most planes of a stack, contours of a plane and points of a contour: far more than any scan has, and few enough that
+/// comparing all with all ends.
+pub(super) const MOST_PLANES: usize = 20_000;
+pub(super) const MOST_CONTOURS: usize = 1000;
+pub(super) const MOST_POINTS: usize = 50_000;
 /// Points nearer to each other than this are one point, mm: less than the grid on which regions are computed.
-const SAME_POINT_MM: f64 = 1e-6;
+pub(super) const SAME_POINT_MM: f64 = 1e-6;
 /// A contour whose area is below this share of its squared perimeter goes out and comes back the same way. A circle has
 /// 0.08, an ellipse with axes 1 : 1000 has 2e-4.
 const LEAST_FULLNESS: f64 = 1e-5;
-/// Sine of the angle between the two edges at the tip of a spike.
-const SPIKE_SINE: f64 = 0.01;
 /// A loop or an overlap of less than this share of the perimeter (times 1 mm) is rounding.
 const ROUNDING_AREA_PER_MM: f64 = 1e-4;
 /// How much longer than every other edge the closing one must be to be taken for a gap.
@@ -118,8 +122,11 @@ impl Repairs {
 /// Numbers of the planes from the lowest upward.
 ///
 /// # Errors
-/// Where two planes lie at one height, or a height is no number.
+/// Where there are too many planes, where two lie at one height, or where a height is no number.
 pub(super) fn order(stack: &SectionStack) -> Result<Vec<usize>, Error> {
+    if stack.planes.len() > MOST_PLANES {
+        return Err(Error::TooManyPlanes { found: stack.planes.len() });
+    }
     let z = |plane: usize| stack.planes[plane].z_mm;
     if let Some(plane) = (0..stack.planes.len()).find(|&p| !z(p).is_finite() || z(p).abs() > HIGHEST_MM) {
         return Err(Error::PlaneHeight { plane, z_mm: z(plane) });
@@ -158,6 +165,9 @@ pub(super) fn sheets(
 fn sheet(stack: &SectionStack, plane: usize, resolved: &Resolved) -> Result<(Sheet, Repairs), Error> {
     let sections = &stack.planes[plane];
     let z_mm = sections.z_mm;
+    if sections.contours.len() > MOST_CONTOURS {
+        return Err(Error::TooManyContours { plane, z_mm, found: sections.contours.len() });
+    }
     let mut repairs = Repairs::default();
     let mut kept = Vec::new();
     for (contour, given) in sections.contours.iter().enumerate() {
@@ -289,6 +299,9 @@ fn tidied(
     number: usize,
     repairs: &mut Repairs,
 ) -> Result<Contour, ContourFault> {
+    if given.len() > MOST_POINTS {
+        return Err(ContourFault::TooManyPoints(given.len()));
+    }
     let usable = |c: f64| c.is_finite() && c.abs() <= FARTHEST_MM;
     if let Some(i) = given.points.iter().position(|p| !usable(p.x) || !usable(p.y)) {
         return Err(ContourFault::NotFinite(i));
@@ -329,33 +342,6 @@ fn without_repeats(points: &[Point2]) -> Vec<Point2> {
         kept.pop();
     }
     kept
-}
-
-/// Removes tips at which the line turns back on itself; returns how many.
-fn cut_spikes(points: &mut Vec<Point2>) -> usize {
-    let is_tip = |a: Point2, b: Point2, c: Point2| {
-        let (to_a, to_c) = (a - b, c - b);
-        to_a.dot(&to_c) > 0.0 && to_a.perp(&to_c).abs() <= SPIKE_SINE * to_a.norm() * to_c.norm()
-    };
-    let mut n_spikes = 0;
-    let mut i = 0;
-    let mut since_change = 0;
-    while points.len() >= 4 && since_change < points.len() {
-        let n = points.len();
-        i %= n;
-        if is_tip(points[(i + n - 1) % n], points[i], points[(i + 1) % n]) {
-            points.remove(i);
-            n_spikes += 1;
-            // What was behind the tip may be one now, or the same point twice.
-            *points = without_repeats(points);
-            i = i.saturating_sub(2);
-            since_change = 0;
-        } else {
-            i += 1;
-            since_change += 1;
-        }
-    }
-    n_spikes
 }
 
 fn has_gap(points: &[Point2]) -> bool {

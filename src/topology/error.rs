@@ -1,5 +1,6 @@
 //! Why a stack makes no graph, in words that name plane and contour.
 
+use super::check::{HIGHEST_MM, MOST_CONTOURS, MOST_PLANES, MOST_POINTS};
 use super::decisions::Pick;
 
 /// The stack cannot be turned into a graph.
@@ -12,9 +13,29 @@ pub enum Error {
         /// Planes with at least one contour.
         found: usize,
     },
+    /// More planes than any scan has.
+    #[error("the stack has {found} planes, expected at most {limit}: leave planes out", limit = MOST_PLANES)]
+    TooManyPlanes {
+        /// Planes in the stack.
+        found: usize,
+    },
+    /// More contours than any vessel has branches.
+    #[error(
+        "plane {plane} (z {z_mm} mm) has {found} contours, expected at most {limit}: remove those that are not the vessel's",
+        limit = MOST_CONTOURS
+    )]
+    TooManyContours {
+        /// Plane, counted from 0.
+        plane: usize,
+        /// Height of the plane.
+        z_mm: f64,
+        /// Contours of the plane.
+        found: usize,
+    },
     /// The height of a plane is not a number, or beyond any stack.
     #[error(
-        "plane {plane}: its height is {z_mm} mm, expected a number between -100000 and 100000: correct z_mm"
+        "plane {plane}: its height is {z_mm} mm, expected a number between -{limit} and {limit}: correct z_mm",
+        limit = HIGHEST_MM
     )]
     PlaneHeight {
         /// Plane, counted from 0.
@@ -135,6 +156,9 @@ pub enum ContourFault {
     /// A closed curve through fewer than this many points says nothing about its shape.
     #[error("it has {0} different points, at least 4 are needed")]
     TooFewPoints(usize),
+    /// More points than any outline needs.
+    #[error("it has {0} points, at most {limit} are expected", limit = MOST_POINTS)]
+    TooManyPoints(usize),
     /// NaN, infinite or farther out than 5 m.
     #[error("point {0} is not a finite coordinate within 5 m")]
     NotFinite(usize),

@@ -38,6 +38,7 @@ mod interrupted;
 mod link;
 pub mod matching;
 mod overlap;
+mod spikes;
 mod stars;
 
 pub use build::{graph, graph_decided_by, repaired};

@@ -331,6 +331,18 @@ fn every_bad_stack_says_where_and_what_to_do() {
             "plane 1: its height is NaN mm, expected a number between -100000 and 100000: correct z_mm",
         ),
         (
+            refused(3.0, vec![disk(0.0, 2.0); 1001]),
+            "plane 1 (z 3 mm) has 1001 contours, expected at most 1000: remove those that are not the vessel's",
+        ),
+        (
+            refused(3.0, vec![Contour::circle(Point2::origin(), 2.0, 50_001)]),
+            "plane 1 (z 3 mm), contour 0: it has 50001 points, at most 50000 are expected: redraw or remove it",
+        ),
+        (
+            ask(&stack(vec![vec![good()]; 20_001])).unwrap_err().to_string(),
+            "the stack has 20001 planes, expected at most 20000: leave planes out",
+        ),
+        (
             ask(&stack(vec![vec![good()]])).unwrap_err().to_string(),
             "a solid needs contours on at least two planes; found 1: add planes, or widen the z range",
         ),

@@ -6,18 +6,21 @@ use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
-use crate::brep::Brep;
-use crate::geom::Contour;
+use crate::brep::{self, Brep};
+use crate::ct::Warning;
 use crate::mesh::colour::ColourScale;
 use crate::mesh::threemf::{Colour, Description};
-use crate::mesh::{self, MeasuredMesh, SkinChoice, Tessellation, TriMesh, sweep};
+use crate::mesh::{self, Deviation, MeasuredMesh, Parted, Tessellation, sweep};
 use crate::progress::Task;
-use crate::solid::{Solid, Tube};
+use crate::solid::{SkinChoice, Solid};
 use crate::step;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-pub use crate::mesh::SkinChoice as Skin;
+pub use crate::solid::SkinChoice as Skin;
+
+/// Deflection of the mesh on which surfaces are tested that are written without one, mm.
+const TEST_DEFLECTION_MM: f64 = 0.05;
 
 /// How fine an exported mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -69,6 +72,9 @@ pub struct Meshed {
     /// The deflection that was asked for.
     #[serde(flatten)]
     pub deflection: Deflection,
+    /// Farthest that the surface is from the triangles, mm, where no mesh was found that keeps the deflection.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deviation_mm: Option<f64>,
 }
 
 /// The exact surfaces that were written.
@@ -101,6 +107,9 @@ pub struct Exported {
     /// What is in the STL and the 3MF.
     #[serde(flatten)]
     pub mesh: Option<Meshed>,
+    /// What is not as it was asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
     /// What is in the STEP file.
     #[serde(flatten)]
     pub surfaces: Option<SteppedSolid>,
@@ -121,14 +130,18 @@ pub struct TimedRow {
 
 impl std::fmt::Display for Exported {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if let Some(Meshed { n_triangles, volume_mm3, deflection }) = self.mesh {
+        if let Some(Meshed { n_triangles, volume_mm3, deflection, deviation_mm }) = self.mesh {
+            let kept = deviation_mm.map_or_else(String::new, |mm| format!(" not kept: {mm:.5} mm"));
             for path in self.stl.iter().chain(&self.three_mf) {
                 writeln!(
                     f,
-                    "{}: {n_triangles} triangles, {volume_mm3:.1} mm3, {deflection}",
+                    "{}: {n_triangles} triangles, {volume_mm3:.1} mm3, {deflection}{kept}",
                     path.display()
                 )?;
             }
+        }
+        for Warning { code, text } in &self.warnings {
+            writeln!(f, "warning: {code}: {text}")?;
         }
         if let (Some(path), Some(SteppedSolid { n_faces, brep_volume_mm3 })) = (&self.step, self.surfaces) {
             writeln!(f, "{}: {n_faces} faces, {brep_volume_mm3:.1} mm3", path.display())?;
@@ -220,8 +233,8 @@ impl Session<'_> {
     /// Writes the solid, or its lumen alone, as the files that are asked for: all of them or none.
     ///
     /// # Errors
-    /// [`Error`] where there is no solid, where its mesh is not closed or meets itself, or where a file cannot be
-    /// written.
+    /// [`Error`] where there is no solid, where its surfaces are not valid, where its mesh is not closed or meets itself, or
+    /// where a file cannot be written.
     pub fn export(&mut self, wanted: &Export) -> Result<Exported, Error> {
         wanted.check(self.case.dir())?;
         self.require(Stage::Solid)?;
@@ -229,24 +242,19 @@ impl Session<'_> {
         let about = self.description(wanted)?;
         let solid = self.built()?;
         let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
-        let mut mesh = None;
-        if wanted.stl.is_some() || wanted.three_mf.is_some() {
-            let made = mesh_of(solid, wanted.skin, wanted.deflection, &task)?;
-            if let Some(path) = &wanted.stl {
-                files.push((path, mesh::stl::to_bytes(&made)?));
-            }
-            if let Some(path) = &wanted.three_mf {
-                files.push((
-                    path,
-                    mesh::threemf::to_bytes(&made, &colours(solid, &made, wanted, &task)?, &about)?,
-                ));
-            }
-            let (n_triangles, volume_mm3) = (made.triangles.len(), made.volume_mm3());
-            mesh = Some(Meshed { n_triangles, volume_mm3, deflection: wanted.deflection });
+        let is_meshed = wanted.stl.is_some() || wanted.three_mf.is_some();
+        let made = is_meshed.then(|| mesh_of(solid, wanted.skin, wanted.deflection, &task)).transpose()?;
+        if let Some(made) = &made {
+            files.extend(mesh_files(made, wanted, about)?);
         }
         let mut surfaces = None;
         if let Some(path) = &wanted.step {
             let brep = Brep::of(solid, wanted.skin);
+            brep::check(&brep)?;
+            if made.is_none() {
+                // What happens between the sections that the check looks at, triangles show.
+                mesh_of(solid, wanted.skin, Deflection::Absolute(TEST_DEFLECTION_MM), &task)?;
+            }
             files.push((path, step::to_step(&brep).into_bytes()));
             surfaces = Some(SteppedSolid { n_faces: brep.faces.len(), brep_volume_mm3: brep.volume_mm3() });
         }
@@ -262,7 +270,9 @@ impl Session<'_> {
         let files: Vec<(&Path, &[u8])> = files.iter().map(|(path, bytes)| (*path, &bytes[..])).collect();
         atomic::write_exports(&files)?;
         let Export { stl, three_mf, step, sweep, .. } = wanted.clone();
-        Ok(Exported { stl, three_mf, step, sweep, plot, mesh, surfaces, rows })
+        let mesh = made.as_ref().map(|made| Meshed::of(made, wanted.deflection));
+        let warnings = made.iter().filter_map(|made| deviates(made, wanted.deflection)).collect();
+        Ok(Exported { stl, three_mf, step, sweep, plot, mesh, warnings, surfaces, rows })
     }
 
     /// What a 3MF says about itself.
@@ -281,60 +291,78 @@ impl Session<'_> {
     }
 }
 
-/// The mesh as it will be in a file: of 32-bit floats, closed, within the deflection, and meeting itself nowhere.
+/// The files of a mesh.
+fn mesh_files<'w>(
+    made: &Parted,
+    wanted: &'w Export,
+    mut about: Description,
+) -> Result<Vec<(&'w Path, Vec<u8>)>, Error> {
+    about.facts.extend(made.deviation.map(|found| ("DeviationMm", format!("{:.6}", found.mm))));
+    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+    if let Some(path) = &wanted.stl {
+        files.push((path, mesh::stl::to_bytes(&made.mesh)?));
+    }
+    if let Some(path) = &wanted.three_mf {
+        let colours = colours(made, wanted.colouring);
+        files.push((path, mesh::threemf::to_bytes(&made.mesh, &colours, &about)?));
+    }
+    Ok(files)
+}
+
+impl Meshed {
+    fn of(made: &Parted, deflection: Deflection) -> Self {
+        Self {
+            n_triangles: made.mesh.triangles.len(),
+            volume_mm3: made.mesh.volume_mm3(),
+            deflection,
+            deviation_mm: made.deviation.map(|found| found.mm),
+        }
+    }
+}
+
+/// What is to be said of a mesh that does not keep the deflection.
+fn deviates(made: &Parted, deflection: Deflection) -> Option<Warning> {
+    let Deviation { mm, at } = made.deviation?;
+    let text = format!(
+        "the surface at x {:.2} y {:.2} z {:.2} mm is {mm:.5} mm from the triangles ({deflection} was asked for): no \
+         finer mesh was sound; look at the contours near that height",
+        at.x, at.y, at.z
+    );
+    Some(Warning { code: "mesh.deviation".into(), text })
+}
+
+/// The mesh as it will be in a file: of 32-bit floats, closed, and meeting itself nowhere; within the deflection, or with
+/// how far it is off.
 fn mesh_of(
     solid: &Solid,
     skin: SkinChoice,
     deflection: Deflection,
     task: &Task<'_>,
-) -> Result<TriMesh, Error> {
+) -> Result<Parted, Error> {
     let deflection = match deflection {
         Deflection::Absolute(mm) => mesh::Deflection::Absolute { mm },
         Deflection::Relative(fraction) => mesh::Deflection::Relative { fraction },
     };
-    Ok(mesh::tessellate(solid, &Tessellation { deflection, skin }, task)?)
+    Ok(mesh::parted(solid, &Tessellation { deflection, skin }, task)?)
 }
 
 /// Colours of a mesh's vertices; none where none are asked for.
-fn colours(solid: &Solid, mesh: &TriMesh, wanted: &Export, task: &Task<'_>) -> Result<Vec<Colour>, Error> {
-    match wanted.colouring {
-        Colouring::None => Ok(Vec::new()),
+fn colours(made: &Parted, colouring: Colouring) -> Vec<Colour> {
+    match colouring {
+        Colouring::None => Vec::new(),
         Colouring::Curvature => {
-            let deflection_mm = deflection_mm(solid, wanted.deflection);
-            let values = view::curvature(solid, mesh, wanted.skin, deflection_mm, task)?;
+            let values = view::curvature(made);
             let scale = ColourScale::over(&values);
-            Ok(values.into_iter().map(|v| scale.colour(v)).collect())
+            values.into_iter().map(|v| scale.colour(v)).collect()
         }
     }
-}
-
-fn deflection_mm(solid: &Solid, deflection: Deflection) -> f64 {
-    match deflection {
-        Deflection::Absolute(mm) => mm,
-        Deflection::Relative(fraction) => fraction * least_radius_mm(solid),
-    }
-}
-
-/// The smallest radius of the lumen: with it, no place gets a coarser mesh than its own radius would ask for.
-fn least_radius_mm(solid: &Solid) -> f64 {
-    const HEIGHTS_A_TUBE: u32 = 32;
-    let of_tube = |tube: &Tube| {
-        let [low, high] = tube.surface.z_range_mm();
-        let area = |i: u32| {
-            let section = tube.surface.section(low + (high - low) * f64::from(i) / f64::from(HEIGHTS_A_TUBE));
-            Contour::new(section.points()).signed_area_mm2().abs()
-        };
-        (0..=HEIGHTS_A_TUBE).map(area).fold(f64::INFINITY, f64::min)
-    };
-    let least = solid.lumen.tubes.iter().map(of_tube).fold(f64::INFINITY, f64::min);
-    (least / std::f64::consts::PI).sqrt()
 }
 
 /// The rows of the table.
 fn swept(solid: &Solid, skin: SkinChoice, task: &Task<'_>) -> Result<Vec<TimedRow>, Error> {
     let row = |deflection_mm: f64| {
         let clock = Stopwatch::start();
-        let mesh = mesh_of(solid, skin, Deflection::Absolute(deflection_mm), task)?;
+        let Parted { mesh, .. } = mesh_of(solid, skin, Deflection::Absolute(deflection_mm), task)?;
         let elapsed_s = clock.elapsed_s();
         Ok(TimedRow { row: mesh::measure(solid, skin, &mesh, deflection_mm, task)?, elapsed_s })
     };

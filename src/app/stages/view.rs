@@ -7,9 +7,9 @@ use crate::app::event::Stage;
 use crate::app::session::Session;
 use crate::geom::Point2;
 use crate::mesh::colour::{ColourScale, mean_curvature};
-use crate::mesh::{self, SkinChoice, Tessellation, TriMesh};
+use crate::mesh::{self, Part, Parted, Tessellation};
 use crate::progress::Task;
-use crate::solid::{Skin, Solid};
+use crate::solid::{Skin, SkinChoice};
 use crate::view::{self, Direction, Middle, Paint, Scene};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -48,8 +48,6 @@ pub struct View {
 const DEFAULT_FROM: [Direction; 3] = [Direction::Front, Direction::Left, Direction::Oblique];
 /// Heights at which the middle of the lumen is taken, along the whole body.
 const MIDDLE_ROWS: u32 = 400;
-/// Share of the wall's thickness within which a triangle counts as the lumen's.
-const NEAR_LUMEN: f64 = 0.2;
 
 impl Session<'_> {
     /// Draws the solid.
@@ -65,19 +63,21 @@ impl Session<'_> {
         // Chords shorter than a pixel sees: half a pixel at the scale of the whole body.
         let [low, high] = crate::solid::Sectioned::z_range_mm(solid);
         let deflection_mm = (0.5 * (high - low) / f64::from(wanted.size_px)).clamp(0.005, 0.5);
-        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::All), &task)?;
+        let made = mesh::parted(solid, &Tessellation::within(deflection_mm, SkinChoice::All), &task)?;
         let paint = match wanted.colouring {
-            Colouring::None => {
-                Paint::Skins { is_lumen: lumen_triangles(solid, &mesh, deflection_mm, &task)? }
+            // A cast is the lumen.
+            Colouring::None if solid.outer.is_none() => {
+                Paint::Skins { is_lumen: vec![true; made.parts.len()] }
             }
+            Colouring::None => Paint::Skins { is_lumen: is_lumen(&made).collect() },
             Colouring::Curvature => {
-                let values = curvature(solid, &mesh, SkinChoice::All, deflection_mm, &task)?;
+                let values = curvature(&made);
                 let scale = ColourScale::over(&values);
                 Paint::Values { values, scale, title: Colouring::CURVATURE_TITLE }
             }
         };
         let cut = wanted.is_cut.then(|| middle_of(&solid.lumen));
-        let scene = Scene { mesh: &mesh, paint, patient_from_stack, cut };
+        let scene = Scene { mesh: &made.mesh, paint, patient_from_stack, cut };
         let from = if wanted.from.is_empty() { &DEFAULT_FROM[..] } else { &wanted.from };
         let png = view::render(&scene, from, wanted.size_px, &task)?;
         atomic::write_export(&wanted.file, &png)?;
@@ -87,47 +87,22 @@ impl Session<'_> {
 }
 
 /// Which triangles bound the lumen.
-fn lumen_triangles(
-    solid: &Solid,
-    mesh: &TriMesh,
-    deflection_mm: f64,
-    task: &Task<'_>,
-) -> Result<Vec<bool>, Error> {
-    let Some(outer) = &solid.outer else { return Ok(vec![true; mesh.triangles.len()]) };
-    let lumen = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
-    let wall_mm = least_gap_mm(&solid.lumen, outer);
-    Ok(mesh::triangles_on(mesh, &lumen, (NEAR_LUMEN * wall_mm).max(2.0 * deflection_mm)))
+fn is_lumen(made: &Parted) -> impl Iterator<Item = bool> {
+    made.parts.iter().map(|part| *part == Part::Lumen)
 }
 
 /// Mean curvature of the vessel at a mesh's vertices, 1/mm: both skins of a wall as seen from outside the vessel, a tube of
 /// radius r having 1 / 2r on either.
-pub(super) fn curvature(
-    solid: &Solid,
-    mesh: &TriMesh,
-    skin: SkinChoice,
-    deflection_mm: f64,
-    task: &Task<'_>,
-) -> Result<Vec<f64>, Error> {
-    let mut values = mean_curvature(mesh);
-    if skin == SkinChoice::All && solid.outer.is_some() {
-        let is_lumen = lumen_triangles(solid, mesh, deflection_mm, task)?;
+pub(super) fn curvature(made: &Parted) -> Vec<f64> {
+    let mut values = mean_curvature(&made.mesh);
+    if made.parts.contains(&Part::Outer) {
         let mut is_inner = vec![false; values.len()];
-        let of_lumen = mesh.triangles.iter().zip(&is_lumen).filter(|(_, is)| **is);
+        let of_lumen = made.mesh.triangles.iter().zip(is_lumen(made)).filter(|(_, is)| *is);
         of_lumen.flat_map(|(t, _)| t).for_each(|&v| is_inner[v as usize] = true);
         // Seen from the material, the lumen is hollow.
         values.iter_mut().zip(is_inner).filter(|(_, inner)| *inner).for_each(|(v, _)| *v = -*v);
     }
-    Ok(values)
-}
-
-/// About the wall's thickness: from the areas that both skins enclose at the bottom.
-fn least_gap_mm(lumen: &Skin, outer: &Skin) -> f64 {
-    let [low, _] = lumen.z_range_mm();
-    let radius = |skin: &Skin| {
-        let area: f64 = skin.section(low, 0.01).iter().map(|c| c.signed_area_mm2().abs()).sum();
-        (area / std::f64::consts::PI).sqrt()
-    };
-    radius(outer) - radius(lumen)
+    values
 }
 
 /// The middle of the lumen along its height.

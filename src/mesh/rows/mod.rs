@@ -1,11 +1,12 @@
-//! Triangles row by row: coarser in its promise (chords within the deflection), robust where the finer mesher finds no
-//! sound mesh.
+//! Triangles row by row: coarser in its promise (chords within the deflection; what the surface does between them is to be
+//! measured), robust where the finer mesher finds no sound mesh.
 
 mod cap;
 mod ribbon;
+#[cfg(test)]
+mod tests;
 
-use super::tessellate::SkinChoice;
-use super::{Error, TriMesh};
+use super::{Error, Part, Parted, SkinChoice, TriMesh};
 use crate::geom::{Contour, Point2, Point3, SegmentIndex};
 use crate::progress::Task;
 use crate::solid::{Crotch, End, Skin, Slab, Solid, Tube};
@@ -18,8 +19,11 @@ const ROW_SHARE: f64 = 0.6;
 const EQUILATERAL: f64 = 0.866;
 /// Rows are this much higher than for equilateral triangles: fewer triangles for hardly worse angles.
 const ROW_STRETCH: f64 = 1.15;
-/// Rows of the laterals beside a crease.
-const CREASE_ROWS: usize = 12;
+/// Fewest rows of a slab with a saddle and of one with a crease, and most of either.
+const FEWEST_ROWS: [f64; 2] = [4.0, 12.0];
+const MOST_ROWS: f64 = 512.0;
+/// Intervals, each way, at which it is measured how a slab bends from row to row.
+const BEND_SAMPLES: usize = 16;
 /// Samples round a section at which curvature is measured.
 const CURVATURE_SAMPLES: usize = 128;
 
@@ -32,9 +36,10 @@ pub(super) fn tessellate(
     skin: SkinChoice,
     deflection_mm: f64,
     task: &Task<'_>,
-) -> Result<TriMesh, Error> {
+) -> Result<Parted, Error> {
     let mut mesher = Mesher { mesh: TriMesh::default(), deflection_mm, task };
     let mut rims = mesher.skin(&solid.lumen)?;
+    let mut parts = vec![Part::Lumen; mesher.mesh.triangles.len()];
     if let (SkinChoice::All, Some(outer)) = (skin, &solid.outer) {
         // Seen from the material, the lumen's skin faces inward; lumen caps inside the body do, too.
         mesher.mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -42,8 +47,11 @@ pub(super) fn tessellate(
         let outer_rims = mesher.skin(outer)?;
         rims.extend(outer_rims);
     }
+    parts.resize(mesher.mesh.triangles.len(), Part::Outer);
     mesher.caps(rims)?;
-    Ok(mesher.mesh)
+    let mut made = Parted { mesh: mesher.mesh, parts, deviation: None };
+    made.fill_up(Part::Cap);
+    Ok(made)
 }
 
 /// The rim of a flat end.
@@ -223,26 +231,17 @@ impl Mesher<'_> {
         Ok(SlabRings { waist, daughters: last_rows.map(|row| open_end(&row)) })
     }
 
-    /// Intervals of the slab's rows, so that the saddle's grid keeps the deflection.
+    /// Intervals of the slab's rows, so that the saddle's grid and the laterals keep the deflection from row to row.
     fn slab_rows(&self, slab: &Slab) -> usize {
-        let Crotch::Saddle(saddle) = &slab.crotch else { return CREASE_ROWS };
-        let at = |i: usize, j: usize| saddle.at(i as f64 / 16.0, j as f64 / 16.0);
-        // Across the chord: how fast the parameter runs along it does not matter.
-        let sag = |a: Point3, b: Point3, c: Point3| {
-            let along = (c - a).try_normalize(1e-12).unwrap_or_default();
-            let off = b - a;
-            (off - along * off.dot(&along)).norm()
+        let of_laterals = slab.laterals.iter().map(|lateral| sags(lateral)[1]);
+        let (worst, fewest) = match &slab.crotch {
+            Crotch::Saddle(saddle) => (of_laterals.chain(sags(saddle)).fold(0.0, f64::max), FEWEST_ROWS[0]),
+            Crotch::Crease => (of_laterals.fold(0.0, f64::max), FEWEST_ROWS[1]),
         };
-        let mut worst: f64 = 0.0;
-        for i in 0..=16 {
-            for j in 1..16 {
-                worst = worst.max(sag(at(i, j - 1), at(i, j), at(i, j + 1)));
-                worst = worst.max(sag(at(j - 1, i), at(j, i), at(j + 1, i)));
-            }
-        }
+        // A chord over one step sags a quarter as much as over two; both directions of a grid add up.
+        let n = BEND_SAMPLES as f64 * (worst / (2.0 * self.deflection_mm)).sqrt();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        // A chord over one step sags a quarter as much; both directions add up.
-        let n = (16.0 * (worst / (2.0 * self.deflection_mm)).sqrt()).ceil().clamp(4.0, 64.0) as usize;
+        let n = n.ceil().clamp(fewest, MOST_ROWS) as usize;
         n
     }
 
@@ -336,6 +335,26 @@ impl Mesher<'_> {
         }
         Ok(())
     }
+}
+
+/// Farthest that a patch is from chords over two steps of its sampling, along u and along v, mm.
+fn sags(patch: &PatchSurface) -> [f64; 2] {
+    let n = BEND_SAMPLES;
+    let at = |[low, high]: [f64; 2], i: usize| low + (high - low) * i as f64 / n as f64;
+    let row = |j: usize| -> Vec<Point3> {
+        let row = patch.row(at(patch.v_range(), j));
+        (0..=n).map(|i| row.at(at(patch.u_range(), i))).collect()
+    };
+    let rows: Vec<Vec<Point3>> = (0..=n).map(row).collect();
+    // Across the chord: how fast the parameter runs along it does not matter.
+    let sag = |[a, b, c]: [Point3; 3]| {
+        let along = (c - a).try_normalize(1e-12).unwrap_or_default();
+        let off = b - a;
+        (off - along * off.dot(&along)).norm()
+    };
+    let along_u = rows.iter().flat_map(|row| row.windows(3).map(|p| sag([p[0], p[1], p[2]])));
+    let along_v = rows.windows(3).flat_map(|r| (0..=n).map(move |i| sag([r[0][i], r[1][i], r[2][i]])));
+    [along_u.fold(0.0, f64::max), along_v.fold(0.0, f64::max)]
 }
 
 /// A point of a lateral patch's row.

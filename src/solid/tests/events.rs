@@ -192,7 +192,7 @@ fn graph(step_mm: f64, nodes: &[(usize, Contour)], stars: &[(usize, &[usize], &[
 }
 
 fn skin_of(graph: &Graph) -> Solid {
-    Solid { lumen: lumen::build(graph, Correspondence::default(), &Task::quiet()).unwrap(), outer: None }
+    Solid { lumen: lumen::build(graph, Correspondence::default(), &Task::quiet()).unwrap().0, outer: None }
 }
 
 fn assert_area(solid: &Solid, z: f64, expected: f64, tolerance: f64) {

@@ -15,14 +15,16 @@
 //! nearest to the thickness asked for is kept; what is still off is told with its place, and a wall of less than half of
 //! t is refused.
 //!
-//! Limits: what is interpolated is no true parallel surface: up to half of t too thick in the pocket between three
-//! branches, and somewhat too thin beside it. Where a crease ends before it fades, the rest of it is rounded over the
-//! spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin has a
-//! horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
+//! Limits: a hole of a ring-shaped lumen is filled, however wide it is; where the wall would leave some of it open,
+//! that is told ([`hole`]). What is interpolated is no true parallel surface: up to half of t too thick in the pocket
+//! between three branches, and somewhat too thin beside it. Where a crease ends before it fades, the rest of it is
+//! rounded over the spacing of the sections' points. Where a lumen ends flat beside another branch, the true outer skin
+//! has a horizontal ledge on that branch's wall; here it slopes over about half a millimetre, from the union of grown
 //! sections ([`union`]), which is also what is left when a curve cannot be followed.
 
 mod crease;
 mod feet;
+mod hole;
 mod lumen;
 mod neck;
 mod sound;
@@ -151,6 +153,7 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer
     let Attempt { skin, mut warnings, measured: Measured { thickness, .. }, .. } = best?;
     thickness.check()?;
     warnings.extend(thickness.warning());
+    warnings.extend(hole::filled(lumen, wall_mm));
     Ok(Outer { skin, warnings, thickness: Some(thickness) })
 }
 
@@ -239,7 +242,7 @@ impl Wall<'_> {
                     faults
                 }
                 // Creases that leave a branch between them no section are too close together: none is built then.
-                Err(Error::Spline(_)) if !self.way.is_rounded => {
+                Err(Error::OuterBranch { .. }) if !self.way.is_rounded => {
                     self.way.is_rounded = true;
                     Vec::new()
                 }
@@ -261,7 +264,11 @@ impl Wall<'_> {
             let mut planes = decided(self.planes(&heights, task)?, self.wall_mm);
             planes.extend(best.planes.iter().cloned());
             planes.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
-            let Ok((skin, warnings)) = lofted(self, &planes, task) else { break };
+            let (skin, warnings) = match lofted(self, &planes, task) {
+                Err(Error::Cancelled(why)) => return Err(why.into()),
+                Err(_worse) => break,
+                Ok(lofted) => lofted,
+            };
             if !sound::faults(&skin, self.wall_mm).is_empty() {
                 break;
             }
@@ -289,9 +296,10 @@ fn between(planes: &[PlaneSections], off_z_mm: &[f64]) -> Vec<f64> {
 /// The skin through the planes.
 fn lofted(wall: &Wall<'_>, planes: &[PlaneSections], task: &Task<'_>) -> Result<Lofted, Error> {
     let graph = outer_graph(planes.to_vec()).map_err(Error::OuterTopology)?;
-    let skin = assemble(&graph, wall, task).map_err(|error| match error {
+    let (skin, _) = assemble(&graph, wall, task).map_err(|error| match error {
         // The planes of the outer skin are its own: their heights say more than their numbers.
         Error::Event { place: Place::Planes { z_mm, .. }, fault } => Error::Outer { z_mm, fault },
+        Error::Branch { z_mm, fault } => Error::OuterBranch { z_mm, fault },
         other => other,
     })?;
     let about_wall =
