@@ -2,6 +2,7 @@
 
 use super::between::between;
 use super::event::{Crotch, Slab};
+use super::lean::{Leans, end_slopes};
 use super::mend::mended;
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2, Point3};
@@ -92,14 +93,15 @@ pub(super) struct Strand {
 }
 
 /// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
-/// ask for them; between any, those without which tubes would cross.
+/// ask for them; between any, those without which tubes would cross. The tubes lean as `leans` say, one for each slab.
 pub(super) fn skin(
     strands: Vec<Strand>,
     mut slabs: Vec<Slab>,
+    leans: &[Leans],
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, SplineError> {
-    let loft = |strand: &Strand| tube(strand, &slabs, correspondence);
+    let loft = |strand: &Strand| tube(strand, &slabs, leans, correspondence);
     let lofted: Vec<Result<(Strand, Tube), SplineError>> =
         strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
     let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -135,7 +137,12 @@ fn completed(
     Ok((strand, tube))
 }
 
-fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, SplineError> {
+fn tube(
+    strand: &Strand,
+    slabs: &[Slab],
+    leans: &[Leans],
+    correspondence: Correspondence,
+) -> Result<Tube, SplineError> {
     let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
     let curves: Vec<ClosedCurve> =
         strand.sections.par_iter().filter_map(|s| ClosedCurve::through(&s.1)).collect();
@@ -155,7 +162,12 @@ fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Resu
     let fractions = fractions_for(&curves, &starts_mm, &notches);
     let sections: Vec<Vec<Point2>> =
         curves.par_iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
-    Ok(Tube { surface: TubeSurface::through(&z, &sections)?, bottom: strand.bottom, top: strand.top })
+    let mut seen: Vec<(f64, &[Point2])> = z.iter().copied().zip(sections.iter().map(Vec::as_slice)).collect();
+    let bottom = end_slopes(strand.bottom, leans, &seen);
+    seen.reverse();
+    let top = end_slopes(strand.top, leans, &seen);
+    let surface = TubeSurface::sloped(&z, &sections, [bottom.as_deref(), top.as_deref()])?;
+    Ok(Tube { surface, bottom: strand.bottom, top: strand.top })
 }
 
 /// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all
