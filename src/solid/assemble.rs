@@ -6,6 +6,7 @@
 
 use super::dome;
 use super::event::{Beyond, EventFault, EventPlanes, EventSource, Plane, Slab};
+use super::lean::Leans;
 use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
 use super::sweep::{Interval, Joint, LEGS_SIDE_MM, Onward, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
@@ -96,7 +97,7 @@ impl Creased {
             sections.push((side + 1, w_top, end));
             sections.extend(further.into_iter().map(|(w, c)| (side + 1, w, c)));
         }
-        let joints = vec![Joint { waist: 0, legs: [1, 2], slab: self.slab.slab }];
+        let joints = vec![Joint { waist: 0, legs: [1, 2], slab: self.slab.slab, leans: Leans::default() }];
         (Swept { n_parts: 3, upper: vec![1, 2], joints, sections }, self.clearance_mm)
     }
 }
@@ -187,10 +188,10 @@ pub(super) fn assemble(
             Event::build(&layout, star, recipe)
         })
         .collect();
-    let mut slabs = Vec::new();
+    let (mut slabs, mut leans) = (Vec::new(), Vec::new());
     // The lowest fault is reported, on any number of threads.
     for event in built {
-        event?.install(&mut strands, &mut slabs);
+        event?.install(&mut strands, &mut slabs, &mut leans);
     }
     for (k, branch) in layout.branches.iter().enumerate() {
         if recipe.is_measured() {
@@ -210,7 +211,7 @@ pub(super) fn assemble(
         let both = [false, true].into_iter();
         warnings.extend(both.filter_map(|is_top| keep_ends_apart(graph, is_top, &mut strands_left)));
     }
-    Ok((skin(strands_left, slabs, recipe.correspondence(), recipe.is_measured())?, warnings))
+    Ok((skin(strands_left, slabs, &leans, recipe.correspondence(), recipe.is_measured())?, warnings))
 }
 
 fn is_event(star: &Star) -> bool {
@@ -329,7 +330,7 @@ impl Event {
     }
 
     /// Adds slabs and sections to the branches.
-    fn install(self, strands: &mut Strands, slabs: &mut Vec<Slab>) {
+    fn install(self, strands: &mut Strands, slabs: &mut Vec<Slab>, leans: &mut Vec<Leans>) {
         let parts: Vec<usize> = (0..self.swept.n_parts).map(|_| strands.begin()).collect();
         self.lower.iter().enumerate().for_each(|(k, &branch)| strands.join(branch, parts[k]));
         for (&branch, &part) in self.upper.iter().zip(&self.swept.upper) {
@@ -364,6 +365,7 @@ impl Event {
                 set(part, End::Daughter { slab, side }, !upward);
             }
             slabs.push(joint.slab);
+            leans.push(joint.leans);
         }
     }
 }

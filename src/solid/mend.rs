@@ -185,7 +185,7 @@ mod tests {
             let sections = [(0.0, 1.30), (0.1, 1.21), (0.2, 1.12), (0.3, 1.04), (4.0, 1.5)].map(at).to_vec();
             Strand { sections, bottom: End::Cap, top: End::Cap }
         };
-        let skin = skin(vec![strand(1.0), strand(-1.0)], Vec::new(), Correspondence::default(), false);
+        let skin = skin(vec![strand(1.0), strand(-1.0)], Vec::new(), &[], Correspondence::default(), false);
         let tubes = skin.expect("sound sections").tubes;
         for k in 0..400 {
             let z_mm = 0.01 * f64::from(k);

@@ -21,6 +21,7 @@ mod event;
 mod fit;
 mod grid;
 mod iso;
+mod lean;
 mod lobes;
 mod lumen;
 mod mend;

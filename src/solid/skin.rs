@@ -3,6 +3,7 @@
 use super::Error;
 use super::between::between;
 use super::event::{Crotch, Slab};
+use super::lean::{Leans, end_slopes};
 use super::mend::mended;
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2};
@@ -113,14 +114,15 @@ impl Strand {
 }
 
 /// Skins every strand and joins the tubes to the slabs. Between measured sections, further ones are added where they
-/// ask for them; between any, those without which tubes would cross.
+/// ask for them; between any, those without which tubes would cross. The tubes lean as `leans` say, one for each slab.
 pub(super) fn skin(
     strands: Vec<Strand>,
     mut slabs: Vec<Slab>,
+    leans: &[Leans],
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, Error> {
-    let loft = |strand: &Strand| tube(strand, &slabs, correspondence);
+    let loft = |strand: &Strand| tube(strand, &slabs, leans, correspondence);
     let lofted: Vec<Result<(Strand, Tube), Error>> =
         strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
     let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -176,8 +178,13 @@ pub enum BranchFault {
     Spline(#[from] SplineError),
 }
 
-fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Result<Tube, Error> {
-    let surface = lofted(strand, slabs, correspondence)
+fn tube(
+    strand: &Strand,
+    slabs: &[Slab],
+    leans: &[Leans],
+    correspondence: Correspondence,
+) -> Result<Tube, Error> {
+    let surface = lofted(strand, slabs, leans, correspondence)
         .map_err(|fault| Error::Branch { z_mm: strand.z_range_mm(slabs), fault })?;
     Ok(Tube { surface, bottom: strand.bottom, top: strand.top })
 }
@@ -185,6 +192,7 @@ fn tube(strand: &Strand, slabs: &[Slab], correspondence: Correspondence) -> Resu
 fn lofted(
     strand: &Strand,
     slabs: &[Slab],
+    leans: &[Leans],
     correspondence: Correspondence,
 ) -> Result<TubeSurface, BranchFault> {
     let curve = |(z_mm, contour): &GivenSection| {
@@ -206,7 +214,11 @@ fn lofted(
     let fractions = fractions_for(&curves, &starts_mm, &notches);
     let sections: Vec<Vec<Point2>> =
         curves.par_iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
-    Ok(TubeSurface::through(&z, &sections)?)
+    let mut seen: Vec<(f64, &[Point2])> = z.iter().copied().zip(sections.iter().map(Vec::as_slice)).collect();
+    let bottom = end_slopes(strand.bottom, leans, &seen);
+    seen.reverse();
+    let top = end_slopes(strand.top, leans, &seen);
+    Ok(TubeSurface::sloped(&z, &sections, [bottom.as_deref(), top.as_deref()])?)
 }
 
 /// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all

@@ -11,16 +11,18 @@
 use super::corners::Corners;
 use super::event::{EventFault, EventSource};
 use super::iso;
+use super::lean::{Lean, Leans};
 use super::sweep::Saddle;
 use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
-use crate::spline::PatchSurface;
+use crate::spline::{Basis, PatchSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Rows of the lateral patches and of the saddle's grid.
 const ROWS: usize = 13;
-/// Intervals along u of a lateral patch.
-const ARC_INTERVALS: usize = 64;
+/// Intervals along u of the lateral patches: as many as keep their borders this near to the field between them, mm.
+const ARC_INTERVALS: [usize; 4] = [64, 128, 256, 512];
+const ARC_TOLERANCE_MM: f64 = 3e-4;
 /// Spacing of a ring's vertices beside its corners over the distance from them, that at the corner over the size of the
 /// saddle, and how often an edge is halved at most.
 const NOTCH_GROWTH: f64 = 0.12;
@@ -41,6 +43,8 @@ const GROWTH: f64 = 1.7;
 /// Steps along a lateral's row over the distance from the apex, and the shortest one over the longest.
 const TRACE_GROWTH: f64 = 0.1;
 const LEAST_TRACE: f64 = 1e-4;
+/// Over how much of a slab's height the derivative of its field by the height is taken.
+const LEAN_STEP: f64 = 1e-3;
 
 /// What closes the gap between the two lateral patches of an event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -76,6 +80,8 @@ pub(super) struct Bordered {
     pub(super) legs: [Contour; 2],
     /// Where the slab is thinner than asked for: sections of the waist's and of the legs' branches beside it.
     pub(super) beside: Beside,
+    /// How the field leans along the waist and the legs.
+    pub(super) leans: Leans,
 }
 
 /// Sections beside a slab that was made thinner, heights along the source's w.
@@ -266,12 +272,13 @@ impl View<'_> {
     ) -> Result<Bordered, EventFault> {
         let Trial { corners, seams, patch, .. } = trial;
         let heights = Self::heights(saddle);
-        let rows = heights.par_iter().enumerate().zip(Place::of_rows()).map(|((i, &w), place)| {
-            let ends = [&seams.ap, &seams.bp, &seams.aq, &seams.bq].map(|s| s[i]);
-            self.laterals(saddle, ends, w, place)
-        });
+        let u = self.arc_sites(saddle, &seams, &heights)?;
+        let rows = heights
+            .par_iter()
+            .enumerate()
+            .zip(Place::of_rows())
+            .map(|((i, &w), place)| self.laterals(saddle, seams.at(i), w, place, &u));
         let rows: Vec<[Vec<Point2>; 2]> = rows.collect::<Result<_, _>>()?;
-        let u = cosine_spaced(ARC_INTERVALS + 1);
         let sign = saddle.sign(upward);
         let lateral = |side: usize| {
             let at = |(row, &w): (&[Vec<Point2>; 2], &f64)| -> Vec<Point3> {
@@ -288,7 +295,12 @@ impl View<'_> {
         let [first, second] = &saddle.legs;
         let legs = [(first, corners.p), (second, corners.q)]
             .map(|(contour, tip)| denser(contour, &[tip], least_mm, refined(w_legs)));
-        Ok(Bordered { slab, w: [w_waist, w_legs], waist, legs, beside })
+        let leans = {
+            let step_w = LEAN_STEP * (w_legs - w_waist).abs();
+            let lean = |curve, w| Lean::of(self.source, curve, w, step_w, if upward { 1.0 } else { -1.0 });
+            [lean(&waist, w_waist), lean(&legs[0], w_legs), lean(&legs[1], w_legs)]
+        };
+        Ok(Bordered { slab, w: [w_waist, w_legs], waist, legs, beside, leans })
     }
 
     /// The seams' points A-P, B-P, A-Q, B-Q at a height.
@@ -306,15 +318,33 @@ impl View<'_> {
         [seam(a, p), seam(b, p), seam(a, q), seam(b, q)]
     }
 
-    /// The laterals' points at a height between the seams.
+    /// The sites along u with which the laterals' borders keep to the field.
+    fn arc_sites(&self, saddle: &Saddle, seams: &Seams, heights: &[f64]) -> Result<Vec<f64>, EventFault> {
+        let mut sites = Vec::new();
+        for n in ARC_INTERVALS {
+            sites = cosine_spaced(n + 1);
+            let finer = cosine_spaced(2 * n + 1);
+            let mut keeps = true;
+            for (row, place) in [(0, Place::Waist), (ROWS - 1, Place::Legs)] {
+                let borders = self.laterals(saddle, seams.at(row), heights[row], place, &finer)?;
+                keeps &= borders.iter().all(|border| is_met(border, &finer));
+            }
+            if keeps {
+                break;
+            }
+        }
+        Ok(sites)
+    }
+
+    /// The laterals' points at a height between the seams, at sites along u.
     fn laterals(
         &self,
         saddle: &Saddle,
         [ap, bp, aq, bq]: [Point2; 4],
         w: f64,
         place: Place,
+        u: &[f64],
     ) -> Result<[Vec<Point2>; 2], EventFault> {
-        let u = cosine_spaced(ARC_INTERVALS + 1);
         let refine = |p: Point2| self.source.refine(p, self.along * w);
         let arcs = [Arc { start: ap, end: bp, place }, Arc { start: bq, end: aq, place }];
         let loops = match place {
@@ -322,12 +352,12 @@ impl View<'_> {
             Place::Legs => saddle.legs.clone(),
             Place::Between => {
                 if let [Some(first), Some(second)] = arcs.each_ref().map(|arc| self.traced(saddle, arc, w)) {
-                    return Ok([first, second].map(|polyline| Arc::along(&polyline, &u, refine)));
+                    return Ok([first, second].map(|polyline| Arc::along(&polyline, u, refine)));
                 }
                 self.loops(saddle, w)?
             }
         };
-        let lateral = |side: usize| Arc::along(&arcs[side].polyline(&loops[side]), &u, refine);
+        let lateral = |side: usize| Arc::along(&arcs[side].polyline(&loops[side]), u, refine);
         Ok([lateral(0), lateral(1)])
     }
 
@@ -418,6 +448,27 @@ struct Seams {
     bp: Vec<Point2>,
     aq: Vec<Point2>,
     bq: Vec<Point2>,
+}
+
+impl Seams {
+    /// The points of a row: A-P, B-P, A-Q, B-Q.
+    fn at(&self, row: usize) -> [Point2; 4] {
+        [&self.ap, &self.bp, &self.aq, &self.bq].map(|seam| seam[row])
+    }
+}
+
+/// Whether the cubic spline through every second point keeps to the others, across the curve.
+fn is_met(points: &[Point2], sites: &[f64]) -> bool {
+    let coarse: Vec<f64> = sites.iter().copied().step_by(2).collect();
+    let Ok(basis) = Basis::not_a_knot(&coarse) else { return false };
+    let rows: Vec<f64> = points.iter().step_by(2).flat_map(|p| [p.x, p.y]).collect();
+    let control = basis.interpolate(&coarse, &rows, 2);
+    let mut at = Vec::new();
+    (1..points.len() - 1).step_by(2).all(|i| {
+        Basis::combine(basis.at(sites[i]), &control, 2, &mut at);
+        let along = (points[i + 1] - points[i - 1]).try_normalize(1e-12).unwrap_or_default();
+        (points[i] - Point2::new(at[0], at[1])).perp(&along).abs() <= ARC_TOLERANCE_MM
+    })
 }
 
 impl Saddle {

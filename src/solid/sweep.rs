@@ -7,6 +7,7 @@
 
 use super::critical::{Critical, Kind, criticals};
 use super::event::{EventFault, EventSource, Slab};
+use super::lean::Leans;
 use super::slab::{Bordered, build_slab, distance_from};
 use super::{bias, neck, tip};
 use crate::geom::{Contour, Point2, SegmentIndex};
@@ -104,6 +105,8 @@ pub(super) struct Joint {
     pub(super) waist: usize,
     pub(super) legs: [usize; 2],
     pub(super) slab: Slab,
+    /// How the parts lean at the slab.
+    pub(super) leans: Leans,
 }
 
 /// What a zone between two critical points is bounded by.
@@ -190,7 +193,7 @@ impl Sweep<'_> {
             .collect();
         let mut joints = Vec::with_capacity(saddles.len());
         for (built, (waist, legs, saddle)) in built.into_iter().zip(saddles) {
-            let Bordered { slab, w: [w_waist, w_legs], waist: waist_curve, legs: leg_curves, beside } =
+            let Bordered { slab, w: [w_waist, w_legs], waist: waist_curve, legs: leg_curves, beside, leans } =
                 built?;
             tracks.replace(waist, saddle.w_waist, (w_waist, waist_curve));
             tracks.add(waist, beside.waist);
@@ -198,7 +201,7 @@ impl Sweep<'_> {
                 tracks.replace(leg, saddle.w_legs, (w_legs, curve));
                 tracks.add(leg, further);
             }
-            joints.push(Joint { waist, legs, slab });
+            joints.push(Joint { waist, legs, slab, leans });
         }
         Ok(Swept { n_parts: tracks.n_parts, upper, joints, sections: tracks.sections })
     }

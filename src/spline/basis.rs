@@ -87,6 +87,16 @@ impl Basis {
     /// # Errors
     /// Fewer than two sites, or sites that do not ascend strictly.
     pub fn not_a_knot(sites: &[f64]) -> Result<Self, SplineError> {
+        Self::for_sites(sites, [false, false])
+    }
+
+    /// The basis for values at `sites` and, where `is_sloped`, the derivative at the first or last one: a control point
+    /// for each. At an end without derivative the site beside it is no knot. With fewer than four values and derivatives
+    /// the degree drops.
+    ///
+    /// # Errors
+    /// Fewer than two sites, or sites that do not ascend strictly.
+    pub fn for_sites(sites: &[f64], is_sloped: [bool; 2]) -> Result<Self, SplineError> {
         if sites.len() < 2 {
             return Err(SplineError::TooFew { found: sites.len(), needed: 2 });
         }
@@ -94,12 +104,14 @@ impl Basis {
         if let Some(index) = (1..sites.len()).find(falls) {
             return Err(SplineError::NotAscending { index, value: sites[index] });
         }
-        let degree = DEGREE.min(sites.len() - 1);
+        let n_given = sites.len() + is_sloped.iter().filter(|s| **s).count();
+        let degree = DEGREE.min(n_given - 1);
         let (first, last) = (sites[0], sites[sites.len() - 1]);
         let mut knots = vec![first; degree + 1];
-        // The second and the last but one site are no knots; with a lower degree there are no inner knots at all.
-        if degree == DEGREE && sites.len() > 4 {
-            knots.extend_from_slice(&sites[2..sites.len() - 2]);
+        // With a lower degree there are no inner knots at all.
+        if n_given > DEGREE + 1 {
+            let [from, to] = is_sloped.map(|sloped| if sloped { 1 } else { 2 });
+            knots.extend_from_slice(&sites[from..sites.len() - to]);
         }
         knots.extend(std::iter::repeat_n(last, degree + 1));
         Ok(Self { knots, degree })
@@ -290,9 +302,39 @@ impl Basis {
     /// Where there are not as many sites and rows as control points.
     #[must_use]
     pub fn interpolate(&self, sites: &[f64], rows: &[f64], width: usize) -> Vec<f64> {
-        assert!(sites.len() == self.len() && rows.len() == sites.len() * width, "one row a site");
+        self.interpolate_sloped(sites, rows, [None, None], width)
+    }
+
+    /// As [`Basis::interpolate`], with the derivative at the first and at the last site where one is given
+    /// ([`Basis::for_sites`]).
+    ///
+    /// # Panics
+    /// Where there are not as many rows and derivatives as control points.
+    #[must_use]
+    pub fn interpolate_sloped(
+        &self,
+        sites: &[f64],
+        rows: &[f64],
+        slopes: [Option<&[f64]>; 2],
+        width: usize,
+    ) -> Vec<f64> {
         let mut matrix: Vec<Span> = sites.iter().map(|&t| self.at(t)).collect();
         let mut control = rows.to_vec();
+        // The first derivative stands behind the first row, the last one before the last row: no pivoting is needed.
+        let [first, last] = slopes;
+        if let (Some(slope), Some(&site)) = (last, sites.last()) {
+            let at = matrix.len() - 1;
+            matrix.insert(at, self.derivative_at(site));
+            control.splice(at * width..at * width, slope.iter().copied());
+        }
+        if let (Some(slope), Some(&site)) = (first, sites.first()) {
+            matrix.insert(1, self.derivative_at(site));
+            control.splice(width..width, slope.iter().copied());
+        }
+        assert!(
+            matrix.len() == self.len() && control.len() == matrix.len() * width,
+            "one row a control point"
+        );
         eliminate(&mut matrix, &mut control, width);
         substitute_back(&matrix, &mut control, width);
         control
@@ -407,6 +449,38 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn derivatives_given_at_the_ends_are_met_and_cubics_reproduced(
+            steps in prop::collection::vec(0.05..4.0f64, 2..20), a in prop::array::uniform4(-2.0..2.0f64), seed in 0u64..1000,
+        ) {
+            let sites = ascending(&steps);
+            let ends = [sites[0], sites[sites.len() - 1]];
+            for is_sloped in [[true, false], [false, true], [true, true]] {
+                let basis = Basis::for_sites(&sites, is_sloped).unwrap();
+                let solve = |rows: &[f64], slopes: [f64; 2]| {
+                    let given = [0, 1].map(|k| is_sloped[k].then(|| std::slice::from_ref(&slopes[k])));
+                    basis.interpolate_sloped(&sites, rows, given, 1)
+                };
+                let rows: Vec<f64> = (0..sites.len()).map(|i| ((i as f64 + seed as f64) * 1.7).sin()).collect();
+                let control = solve(&rows, [0.3, -0.8]);
+                for (t, row) in sites.iter().zip(&rows) {
+                    prop_assert!((value(&basis, &control, basis.at(*t)) - row).abs() < 1e-9);
+                }
+                for k in (0..2).filter(|k| is_sloped[*k]) {
+                    let slope = value(&basis, &control, basis.derivative_at(ends[k]));
+                    prop_assert!((slope - [0.3, -0.8][k]).abs() < 1e-9);
+                }
+                if basis.degree() == 3 {
+                    let cubic = |t: f64| a[0] + t * (a[1] + t * (a[2] + t * a[3]));
+                    let rows: Vec<f64> = sites.iter().map(|&t| cubic(t)).collect();
+                    let scale = 1.0 + rows.iter().fold(0.0f64, |m, r| m.max(r.abs()));
+                    let control = solve(&rows, ends.map(|t| a[1] + t * (2.0 * a[2] + 3.0 * t * a[3])));
+                    let t = 0.5 * (ends[0] + ends[1]);
+                    prop_assert!((value(&basis, &control, basis.at(t)) - cubic(t)).abs() < 1e-8 * scale);
+                }
+            }
+        }
+
         #[test]
         fn a_refined_or_cut_spline_is_the_same_curve(
             steps in prop::collection::vec(0.05..4.0f64, 2..20), cut in prop::array::uniform2(0.0..1.0f64),

@@ -66,7 +66,23 @@ impl TubeSurface {
     /// # Panics
     /// Where the sections differ in their number of points, or have fewer than three.
     pub fn through(z_mm: &[f64], sections: &[Vec<Point2>]) -> Result<Self, SplineError> {
-        let z = Basis::not_a_knot(z_mm)?;
+        Self::sloped(z_mm, sections, [None, None])
+    }
+
+    /// As [`TubeSurface::through`], with the derivatives by z of the points of the first and of the last section where
+    /// they are given.
+    ///
+    /// # Errors
+    /// Fewer than two sections, or heights that do not ascend.
+    ///
+    /// # Panics
+    /// Where the sections or derivatives differ in their number of points, or have fewer than three.
+    pub fn sloped(
+        z_mm: &[f64],
+        sections: &[Vec<Point2>],
+        slopes: [Option<&[Vector2]>; 2],
+    ) -> Result<Self, SplineError> {
+        let z = Basis::for_sites(z_mm, slopes.map(|s| s.is_some()))?;
         let n_u = sections[0].len();
         assert!(sections.iter().all(|s| s.len() == n_u), "sections of a tube have equally many points");
         let round = |s: &Vec<Point2>| -> Vec<f64> {
@@ -74,7 +90,8 @@ impl TubeSurface {
             periodic_control_points(&values, 2)
         };
         let data: Vec<f64> = sections.iter().flat_map(round).collect();
-        let control = z.interpolate(z_mm, &data, 2 * n_u);
+        let slopes = slopes.map(|s| s.map(|s| round(&s.iter().map(|v| Point2::from(*v)).collect())));
+        let control = z.interpolate_sloped(z_mm, &data, slopes.each_ref().map(Option::as_deref), 2 * n_u);
         Ok(Self { n_u, z_mm: z_mm.to_vec(), z, control })
     }
 
