@@ -432,7 +432,7 @@ mod tests {
         let disk = |z: f64| (z, Contour::circle(Point2::origin(), 2.0, 64));
         let built = |sections: Vec<GivenSection>| {
             let strand = Strand { sections, bottom: End::Cap, top: End::Cap };
-            skin(vec![strand], Vec::new(), Correspondence::default(), true).unwrap_err().to_string()
+            skin(vec![strand], Vec::new(), &[], Correspondence::default(), true).unwrap_err().to_string()
         };
         let point = (2.0, Contour::new(vec![Point2::origin(); 5]));
         assert_eq!(
