@@ -156,7 +156,7 @@ impl Session<'_> {
     clippy::cast_sign_loss,
     reason = "a print takes less than centuries"
 )]
-fn hours_and_minutes(time_s: f64) -> String {
+pub(super) fn hours_and_minutes(time_s: f64) -> String {
     let minutes = (time_s / 60.0).round().max(0.0) as u64;
     if minutes < 60 { format!("{minutes} min") } else { format!("{} h {} min", minutes / 60, minutes % 60) }
 }
