@@ -26,12 +26,14 @@
 //! | [`topology`] | which contour continues which: branches, splits, merges, births, deaths, holes |
 //! | [`solid`] | the surfaces of lumen and wall, and their exact sections |
 //! | [`mesh`] | tessellation, what is wrong with a mesh, STL and 3MF |
+//! | [`model`] | meshes that other programs made: read, welded, put into one order |
 //! | [`brep`] | vertices, edges, faces and shells of a solid; whether it is valid |
 //! | [`step`] | a boundary representation as a STEP file |
 //! | [`draw`] | lines, letters and scale bars on pictures |
 //! | [`view`] | a mesh to a shaded picture |
-//! | [`mod@slice`] | layers on the CT-aligned grid |
+//! | [`mod@slice`] | layers on the CT-aligned grid, or from a foreign mesh |
 //! | [`toolpath`] | layers to beads and travels |
+//! | [`preview`] | beads of a layer to a picture and to SVG |
 //! | [`profile`] | firmware and machine profiles, as data |
 //! | [`gcode`] | commands, writer, reader, checksum |
 //! | [`motion`] | acceleration model: how long a job takes |
@@ -60,8 +62,10 @@ pub mod draw;
 pub mod gcode;
 pub mod geom;
 pub mod mesh;
+pub mod model;
 pub mod motion;
 pub mod phantom;
+pub mod preview;
 pub mod printer;
 pub mod profile;
 pub mod progress;

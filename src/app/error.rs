@@ -5,7 +5,7 @@ use super::case::CaseError;
 use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
-    brep, ct, mesh, motion, phantom, printer, profile, progress, ready, report, sections, segment, slice,
+    brep, ct, mesh, model, motion, phantom, preview, printer, profile, progress, ready, report, sections, segment, slice,
     solid, toolpath, topology, view,
 };
 use std::path::PathBuf;
@@ -70,6 +70,14 @@ pub enum Error {
         /// What is wrong with it.
         source: sections::format::FormatError,
     },
+    /// A model that another program made.
+    #[error("{}: {source}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: model::Error,
+    },
     /// Reading the CT.
     #[error(transparent)]
     Ct(#[from] ct::Error),
@@ -109,6 +117,12 @@ pub enum Error {
     /// The report.
     #[error(transparent)]
     Report(#[from] report::Error),
+    /// The folder for pictures of layers is none, or holds something.
+    #[error("--preview: {} is not an empty folder: name a new or empty one", .0.display())]
+    PreviewFolder(PathBuf),
+    /// Drawing the layers.
+    #[error(transparent)]
+    Preview(#[from] preview::Error),
     /// Drawing the solid.
     #[error(transparent)]
     View(#[from] view::Error),
@@ -138,6 +152,7 @@ impl Error {
                 | Self::Solid(solid::Error::Cancelled(_))
                 | Self::Mesh(mesh::Error::Cancelled(_))
                 | Self::View(view::Error::Cancelled(_))
+                | Self::Preview(preview::Error::Cancelled(_))
                 | Self::Slice(slice::Error::Cancelled(_))
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
@@ -171,6 +186,7 @@ impl Error {
             | Self::File(_)
             | Self::Volume { .. }
             | Self::SectionsFile { .. }
+            | Self::Model { .. }
             | Self::Phantom(_)
             | Self::Segment(_)
             | Self::Sections(_)
@@ -182,6 +198,8 @@ impl Error {
             | Self::Profile(_)
             | Self::Printer(_)
             | Self::Report(_)
+            | Self::PreviewFolder(_)
+            | Self::Preview(_)
             | Self::View(_)
             | Self::Mesh(_) => self.to_string(),
         }
@@ -205,6 +223,7 @@ impl Error {
             | Self::SegmentationUnknown(_)
             | Self::Ready(ready::Error::SeveralLabels { .. } | ready::Error::NoSuchLabel { .. })
             | Self::NoRecord(_)
+            | Self::PreviewFolder(_)
             | Self::Profile(_)
             | Self::Segment(segment::Error::Correction(_))
             | Self::Solid(solid::Error::Topology(topology::Error::Decision { .. }))

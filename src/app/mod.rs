@@ -21,6 +21,7 @@ pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
 pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
+pub use stages::model::{ModelJob, SlicedModel, is_model, slice_model};
 pub use stages::print::{Printed, Printer, print_file};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};

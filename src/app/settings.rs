@@ -61,6 +61,8 @@ pub struct Limits {
 pub const WALL_MM: Limits = Limits { min: 0.1, max: 20.0, unit: "mm" };
 /// Layer height; the profile's own limits are narrower.
 pub const LAYER_MM: Limits = Limits { min: 0.02, max: 1.0, unit: "mm" };
+/// Fill of what is too deep for contours.
+pub const INFILL_PERCENT: Limits = Limits { min: 0.0, max: 100.0, unit: "percent" };
 /// Standard deviation of a phantom's noise.
 pub const NOISE_HU: Limits = Limits::of(phantom::NOISE_HU, "HU");
 /// Standard deviation of a phantom's blur.

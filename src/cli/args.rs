@@ -5,6 +5,7 @@ use crate::app::settings::{
     SIMULATED_PORT, Seed, Seeds, SeriesKey, WALL_MM,
 };
 use crate::app::{Colouring, Skin, View};
+use crate::model::Axis;
 use crate::phantom::{self, Contrast, Kind};
 use crate::ready::Label;
 use crate::sections::Boundary;
@@ -225,13 +226,26 @@ pub(crate) struct ViewArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct SliceArgs {
-    /// Case directory
+    /// Case directory; or a model that another program made (STL, millimetres), which is only moved onto the bed
+    #[arg(value_name = "CASE|MODEL.stl")]
     pub(crate) case: PathBuf,
     #[command(flatten)]
     pub(crate) layer: LayerArgs,
-    /// Write the G-code to this file too
+    /// Write the G-code to this file (for a case: to it too)
     #[arg(long, value_name = "F.gcode")]
     pub(crate) out: Option<PathBuf>,
+    /// Draw every layer, its beads to scale and coloured by kind, into this new or empty folder: PNG and SVG
+    #[arg(long, value_name = "DIR")]
+    pub(crate) preview: Option<PathBuf>,
+    /// Contours along each skin of a model [default: the profile's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub(crate) perimeters: Option<u32>,
+    #[arg(long, value_name = "P", value_parser = infill_percent, allow_hyphen_values = true,
+          help = format!("{} [default: the profile's]", range_help("Fill of a model between them", settings::INFILL_PERCENT)))]
+    pub(crate) infill_percent: Option<f64>,
+    /// Turn a model about an axis (x, y or z) by an angle in degrees before it is put onto the bed
+    #[arg(long, value_name = "AXIS,DEG", value_parser = orient, allow_hyphen_values = true)]
+    pub(crate) orient: Option<(Axis, f64)>,
 }
 
 #[derive(Debug, Args)]
@@ -377,6 +391,26 @@ fn deflection_relative(text: &str) -> Result<f64, Fault> {
 
 fn noise_hu(text: &str) -> Result<f64, Fault> {
     settings::NOISE_HU.parse(text)
+}
+
+fn infill_percent(text: &str) -> Result<f64, Fault> {
+    settings::INFILL_PERCENT.parse(text)
+}
+
+fn orient(text: &str) -> Result<(Axis, f64), Fault> {
+    let fault = || Fault {
+        found: format!("{text:?}"),
+        expected: "AXIS,DEG: x, y or z, and an angle in degrees".into(),
+    };
+    let (axis, angle) = text.split_once(',').ok_or_else(fault)?;
+    let axis = match axis.trim() {
+        "x" | "X" => Axis::X,
+        "y" | "Y" => Axis::Y,
+        "z" | "Z" => Axis::Z,
+        _ => return Err(fault()),
+    };
+    let angle_deg = angle.trim().parse().ok().filter(|a: &f64| a.is_finite());
+    Ok((axis, angle_deg.ok_or_else(fault)?))
 }
 
 fn range_help(text: &str, limits: Limits) -> String {

@@ -8,7 +8,7 @@ use super::face::{Face, error_document};
 use super::signals;
 use crate::app::settings::{CaseFile, SIMULATED_PORT, SourceName};
 use crate::app::source::Sources;
-use crate::app::{self, Context, Deflection, Error, Event, Export, Outcome, Session, case};
+use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
 use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
@@ -37,7 +37,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Inspect { path } => inspect(&path, &face, &context),
         Command::Segment(args) => segment(&args, &face, context),
         Command::Solid(args) => solid(&args, context).map(|o| show_case(&face, &o)),
-        Command::Slice(args) => slice(&args, context).map(|o| show_case(&face, &o)),
+        Command::Slice(args) => slice(&args, &face, context),
         Command::Print(args) => print(&args, &face, context),
         Command::Report { case } => {
             stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
@@ -285,11 +285,42 @@ fn build_and_draw(session: &mut Session<'_>, args: &SolidArgs) -> Result<(), Err
     args.view.wanted().map_or(Ok(()), |wanted| session.view(&wanted))
 }
 
-fn slice(args: &SliceArgs, context: Context<'_>) -> Result<Outcome, Error> {
-    stage(&args.case, args.layer.patch(), context, |session| {
+fn slice(args: &SliceArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    if app::is_model(&args.case) && !args.case.is_dir() {
+        return slice_model(args, face, &context);
+    }
+    let only_models = [
+        ("--perimeters", args.perimeters.is_some()),
+        ("--infill-percent", args.infill_percent.is_some()),
+        ("--orient", args.orient.is_some()),
+    ];
+    if let Some((flag, _)) = only_models.iter().find(|(_, given)| *given) {
+        let line = format!("{flag}: found it with a case, expected a model; a case takes it from its --profile");
+        return Ok(face.usage_error(&line));
+    }
+    let outcome = stage(&args.case, args.layer.patch(), context, |session| {
         session.slice()?;
-        args.out.as_deref().map_or(Ok(()), |out| session.copy_job(out))
-    })
+        args.out.as_deref().map_or(Ok(()), |out| session.copy_job(out))?;
+        args.preview.as_deref().map_or(Ok(()), |dir| session.draw_layers(dir))
+    })?;
+    Ok(show_case(face, &outcome))
+}
+
+fn slice_model(args: &SliceArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
+    let Some(out) = &args.out else {
+        return Ok(face.usage_error("--out: found none, expected the file to write the model's G-code to"));
+    };
+    let job = ModelJob {
+        layer_mm: args.layer.layer_mm.unwrap_or(app::settings::DEFAULT_LAYER_MM),
+        profile_name: args.layer.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE),
+        perimeters: args.perimeters,
+        infill_percent: args.infill_percent,
+        turn: args.orient,
+        preview: args.preview.as_deref(),
+    };
+    let sliced = app::slice_model(&args.case, out, &job, context)?;
+    face.result(&sliced, &format!("{sliced}\n"));
+    Ok(0)
 }
 
 fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {

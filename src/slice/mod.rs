@@ -7,11 +7,13 @@
 //! The layers are cut in parallel; each depends on its own height alone, so the result is the same on any
 //! number of threads. The section is taken as constant through the layer's thickness.
 //!
-//! Not done here: layers from a mesh.
+//! [`slice_mesh`] does the same for a mesh that another program made, in equal layers.
 
 mod grid;
+mod mesh;
 
 pub use grid::{GridParams, grid};
+pub use mesh::{MeshLayers, slice_mesh};
 
 use crate::geom::Region;
 use crate::progress::{Cancelled, Task};
@@ -178,6 +180,22 @@ pub enum Error {
         layer: usize,
         /// Height at which the body was cut, mm.
         z_mm: f64,
+    },
+    /// A mesh has a hole that no bead covers.
+    #[error(
+        "the mesh has a hole: in layer {layer} at z {z_mm:.2} mm an outline ends {gap_mm:.2} mm from the next one, at x {:.2}, y \
+         {:.2} mm; repair the mesh",
+        at_mm[0], at_mm[1]
+    )]
+    OpenMesh {
+        /// The layer, counted from 0 at the bed.
+        layer: usize,
+        /// Height at which the mesh was cut, mm.
+        z_mm: f64,
+        /// How far the next outline is, mm.
+        gap_mm: f64,
+        /// Where the outline ends, mm.
+        at_mm: [f64; 2],
     },
     /// The chord tolerance is no length.
     #[error("the slicing tolerance is {tolerance_mm} mm; expected a positive length")]

@@ -117,9 +117,9 @@ pub struct Toolpaths {
 }
 
 /// How far a bead's centre line and edges may lie off the exact ones, mm.
-pub const TOLERANCE_MM: f64 = 2e-3;
+pub const TOLERANCE_MM: f64 = 1e-3;
 /// Outlines are thinned to this before anything else, mm.
-const OUTLINE_TOLERANCE_MM: f64 = 5e-4;
+const OUTLINE_TOLERANCE_MM: f64 = 1e-4;
 /// Material below this share of a bead's square is dust from boolean operations, not a feature.
 const DUST_SHARE: f64 = 1e-3;
 /// Share of a layer's skins from which on a wall that is too thin makes the job impossible.

@@ -7,6 +7,7 @@
 //! much material. Every other path begins at its vertex nearest to the nozzle.
 
 use super::fill::{FillParams, Path, Role, Vertex, shorten};
+use super::simplify;
 use super::travel::{Net, Travel};
 use super::{Bead, BeadPoint};
 use crate::geom::{Point2, Vector2, Vector3};
@@ -166,7 +167,7 @@ pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
     points
 }
 
-/// The path with as few vertices as keep centre line and edges within the tolerance.
+/// The path with as few vertices as keep centre line and edges within the tolerance, and enclosing the same area.
 pub(super) fn simplified(path: Path, tolerance_mm: f64) -> Path {
     let mut vertices = path.vertices;
     if path.closed {
@@ -174,8 +175,10 @@ pub(super) fn simplified(path: Path, tolerance_mm: f64) -> Path {
     }
     let with_width = |v: &Vertex| Vector3::new(v.at.x, v.at.y, v.width_mm / 2.0);
     let points: Vec<Vector3> = vertices.iter().map(with_width).collect();
-    let mut kept: Vec<Vertex> =
-        super::simplify::keep(&points, tolerance_mm).into_iter().map(|i| vertices[i]).collect();
+    let kept = simplify::keep(&points, tolerance_mm);
+    let shifts = simplify::area_keeping(&points, &kept, path.closed);
+    let moved = |(&i, shift): (&usize, &Vector2)| Vertex { at: vertices[i].at + shift, ..vertices[i] };
+    let mut kept: Vec<Vertex> = kept.iter().zip(&shifts).map(moved).collect();
     if path.closed {
         kept.pop();
     }

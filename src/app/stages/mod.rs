@@ -1,6 +1,8 @@
 //! The stages, each from files of the case to files of the case.
 
 pub mod export;
+pub mod layer_pictures;
+pub mod model;
 mod preview;
 pub mod print;
 mod ready;

@@ -1,0 +1,128 @@
+//! A foreign model to a print job, without a case.
+
+use super::layer_pictures;
+use crate::app::atomic;
+use crate::app::error::Error;
+use crate::app::event::{Event, Stage};
+use crate::app::session::Context;
+use crate::gcode;
+use crate::model::{self, Axis, Model};
+use crate::motion;
+use crate::profile::{self, Profile};
+use crate::progress::Task;
+use crate::slice::{self, GridParams};
+use crate::toolpath;
+use serde::Serialize;
+use std::path::Path;
+
+/// Extensions of files that are models; everything else is a case.
+const EXTENSIONS: [&str; 1] = ["stl"];
+
+/// What is asked of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelJob<'a> {
+    /// Wanted height of the layers, mm.
+    pub layer_mm: f64,
+    /// A name, or the path of a profile file.
+    pub profile_name: &'a str,
+    /// Perimeters instead of the profile's.
+    pub perimeters: Option<u32>,
+    /// Fill instead of the profile's, percent.
+    pub infill_percent: Option<f64>,
+    /// A turn about an axis by an angle in degrees before all else.
+    pub turn: Option<(Axis, f64)>,
+    /// A new or empty folder for a picture of every layer.
+    pub preview: Option<&'a Path>,
+}
+
+/// What became of a model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SlicedModel {
+    /// Triangles of the file.
+    pub n_triangles: usize,
+    /// Layers of the job.
+    pub n_layers: usize,
+    /// Lines of the job.
+    pub n_lines: usize,
+    /// Time that the job is estimated to take, s.
+    pub print_time_s: f64,
+    /// Filament that it takes, mm.
+    pub filament_mm: f64,
+    /// Where the model's origin lies on the bed, mm.
+    pub bed_from_model_mm: [f64; 3],
+}
+
+impl std::fmt::Display for SlicedModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, bed_from_model_mm: [x, y, z] } = self;
+        write!(
+            f,
+            "{n_triangles} triangles, {n_layers} layers, {n_lines} lines, {} of printing, {:.2} m of filament; the model's \
+             origin lies at x {x:.3}, y {y:.3}, z {z:.3} mm",
+            super::slice::hours_and_minutes(*print_time_s),
+            filament_mm / 1e3
+        )
+    }
+}
+
+/// Whether a path names a model, by its extension.
+#[must_use]
+pub fn is_model(path: &Path) -> bool {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
+
+/// Slices a model and writes its G-code.
+///
+/// # Errors
+/// [`Error`] where the model, the profile or the job's file cannot be used, and where the model does not fit the machine.
+pub fn slice_model(
+    path: &Path,
+    out: &Path,
+    job: &ModelJob<'_>,
+    context: &Context<'_>,
+) -> Result<SlicedModel, Error> {
+    job.preview.map_or(Ok(()), layer_pictures::check_folder)?;
+    let profile = wanted(profile::load::by_name(job.profile_name)?, job);
+    let events = context.events;
+    let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });
+    let task = Task::new(&sink, context.cancel.clone());
+    events(Event::Started(Stage::Slice));
+    let bytes = std::fs::read(path).map_err(atomic::failed("read", path))?;
+    let bad = |source| Error::Model { path: path.to_owned(), source };
+    let facets = model::stl::read(&bytes).map_err(|e| bad(e.into()))?;
+    drop(bytes);
+    let n_triangles = facets.len();
+    let mut model = Model::of(&facets).map_err(bad)?;
+    drop(facets);
+    if let Some((axis, angle_deg)) = job.turn {
+        model = model.turned(axis, angle_deg);
+    }
+    let params = GridParams { layer_mm: job.layer_mm, height_limits_mm: profile.machine.layer_height_mm };
+    let sliced = slice::slice_mesh(&model.mesh, &params, &task)?;
+    let planned = toolpath::plan(&sliced.layers, &profile, &task)?;
+    let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
+    let header = gcode::Header { settings: format!("{:?}", (layer_mm, perimeters, infill_percent, turn)) };
+    let text = gcode::write(&planned.paths, &profile, &header);
+    let estimate = motion::estimate(&text, &profile, &task)?;
+    atomic::write_export(out, text.as_bytes())?;
+    job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
+    for warning in model.warnings.into_iter().chain(sliced.warnings).chain(planned.warnings) {
+        events(Event::Warned { stage: Stage::Slice, warning });
+    }
+    let by = planned.paths.bed_from_stack.apply(crate::geom::Point3::origin());
+    Ok(SlicedModel {
+        n_triangles,
+        n_layers: sliced.layers.len(),
+        n_lines: text.lines().count(),
+        print_time_s: estimate.total_s,
+        filament_mm: estimate.filament_mm,
+        bed_from_model_mm: [by.x, by.y, by.z],
+    })
+}
+
+fn wanted(mut profile: Profile, job: &ModelJob<'_>) -> Profile {
+    profile.print.perimeters = job.perimeters.unwrap_or(profile.print.perimeters);
+    profile.print.infill_percent = job.infill_percent.unwrap_or(profile.print.infill_percent);
+    profile
+}

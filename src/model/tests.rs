@@ -1,0 +1,71 @@
+use super::*;
+use super::testing::cuboid;
+use crate::mesh::stl as writer;
+
+fn as_text(facets: &[Facet]) -> String {
+    let one = |f: &Facet| {
+        let vertices = f.map(|[x, y, z]| format!("   vertex {x} {y} {z:e}\n")).concat();
+        format!(" facet normal 0 0 0\n  outer loop\n{vertices}  endloop\n endfacet\n")
+    };
+    format!("solid a\n{}endsolid a\n", facets.iter().map(one).collect::<Vec<_>>().concat())
+}
+
+#[test]
+fn the_order_of_triangles_and_corners_does_not_matter() {
+    let facets = cuboid([1.0, 2.0, 3.0]);
+    let model = Model::of(&facets).unwrap();
+    assert_eq!((model.mesh.vertices.len(), model.mesh.triangles.len()), (8, 12));
+    assert!((model.mesh.volume_mm3() - 6.0).abs() < 1e-12 && model.warnings.is_empty());
+    let mut shuffled: Vec<Facet> = facets.iter().rev().map(|&[a, b, c]| [c, a, b]).collect();
+    shuffled.swap(1, 7);
+    assert_eq!(Model::of(&shuffled).unwrap(), model);
+}
+
+#[test]
+fn both_forms_of_a_file_are_read() {
+    let facets = cuboid([1.5, 2.0, 3.25]);
+    let model = Model::of(&facets).unwrap();
+    let mut binary = writer::to_bytes(&model.mesh).unwrap();
+    assert_eq!(Model::of(&stl::read(&binary).unwrap()).unwrap(), model);
+    // Whatever a heading says, the length decides.
+    binary[..5].copy_from_slice(b"solid");
+    assert_eq!(Model::of(&stl::read(&binary).unwrap()).unwrap(), model);
+    assert_eq!(stl::read(as_text(&facets).as_bytes()).unwrap(), facets);
+}
+
+#[test]
+fn an_inverted_mesh_is_turned_and_told() {
+    let facets: Vec<Facet> = cuboid([1.0; 3]).into_iter().map(|[a, b, c]| [a, c, b]).collect();
+    let model = Model::of(&facets).unwrap();
+    assert!((model.mesh.volume_mm3() - 1.0).abs() < 1e-12);
+    assert_eq!(model.warnings[0].code, "model.inverted");
+    assert_eq!(model.mesh, Model::of(&cuboid([1.0; 3])).unwrap().mesh);
+}
+
+#[test]
+fn a_quarter_turn_about_x_lays_a_column_down() {
+    let model = Model::of(&cuboid([1.0, 2.0, 3.0])).unwrap().turned(Axis::X, 90.0);
+    let range = |k: usize| {
+        let all = model.mesh.vertices.iter().map(|p| p[k]);
+        [all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max)]
+    };
+    for (k, expected) in [[0.0, 1.0], [-3.0, 0.0], [0.0, 2.0]].into_iter().enumerate() {
+        assert!(range(k).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{k}: {:?}", range(k));
+    }
+}
+
+#[test]
+fn what_is_no_model_is_refused_with_what_was_found() {
+    let cut = &writer::to_bytes(&Model::of(&cuboid([1.0; 3])).unwrap().mesh).unwrap()[..200];
+    let refused = |bytes: &[u8]| stl::read(bytes).unwrap_err().to_string();
+    assert!(refused(cut).contains("684 bytes that a binary file of 12 triangles has (found 200)"));
+    assert_eq!(refused(b"hello"), "it is no STL: it has only 5 bytes: export the model again as STL");
+    let bad = refused(b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0\n");
+    assert!(bad.starts_with("line 4: found \"vertex 0 0\", expected `vertex` and three numbers"), "{bad}");
+    assert_eq!(Model::of(&[]).unwrap_err(), Error::Empty);
+    let mut far = cuboid([1.0; 3]);
+    far[3][1][2] = f32::NAN;
+    assert!(matches!(Model::of(&far).unwrap_err(), Error::Coordinate { facet: 3, .. }));
+    let flat = [[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]];
+    assert_eq!(Model::of(&flat).unwrap_err(), Error::Flat);
+}

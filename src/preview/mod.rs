@@ -1,0 +1,184 @@
+//! Beads of a layer to scale, as a picture (PNG) and as SVG, before anything is printed.
+//!
+//! Colours are those that G-code viewers give the kinds of beads. All layers of a job share one frame and one scale, so
+//! that leafing through them moves nothing but the part. What was to be filled lies under the beads in grey: where it
+//! shows there is a gap; ways without extrusion are thin lines.
+
+mod svg;
+
+use crate::draw::{self, Ink, add_polyline, px};
+use crate::geom::{Bounds2, Point2};
+use crate::progress::{Cancelled, Task};
+use crate::toolpath::{Bead, BeadKind, LayerPaths, Toolpaths};
+use rayon::prelude::*;
+use tiny_skia::{Color, FillRule, PathBuilder, Pixmap, Transform};
+
+/// Free space around the part, mm.
+const MARGIN_MM: f64 = 2.0;
+/// Wanted length of a picture's longer side, pixels.
+const SIDE_PX: f64 = 900.0;
+/// Widths of a bead that differ by less are drawn as one stroke, mm.
+const SAME_WIDTH_MM: f64 = 0.004;
+const GROUND: [u8; 4] = [255, 255, 255, 255];
+const MATERIAL: [u8; 4] = [205, 205, 205, 255];
+const TRAVEL: [u8; 4] = [70, 110, 150, 255];
+const INK: Ink = Ink { line: [30, 30, 30, 255], shade: [255, 255, 255, 200] };
+
+/// A layer could not be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The picture could not be made.
+    #[error("the picture of layer {layer} cannot be encoded: {source}")]
+    Picture {
+        /// The layer, 0 on the bed.
+        layer: usize,
+        /// Why.
+        source: png::EncodingError,
+    },
+    /// Asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A layer as it will look.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Preview {
+    /// The layer, 0 on the bed.
+    pub layer: usize,
+    /// The encoded picture.
+    pub png: Vec<u8>,
+    /// The same as SVG, in millimetres.
+    pub svg: String,
+}
+
+impl Preview {
+    /// Name of its files without the extension: `layer-0012`.
+    #[must_use]
+    pub fn file_stem(&self) -> String {
+        format!("layer-{:04}", self.layer)
+    }
+}
+
+/// Draws every layer.
+///
+/// # Errors
+/// [`Error`].
+pub fn of_layers(paths: &Toolpaths, task: &Task<'_>) -> Result<Vec<Preview>, Error> {
+    let frame = Frame::of(&paths.layers);
+    let draw = |(layer, own): (usize, &LayerPaths)| {
+        task.check()?;
+        let png = picture(layer, own, &frame).map_err(|source| Error::Picture { layer, source })?;
+        Ok(Preview { layer, png, svg: svg::of_layer(layer, own, &frame) })
+    };
+    paths.layers.par_iter().enumerate().map(draw).collect()
+}
+
+/// The part of the bed that is shown, and how large.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    shown: Bounds2,
+    px_per_mm: f64,
+}
+
+impl Frame {
+    fn of(layers: &[LayerPaths]) -> Self {
+        let points = layers.iter().flat_map(|l| &l.beads).flat_map(|b| &b.points).map(|p| p.at);
+        let none = Bounds2 { min: Point2::origin(), max: Point2::origin() };
+        let shown = Bounds2::of(points).unwrap_or(none).grown(MARGIN_MM);
+        let size = shown.size();
+        Self { shown, px_per_mm: (SIDE_PX / size.x.max(size.y)).clamp(0.5, 100.0) }
+    }
+
+    /// Width and height, pixels.
+    fn size_px(&self) -> [u32; 2] {
+        let size = self.shown.size() * self.px_per_mm;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        [size.x, size.y].map(|s| s.ceil().clamp(64.0, 4096.0) as u32)
+    }
+
+    /// The bed's y runs upward, a picture's downward.
+    fn place(&self, p: Point2) -> (f32, f32) {
+        let x = (p.x - self.shown.min.x) * self.px_per_mm;
+        (px(x), px((self.shown.max.y - p.y) * self.px_per_mm))
+    }
+}
+
+/// Red, green and blue of a kind of bead.
+const fn colour(kind: BeadKind) -> [u8; 3] {
+    match kind {
+        BeadKind::ExternalPerimeter => [255, 125, 56],
+        BeadKind::Perimeter => [255, 230, 77],
+        BeadKind::InternalInfill => [176, 48, 41],
+        BeadKind::SolidInfill => [150, 84, 204],
+        BeadKind::SkirtBrim => [0, 135, 110],
+    }
+}
+
+/// What stands in a layer's corner.
+fn caption(layer: usize, own: &LayerPaths) -> String {
+    let plane = own.slot.ct_plane.map_or_else(String::new, |plane| format!("  CT plane {plane}"));
+    format!("layer {layer}  z {:.2} mm{plane}", own.z_mm)
+}
+
+/// Runs of one width: width, points.
+fn runs(bead: &Bead) -> Vec<(f64, Vec<Point2>)> {
+    let mut all: Vec<(f64, Vec<Point2>)> = Vec::new();
+    for pair in bead.points.windows(2) {
+        match all.last_mut() {
+            Some((width, points)) if (*width - pair[0].width_mm).abs() < SAME_WIDTH_MM => points.push(pair[1].at),
+            _ => all.push((pair[0].width_mm, vec![pair[0].at, pair[1].at])),
+        }
+    }
+    all
+}
+
+/// The ways without extrusion to each bead, ends included.
+fn travels(own: &LayerPaths) -> impl Iterator<Item = Vec<Point2>> + '_ {
+    own.beads.windows(2).zip(own.travels.iter().skip(1)).filter_map(|(pair, travel)| {
+        let from = pair[0].points.last()?.at;
+        let to = pair[1].points.first()?.at;
+        Some(std::iter::once(from).chain(travel.via.iter().copied()).chain([to]).collect())
+    })
+}
+
+fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
+    let [width, height] = frame.size_px();
+    let mut canvas = Pixmap::new(width, height).expect("sides of 64 to 4096 pixels");
+    let [r, g, b, a] = GROUND;
+    canvas.fill(Color::from_rgba8(r, g, b, a));
+    fill_material(&mut canvas, own, frame);
+    for bead in &own.beads {
+        let [r, g, b] = colour(bead.kind);
+        for (width_mm, points) in runs(bead) {
+            line(&mut canvas, frame, &points, [r, g, b, 255], width_mm * frame.px_per_mm);
+        }
+    }
+    for way in travels(own) {
+        line(&mut canvas, frame, &way, TRAVEL, 1.0);
+    }
+    draw::text(&mut canvas, &caption(layer, own), (12.0, 12.0), 2.2, INK);
+    draw::scale_bar(&mut canvas, (12.0, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
+    draw::encode(&canvas)
+}
+
+fn fill_material(canvas: &mut Pixmap, own: &LayerPaths, frame: &Frame) {
+    let mut builder = PathBuilder::new();
+    for contour in &own.material.contours {
+        add_polyline(&mut builder, contour.points.iter().map(|p| frame.place(*p)));
+        builder.close();
+    }
+    if let Some(path) = builder.finish() {
+        canvas.fill_path(&path, &draw::paint(MATERIAL), FillRule::EvenOdd, Transform::identity(), None);
+    }
+}
+
+fn line(canvas: &mut Pixmap, frame: &Frame, points: &[Point2], colour: [u8; 4], width_px: f64) {
+    let mut builder = PathBuilder::new();
+    add_polyline(&mut builder, points.iter().map(|p| frame.place(*p)));
+    if let Some(path) = builder.finish() {
+        draw::stroke(canvas, &path, colour, px(width_px), None);
+    }
+}
+
+#[cfg(test)]
+mod tests;
