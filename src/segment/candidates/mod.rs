@@ -30,6 +30,8 @@ use tracks::Track;
 const N_LEVELS: usize = 24;
 /// How many candidates are named.
 const MOST_CANDIDATES: usize = 8;
+/// And how many courses are looked at for parts of one vessel.
+const MOST_COURSES: usize = 4 * MOST_CANDIDATES;
 /// Below this score, of 1, nothing is taken for a vessel.
 const LEAST_SCORE: f64 = 0.02;
 
@@ -164,14 +166,38 @@ pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Can
     tracks.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<Track> = Vec::new();
     for track in tracks {
-        if kept.len() < MOST_CANDIDATES
+        if kept.len() < MOST_COURSES
             && !kept.iter().any(|k| k.is_same_vessel(&track))
             && is_wanted(volume, params, &planes, &track)
         {
             kept.push(track);
         }
     }
+    let mut kept = joined(kept, z_mm);
+    kept.truncate(MOST_CANDIDATES);
     Ok(kept.iter().map(|t| candidate(volume, &planes, t)).collect())
+}
+
+/// Courses that go on in each other made one, the best first.
+fn joined(mut tracks: Vec<Track>, z_mm: &[f64]) -> Vec<Track> {
+    let mut at = 0;
+    while at < tracks.len() {
+        let found = (0..tracks.len()).filter(|&n| n != at).find_map(|n| {
+            let wider_mm = tracks[at].radius_mm().max(tracks[n].radius_mm());
+            Some((n, tracks[at].joined(&tracks[n], z_mm, 2.0 * BEYOND_DIAMETERS * wider_mm)?))
+        });
+        match found {
+            Some((n, whole)) => {
+                tracks[at] = whole;
+                tracks.remove(n);
+                // What was looked at before may go on in the whole.
+                at = 0;
+            }
+            None => at += 1,
+        }
+    }
+    tracks.sort_by(|a, b| b.score.total_cmp(&a.score));
+    tracks
 }
 
 /// Whether the operator's window, where there is one, holds the seed, and no correction takes it away.

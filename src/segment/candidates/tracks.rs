@@ -163,7 +163,30 @@ impl Track {
         *best.expect("a track has sections in several planes")
     }
 
-    /// Whether two tracks run in each other over most of the shorter one.
+    /// The two as one vessel, where one goes on beyond the other's end: a split whose lobes no level shows as round
+    /// sections parts a trunk from its branches. Their ends lie within `gap_mm` of each other, and the sections there
+    /// touch.
+    pub(super) fn joined(&self, other: &Self, z_mm: &[f64], gap_mm: f64) -> Option<Self> {
+        let (low, high) = if self.ends()[0] <= other.ends()[0] { (self, other) } else { (other, self) };
+        let [end, start] = [low.ends()[1], high.ends()[0]];
+        let near = self.sign == other.sign && start > end && z_mm[start] - z_mm[end] <= gap_mm;
+        let at = |track: &Self, plane: usize| -> Vec<Blob> {
+            track.sections.iter().filter(|(k, _)| *k == plane).map(|(_, b)| *b).collect()
+        };
+        let touch = |a: &Blob, b: &Blob| {
+            (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm) <= a.radius_mm + b.radius_mm
+        };
+        let (below, above) = (at(low, end), at(high, start));
+        (near && below.iter().any(|a| above.iter().any(|b| touch(a, b)))).then(|| self.with(other, z_mm))?
+    }
+
+    fn with(&self, other: &Self, z_mm: &[f64]) -> Option<Self> {
+        let mut sections = [self.sections.as_slice(), other.sections.as_slice()].concat();
+        sections.sort_by_key(|(k, _)| *k);
+        Self::try_new(sections, z_mm, self.sign)
+    }
+
+    /// Whether two tracks run in each other over a third of the shorter one, or more.
     pub(super) fn is_same_vessel(&self, other: &Self) -> bool {
         let (a, b) = if self.sections.len() >= other.sections.len() { (self, other) } else { (other, self) };
         let inside = |(k, p): &&(usize, Blob)| {
