@@ -16,6 +16,7 @@ mod blobs;
 mod tracks;
 
 use super::error::{Error, Place};
+use super::graph::root;
 use super::{OnLeak, Params, Polarity, Segmentation};
 use crate::ct::{Volume, Warning};
 use crate::geom::Point3;
@@ -23,6 +24,7 @@ use crate::progress::Task;
 use blobs::Coarse;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use tracks::Track;
 
@@ -173,31 +175,28 @@ pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Can
             kept.push(track);
         }
     }
-    let mut kept = joined(kept, z_mm);
+    let mut kept = joined(&kept, z_mm);
     kept.truncate(MOST_CANDIDATES);
     Ok(kept.iter().map(|t| candidate(volume, &planes, t)).collect())
 }
 
 /// Courses that go on in each other made one, the best first.
-fn joined(mut tracks: Vec<Track>, z_mm: &[f64]) -> Vec<Track> {
-    let mut at = 0;
-    while at < tracks.len() {
-        let found = (0..tracks.len()).filter(|&n| n != at).find_map(|n| {
-            let wider_mm = tracks[at].radius_mm().max(tracks[n].radius_mm());
-            Some((n, tracks[at].joined(&tracks[n], z_mm, 2.0 * BEYOND_DIAMETERS * wider_mm)?))
-        });
-        match found {
-            Some((n, whole)) => {
-                tracks[at] = whole;
-                tracks.remove(n);
-                // What was looked at before may go on in the whole.
-                at = 0;
-            }
-            None => at += 1,
+fn joined(tracks: &[Track], z_mm: &[f64]) -> Vec<Track> {
+    let mut above: Vec<usize> = (0..tracks.len()).collect();
+    for (a, b) in (0..tracks.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
+        let wider_mm = tracks[a].radius_mm().max(tracks[b].radius_mm());
+        if tracks[a].goes_on_in(&tracks[b], z_mm, 2.0 * BEYOND_DIAMETERS * wider_mm) {
+            let (a, b) = (root(&mut above, a), root(&mut above, b));
+            above[a.max(b)] = a.min(b);
         }
     }
-    tracks.sort_by(|a, b| b.score.total_cmp(&a.score));
-    tracks
+    let mut parts: BTreeMap<usize, Vec<&Track>> = BTreeMap::new();
+    for (n, track) in tracks.iter().enumerate() {
+        parts.entry(root(&mut above, n)).or_default().push(track);
+    }
+    let mut whole: Vec<Track> = parts.values().filter_map(|p| Track::of_parts(p, z_mm)).collect();
+    whole.sort_by(|a, b| b.score.total_cmp(&a.score));
+    whole
 }
 
 /// Whether the operator's window, where there is one, holds the seed, and no correction takes it away.

@@ -163,27 +163,26 @@ impl Track {
         *best.expect("a track has sections in several planes")
     }
 
-    /// The two as one vessel, where one goes on beyond the other's end: a split whose lobes no level shows as round
-    /// sections parts a trunk from its branches. Their ends lie within `gap_mm` of each other, and the sections there
-    /// touch.
-    pub(super) fn joined(&self, other: &Self, z_mm: &[f64], gap_mm: f64) -> Option<Self> {
+    /// Whether one of the two goes on in the other: a split whose lobes no level shows as round sections parts a trunk
+    /// from its branches. Their ends lie within `gap_mm` of each other, and the sections there touch.
+    pub(super) fn goes_on_in(&self, other: &Self, z_mm: &[f64], gap_mm: f64) -> bool {
         let (low, high) = if self.ends()[0] <= other.ends()[0] { (self, other) } else { (other, self) };
         let [end, start] = [low.ends()[1], high.ends()[0]];
-        let near = self.sign == other.sign && start > end && z_mm[start] - z_mm[end] <= gap_mm;
-        let at = |track: &Self, plane: usize| -> Vec<Blob> {
-            track.sections.iter().filter(|(k, _)| *k == plane).map(|(_, b)| *b).collect()
-        };
-        let touch = |a: &Blob, b: &Blob| {
-            (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm) <= a.radius_mm + b.radius_mm
-        };
-        let (below, above) = (at(low, end), at(high, start));
-        (near && below.iter().any(|a| above.iter().any(|b| touch(a, b)))).then(|| self.with(other, z_mm))?
+        let is_near = self.sign == other.sign && start > end && z_mm[start] - z_mm[end] <= gap_mm;
+        let touch =
+            |a: &Blob, b: &Blob| (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm) <= a.radius_mm + b.radius_mm;
+        is_near && low.at(end).any(|a| high.at(start).any(|b| touch(a, b)))
     }
 
-    fn with(&self, other: &Self, z_mm: &[f64]) -> Option<Self> {
-        let mut sections = [self.sections.as_slice(), other.sections.as_slice()].concat();
+    fn at(&self, plane: usize) -> impl Iterator<Item = &Blob> {
+        self.sections.iter().filter(move |(k, _)| *k == plane).map(|(_, b)| b)
+    }
+
+    /// Tracks of one vessel as one.
+    pub(super) fn of_parts(parts: &[&Self], z_mm: &[f64]) -> Option<Self> {
+        let mut sections: Vec<(usize, Blob)> = parts.iter().flat_map(|t| t.sections.iter().copied()).collect();
         sections.sort_by_key(|(k, _)| *k);
-        Self::try_new(sections, z_mm, self.sign)
+        Self::try_new(sections, z_mm, parts.first()?.sign)
     }
 
     /// Whether two tracks run in each other over a third of the shorter one, or more.
