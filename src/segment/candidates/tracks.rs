@@ -164,14 +164,17 @@ impl Track {
     }
 
     /// Whether one of the two goes on in the other: a split whose lobes no level shows as round sections parts a trunk
-    /// from its branches. Their ends lie within `gap_mm` of each other, and the sections there touch.
+    /// from its branches. Their ends lie within `gap_mm` of each other, and the sections there touch; found at different
+    /// levels, they may overlap by as much.
     pub(super) fn goes_on_in(&self, other: &Self, z_mm: &[f64], gap_mm: f64) -> bool {
         let (low, high) = if self.ends()[0] <= other.ends()[0] { (self, other) } else { (other, self) };
         let [end, start] = [low.ends()[1], high.ends()[0]];
-        let is_near = self.sign == other.sign && start > end && z_mm[start] - z_mm[end] <= gap_mm;
+        let is_near = self.sign == other.sign
+            && high.ends()[1] > end
+            && (z_mm[start] - z_mm[end]).abs() <= gap_mm;
         let touch =
             |a: &Blob, b: &Blob| (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm) <= a.radius_mm + b.radius_mm;
-        is_near && low.at(end).any(|a| high.at(start).any(|b| touch(a, b)))
+        is_near && low.at(end.min(start)).any(|a| high.at(start).any(|b| touch(a, b)))
     }
 
     fn at(&self, plane: usize) -> impl Iterator<Item = &Blob> {
