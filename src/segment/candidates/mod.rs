@@ -32,6 +32,8 @@ use tracks::Track;
 const N_LEVELS: usize = 24;
 /// How many candidates are named.
 const MOST_CANDIDATES: usize = 8;
+/// Where a trunk parts, its branches are seen as round again within this many of its diameters.
+const PARTING_DIAMETERS: f64 = 2.0;
 /// And how many courses are looked at for parts of one vessel.
 const MOST_COURSES: usize = 4 * MOST_CANDIDATES;
 /// Below this score, of 1, nothing is taken for a vessel.
@@ -180,13 +182,19 @@ pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Can
     Ok(kept.iter().map(|t| candidate(volume, &planes, t)).collect())
 }
 
-/// Courses that go on in each other made one, the best first.
+/// Courses made one where a trunk parts into several, or several join: a split whose lobes no level shows as round
+/// sections cuts the one from the others. The best first.
 fn joined(tracks: &[Track], z_mm: &[f64]) -> Vec<Track> {
     let mut above: Vec<usize> = (0..tracks.len()).collect();
-    for (a, b) in (0..tracks.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
-        let wider_mm = tracks[a].radius_mm().max(tracks[b].radius_mm());
-        if tracks[a].goes_on_in(&tracks[b], z_mm, 2.0 * BEYOND_DIAMETERS * wider_mm) {
-            let (a, b) = (root(&mut above, a), root(&mut above, b));
+    for (trunk, upward) in (0..tracks.len()).flat_map(|n| [(n, false), (n, true)]) {
+        let gap_mm = 2.0 * PARTING_DIAMETERS * tracks[trunk].radius_mm();
+        let goes_on = |n: &usize| *n != trunk && tracks[trunk].goes_on_in(&tracks[*n], upward, z_mm, gap_mm);
+        let branches: Vec<usize> = (0..tracks.len()).filter(goes_on).collect();
+        if branches.len() < 2 {
+            continue;
+        }
+        for branch in branches {
+            let (a, b) = (root(&mut above, trunk), root(&mut above, branch));
             above[a.max(b)] = a.min(b);
         }
     }
