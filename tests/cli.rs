@@ -404,6 +404,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
     let place = Place::new();
     fs::create_dir(place.path("thesis")).unwrap();
     fs::write(place.path("thesis/chapter1.tex"), "").unwrap();
+    fs::create_dir(place.path("none")).unwrap();
     for dir in ["a", "b"] {
         fs::create_dir(place.path(dir)).unwrap();
         fs::write(place.path(dir).join("x.toml"), "[phantom]\n").unwrap();
@@ -422,7 +423,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         ),
         (
             vec!["segment", "--ct", "."],
-            "the following required arguments were not provided: <CASE> (see --help)",
+            "--out: found neither it nor a case, expected --out CASE to start a case, or a case directory",
         ),
         (
             vec!["segment", "--ct", ".", "--out", "case"],
@@ -442,13 +443,15 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
             vec!["run", "absent.toml"],
             "absent.toml: not found: expected a case directory or a case file (TOML)",
         ),
+        (vec!["run", "none"], "none: is a folder without a case file (*.toml): name a case file"),
+        (vec!["run", "thesis"], "thesis: is a folder without a case file (*.toml): name a case file"),
         (
             vec!["run", "--out", "thesis"],
             "thesis exists, is not empty and is no case: name a new or empty directory",
         ),
         (
             vec!["slice", "thesis"],
-            "thesis is no case directory (it has no case.toml): name another directory",
+            "thesis is no case directory (it has no case.toml): name another one; to start a case from a CT",
         ),
         (vec!["report", "nowhere"], "no case at nowhere: start one with `lumenfab run`"),
         (vec!["slyce"], "unrecognized subcommand 'slyce'"),
@@ -460,7 +463,7 @@ fn wrong_usage_is_one_line_with_found_and_expected() {
         let error = place.refused(2, &args);
         assert!(error.starts_with(line), "{args:?}: {error}");
     }
-    place.has_only(&["a", "b", "bad.toml", "thesis"]);
+    place.has_only(&["a", "b", "bad.toml", "none", "thesis"]);
 }
 
 #[test]

@@ -829,7 +829,7 @@ fn several_series() {
             "nothing but localizers",
             |f| f.edit_all(|_, o| put(o, tags::IMAGE_TYPE, VR::CS, "ORIGINAL\\PRIMARY\\LOCALIZER")),
             Err(
-                "ct holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder",
+                "ct holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder; a DICOM SEG or RTSTRUCT is given with --segmentation",
             ),
         ),
         (

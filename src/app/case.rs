@@ -46,7 +46,7 @@ pub enum CaseError {
     #[error("no case at {}: start one with `lumenfab run` or `lumenfab segment`, each with --ct and --out", .0.display())]
     Missing(PathBuf),
     /// There is something else.
-    #[error("{} is no case directory (it has no {CASE_FILE}): name another directory", .0.display())]
+    #[error("{} is no case directory (it has no {CASE_FILE}): name another one; to start a case from a CT: segment --ct PATH --out CASE", .0.display())]
     NotACase(PathBuf),
     /// There is something else where a case is to be made.
     #[error("{} exists, is not empty and is no case: name a new or empty directory with --out", .0.display())]

@@ -128,8 +128,9 @@ pub(crate) struct CtArgs {
     #[arg(long, value_parser = named([("bright", Polarity::Bright), ("dark", Polarity::Dark), ("auto", Polarity::Auto)]))]
     pub(crate) polarity: Option<Polarity>,
     /// Which grey value the boundary is. model: the likeliest cause of the image; half-maximum: half-way between lumen
-    /// and wall; snake: the steepest fall, by a closed active contour; window-edge: the end of the window that faces
-    /// the wall; auto: where a window is given its edge, else the model's [default: auto]
+    /// and wall; snake: the steepest fall, by a closed active contour, to compare with (less exact than half-maximum on
+    /// the phantoms); window-edge: the end of the window that faces the wall; auto: where a window is given its edge,
+    /// else the model's [default: auto]
     #[arg(long, value_parser = named([("auto", Boundary::Auto), ("model", Boundary::Model),
         ("half-maximum", Boundary::HalfMaximum), ("snake", Boundary::Snake),
         ("window-edge", Boundary::WindowEdge)]))]
@@ -173,7 +174,6 @@ pub(crate) struct PrinterArgs {
 #[command(group = ArgGroup::new("origin").args(["ct", "segmentation", "case"]).multiple(true))]
 pub(crate) struct SegmentArgs {
     /// Case directory, to do the stage again; or a case file (TOML), to start the case that it describes or go on with it
-    #[arg(required_unless_present = "out")]
     pub(crate) case: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) ct: CtArgs,

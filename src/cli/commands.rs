@@ -214,6 +214,13 @@ fn job(
                 path.display()
             ));
         }
+        // The built-in phantom is for whoever names nothing at all: a folder without a case is a slip.
+        if !case::is_case(path) && patch.named_source().is_none() {
+            let problem = "is a folder without a case file (*.toml): name a case file, a case directory, or a folder \
+                           of case files; to start from a CT: run --ct PATH --out DIR"
+                .into();
+            return Ok(Err(Error::CaseFile { path: path.to_owned(), problem }));
+        }
         return Ok(Ok(Job { dir: path.to_owned(), parameters: patch }));
     }
     let beside = path.with_extension("");
@@ -249,6 +256,10 @@ fn stage<'a>(
 
 fn segment(args: &SegmentArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     let (patch, out) = (args.ct.patch(), args.out.as_deref());
+    if args.case.is_none() && out.is_none() {
+        let line = "--out: found neither it nor a case, expected --out CASE to start a case, or a case directory";
+        return Ok(face.usage_error(line));
+    }
     let mut session = match &args.case {
         // A path that leads nowhere is told as a case that is missing.
         Some(case) if out.is_none() && !case.is_file() => Session::open(case, patch, context)?,

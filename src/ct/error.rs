@@ -35,7 +35,7 @@ pub enum Error {
         n_image_files: usize,
     },
     /// There are DICOM files but no image with a place in the patient.
-    #[error("{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder", .0.display())]
+    #[error("{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder; a DICOM SEG or RTSTRUCT is given with --segmentation", .0.display())]
     NoImages(PathBuf),
     /// A DICOM file that cannot be parsed or decoded.
     #[error("{}: damaged DICOM file ({what}): copy or export it again", path.display())]

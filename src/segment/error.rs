@@ -30,7 +30,7 @@ pub enum Error {
     },
     /// The seed is not in the image.
     #[error(
-        "seed {seed} lies outside the volume, which extends from {lo} to {hi} mm (patient LPS): give a seed inside the lumen"
+        "seed {seed} lies outside the volume, whose box reaches from {lo} to {hi} mm (patient LPS): give a seed inside the lumen"
     )]
     SeedOutsideVolume {
         /// The seed.
@@ -130,6 +130,22 @@ pub enum Error {
         /// Three times the noise, HU.
         least_hu: f64,
     },
+    /// The lumen is not what it was said to be.
+    #[error(
+        "the lumen at seed {seed} ({lumen_hu:.0} HU) is {found} than what surrounds it ({wall_hu:.0} HU), although --polarity {asked} was given: leave --polarity out, or put the seed inside the lumen"
+    )]
+    OtherPolarity {
+        /// The first seed.
+        seed: Place,
+        /// "bright" or "dark".
+        asked: &'static str,
+        /// "brighter" or "darker".
+        found: &'static str,
+        /// Level of the lumen, HU.
+        lumen_hu: f64,
+        /// Level of what surrounds it, HU.
+        wall_hu: f64,
+    },
     /// Noise hides the boundary.
     #[error(
         "noise of {noise_hu:.0} HU around seed {seed} is {percent:.0} % of the contrast between lumen ({lumen_hu:.0} HU) and wall ({wall_hu:.0} HU): no boundary can be trusted beyond 50 %; take a smoother reconstruction or thicker slices, or give --window-hu LOW,HIGH to go on all the same"
@@ -148,7 +164,7 @@ pub enum Error {
     },
     /// The region runs out of the image.
     #[error(
-        "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): narrow --window-hu or --z-mm, or move the seed"
+        "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, move the seed, or keep the region out of there with [[segment.block]] in the case file"
     )]
     LeaksToBorder {
         /// Index of the plane, from 0.
@@ -164,7 +180,7 @@ pub enum Error {
     },
     /// The region leaves the vessel.
     #[error(
-        "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): narrow --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
+        "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
     )]
     Leaks {
         /// Index of the plane, from 0.

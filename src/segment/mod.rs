@@ -351,6 +351,7 @@ fn choose_windows(
     task: &Task<'_>,
 ) -> Result<Chosen, Error> {
     let corrected = |k: usize, found: [f64; 2]| rules.window_hu(k).unwrap_or(found);
+    check_polarity(volume, params, seeds)?;
     if let Some(window_hu) = params.window_hu {
         let windows_hu = asked.clone().map(|k| corrected(k, window_hu)).collect();
         return Ok(Chosen {
@@ -379,6 +380,21 @@ fn choose_windows(
         planes.clone().map(|k| corrected(k, followed.levels[k - asked.start].window_hu())).collect();
     warnings.extend(faded(volume, asked, &planes));
     Ok(Chosen { windows_hu, planes, source: WindowSource::Found(levels), smooth, warnings })
+}
+
+/// Refuses a polarity that the image around the seeds contradicts: no wall of the kind, and one of the other.
+fn check_polarity(volume: &Volume, params: &Params, seeds: &[Voxel]) -> Result<(), Error> {
+    let (asked, other, found) = match params.polarity {
+        Polarity::Auto => return Ok(()),
+        Polarity::Bright => ("bright", Polarity::Dark, "darker"),
+        Polarity::Dark => ("dark", Polarity::Bright, "brighter"),
+    };
+    if levels::find(volume, seeds, params.polarity).is_some() {
+        return Ok(());
+    }
+    levels::find(volume, seeds, other).map_or(Ok(()), |Levels { lumen_hu, wall_hu }| {
+        Err(Error::OtherPolarity { seed: Place(params.seeds_patient_mm[0]), asked, found, lumen_hu, wall_hu })
+    })
 }
 
 /// Says where the vessel has faded.

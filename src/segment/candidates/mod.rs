@@ -16,6 +16,7 @@ mod blobs;
 mod tracks;
 
 use super::error::{Error, Place};
+use super::graph::root;
 use super::{OnLeak, Params, Polarity, Segmentation};
 use crate::ct::{Volume, Warning};
 use crate::geom::Point3;
@@ -23,6 +24,7 @@ use crate::progress::Task;
 use blobs::Coarse;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use tracks::Track;
 
@@ -30,6 +32,10 @@ use tracks::Track;
 const N_LEVELS: usize = 24;
 /// How many candidates are named.
 const MOST_CANDIDATES: usize = 8;
+/// Where a trunk parts, its branches are seen as round again within this many of its diameters.
+const PARTING_DIAMETERS: f64 = 2.0;
+/// And how many courses are looked at for parts of one vessel.
+const MOST_COURSES: usize = 4 * MOST_CANDIDATES;
 /// Below this score, of 1, nothing is taken for a vessel.
 const LEAST_SCORE: f64 = 0.02;
 
@@ -164,14 +170,41 @@ pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Can
     tracks.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<Track> = Vec::new();
     for track in tracks {
-        if kept.len() < MOST_CANDIDATES
+        if kept.len() < MOST_COURSES
             && !kept.iter().any(|k| k.is_same_vessel(&track))
             && is_wanted(volume, params, &planes, &track)
         {
             kept.push(track);
         }
     }
+    let mut kept = joined(&kept, z_mm);
+    kept.truncate(MOST_CANDIDATES);
     Ok(kept.iter().map(|t| candidate(volume, &planes, t)).collect())
+}
+
+/// Courses made one where a trunk parts into several, or several join: a split whose lobes no level shows as round
+/// sections cuts the one from the others. The best first.
+fn joined(tracks: &[Track], z_mm: &[f64]) -> Vec<Track> {
+    let mut above: Vec<usize> = (0..tracks.len()).collect();
+    for (trunk, upward) in (0..tracks.len()).flat_map(|n| [(n, false), (n, true)]) {
+        let gap_mm = 2.0 * PARTING_DIAMETERS * tracks[trunk].radius_mm();
+        let goes_on = |n: &usize| *n != trunk && tracks[trunk].goes_on_in(&tracks[*n], upward, z_mm, gap_mm);
+        let branches: Vec<usize> = (0..tracks.len()).filter(goes_on).collect();
+        if branches.len() < 2 {
+            continue;
+        }
+        for branch in branches {
+            let (a, b) = (root(&mut above, trunk), root(&mut above, branch));
+            above[a.max(b)] = a.min(b);
+        }
+    }
+    let mut parts: BTreeMap<usize, Vec<&Track>> = BTreeMap::new();
+    for (n, track) in tracks.iter().enumerate() {
+        parts.entry(root(&mut above, n)).or_default().push(track);
+    }
+    let mut whole: Vec<Track> = parts.values().filter_map(|p| Track::of_parts(p, z_mm)).collect();
+    whole.sort_by(|a, b| b.score.total_cmp(&a.score));
+    whole
 }
 
 /// Whether the operator's window, where there is one, holds the seed, and no correction takes it away.

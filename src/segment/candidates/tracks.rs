@@ -61,6 +61,13 @@ fn continues(a: &Blob, b: &Blob) -> bool {
     dx * dx + dy * dy <= reach * reach && (1.0 / LIKE..=LIKE).contains(&ratio)
 }
 
+/// Whether two sections may be of one vessel: they touch, and their areas are of a size.
+fn touch(a: &Blob, b: &Blob) -> bool {
+    let ratio = (a.radius_mm / b.radius_mm).powi(2);
+    let apart_mm = (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm);
+    apart_mm <= a.radius_mm + b.radius_mm && (1.0 / LIKE..=LIKE).contains(&ratio)
+}
+
 impl Track {
     fn try_new(sections: Vec<(usize, Blob)>, z_mm: &[f64], sign: f64) -> Option<Self> {
         let mut track = Self { sections, sign, score: 0.0 };
@@ -163,7 +170,31 @@ impl Track {
         *best.expect("a track has sections in several planes")
     }
 
-    /// Whether two tracks run in each other over most of the shorter one.
+    /// Whether the other one goes on, upward or downward, where this one ends: their ends lie within `gap_mm` of each
+    /// other, and the sections there touch and are of a size; found at different levels, they may overlap by as much.
+    pub(super) fn goes_on_in(&self, other: &Self, upward: bool, z_mm: &[f64], gap_mm: f64) -> bool {
+        let (low, high) = if upward { (self, other) } else { (other, self) };
+        let [end, start] = [low.ends()[1], high.ends()[0]];
+        let is_beyond = high.ends()[1] > end && low.ends()[0] < start;
+        let is_near = self.sign == other.sign && is_beyond && (z_mm[start] - z_mm[end]).abs() <= gap_mm;
+        is_near && low.at(end.min(start)).any(|a| high.at(start).any(|b| touch(a, b)))
+    }
+
+    fn at(&self, plane: usize) -> impl Iterator<Item = &Blob> {
+        self.sections.iter().filter(move |(k, _)| *k == plane).map(|(_, b)| b)
+    }
+
+    /// Tracks of one vessel as one.
+    pub(super) fn of_parts(parts: &[&Self], z_mm: &[f64]) -> Option<Self> {
+        let mut sections: Vec<(usize, Blob)> = parts.iter().flat_map(|t| t.sections.iter().copied()).collect();
+        sections.sort_by_key(|(k, _)| *k);
+        let whole = Self::try_new(sections, z_mm, parts.first()?.sign)?;
+        // A whole is no less a vessel than its best part.
+        let score = parts.iter().map(|t| t.score).fold(whole.score, f64::max);
+        Some(Self { score, ..whole })
+    }
+
+    /// Whether two tracks run in each other over a third of the shorter one, or more.
     pub(super) fn is_same_vessel(&self, other: &Self) -> bool {
         let (a, b) = if self.sections.len() >= other.sections.len() { (self, other) } else { (other, self) };
         let inside = |(k, p): &&(usize, Blob)| {

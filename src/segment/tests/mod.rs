@@ -88,8 +88,6 @@ fn noise_does_not_stop_the_growth() {
 fn polarity_of_a_given_window_follows_from_the_rim() {
     assert_eq!(run(&disk(300.0), &windowed(150.0, 500.0)).unwrap().polarity, Polarity::Bright);
     assert_eq!(run(&disk(-900.0), &windowed(-2000.0, -400.0)).unwrap().polarity, Polarity::Dark);
-    let forced = Params { polarity: Polarity::Dark, ..windowed(150.0, 500.0) };
-    assert_eq!(run(&disk(300.0), &forced).unwrap().polarity, Polarity::Dark);
 }
 
 #[test]
@@ -156,7 +154,7 @@ fn seed_outside_the_volume_names_its_extent() {
     let text = error_text(&disk(300.0), &params([80.0, 7.0, 1.0]));
     assert_eq!(
         text,
-        "seed (80.000, 7.000, 1.000) lies outside the volume, which extends from (-0.125, -0.125, -0.500) to (15.875, 13.875, 3.500) mm (patient LPS): give a seed inside the lumen"
+        "seed (80.000, 7.000, 1.000) lies outside the volume, whose box reaches from (-0.125, -0.125, -0.500) to (15.875, 13.875, 3.500) mm (patient LPS): give a seed inside the lumen"
     );
 }
 
@@ -233,10 +231,17 @@ fn flat_regions_and_featureless_images_are_refused() {
         error_text(&blank, &params([8.0, 7.0, 1.0]))
             .contains("no wall was found within 30 mm of seed (8.000")
     );
-    assert!(matches!(
-        run(&disk(300.0), &Params { polarity: Polarity::Dark, ..params([8.0, 7.0, 1.0]) }),
-        Err(Error::NoContrast { .. })
-    ));
+}
+
+#[test]
+fn a_polarity_that_the_image_contradicts_is_refused() {
+    let dark = Params { polarity: Polarity::Dark, ..params([8.0, 7.0, 1.0]) };
+    for params in [dark.clone(), Params { window_hu: Some([200.0, 600.0]), ..dark }] {
+        let refused = run(&disk(300.0), &params).unwrap_err();
+        assert!(matches!(refused, Error::OtherPolarity { asked: "dark", found: "brighter", .. }), "{refused}");
+    }
+    let bright = Params { polarity: Polarity::Bright, ..params([8.0, 7.0, 1.0]) };
+    assert!(run(&disk(300.0), &bright).is_ok());
 }
 
 #[test]

@@ -107,6 +107,22 @@ fn levels_follow_a_contrast_that_fades() {
 }
 
 #[test]
+fn branches_that_part_at_once_are_the_trunks() {
+    // Between the trunk and its three branches lies a plane whose section no level shows as round.
+    let scene = Scene { n: [120, 100, 30], pixel_mm: [0.5; 2], plane_mm: 2.0, blur_mm: 0.4, noise_hu: 10.0 };
+    let volume = scene.volume(|x, y, k| {
+        let (x, y) = (x - 30.0, y - 25.0);
+        let apart = 2.4 + 0.3 * k.saturating_sub(14) as f64;
+        let branch = |turn: f64| (x - apart * turn.cos()).hypot(y - apart * turn.sin()) < 2.3;
+        let is_in = if k < 14 { x.hypot(y) < 4.0 } else { [0.3, 2.4, 4.5].into_iter().any(branch) };
+        if is_in { 300.0 } else { 50.0 }
+    });
+    let found = find_unattended(&volume, &Params::default(), &Task::quiet()).unwrap();
+    assert_eq!(found.segmentation.planes, 0..30, "{:?}", found.candidates);
+    assert!(found.candidates.len() == 1 && found.candidates[0].branches, "{:?}", found.candidates);
+}
+
+#[test]
 fn featureless_images_have_no_vessel() {
     let noise = Scene { noise_hu: 20.0, n: [64, 56, 12], ..Scene::default() }.volume(|_, _, _| 50.0);
     let nothing = find_unattended(&noise, &Params::default(), &Task::quiet()).unwrap_err();
