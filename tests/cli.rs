@@ -3,6 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
 
 use assert_cmd::Command;
+use dicom_core::value::{DataSetSequence, PrimitiveValue};
+use dicom_core::{DataElement, VR};
+use dicom_dictionary_std::{tags, uids};
+use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 use lumenfab::phantom::{self, Kind, Params};
 use lumenfab::progress::Task;
 use serde_json::Value;
@@ -299,15 +303,15 @@ fn unusable_ct_folders_are_refused_with_one_line_and_leave_nothing_behind() {
     }
     fs::write(place.path("file"), "x").unwrap();
 
-    for (folder, parts) in [
-        ("empty", ["empty holds no file", "name the folder"]),
-        ("text", ["text holds no DICOM file", "name the folder"]),
-        ("file", ["file is no folder", "name the folder"]),
-        ("truncated", ["truncated/IM0003.dcm", "export it again"]),
-        ("missing", ["1 plane(s) missing between z = ", "export the series again"]),
-        ("mixed", ["2 series in the folder", "choose one"]),
+    for (code, folder, parts) in [
+        (1, "empty", ["empty holds no file", "name the folder"]),
+        (1, "text", ["text holds no DICOM file", "name the folder"]),
+        (1, "file", ["file is no folder", "name the folder"]),
+        (1, "truncated", ["truncated/IM0003.dcm", "export it again"]),
+        (1, "missing", ["1 plane(s) missing between z = ", "export the series again"]),
+        (2, "mixed", ["2 series in the folder", "choose one"]),
     ] {
-        let error = place.refused(1, &["run", "--ct", folder, &seed, "--out", "case"]);
+        let error = place.refused(code, &["run", "--ct", folder, &seed, "--out", "case"]);
         assert!(parts.iter().all(|p| error.contains(p)), "{folder}: {error}");
     }
     let error = place.refused(2, &["run", "--ct", "nothing", &seed, "--out", "case"]);
@@ -326,13 +330,15 @@ fn unusable_ct_folders_are_refused_with_one_line_and_leave_nothing_behind() {
 fn a_lumen_that_cannot_be_found_is_refused_with_one_line_and_leaves_nothing_behind() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());
-    for (flags, part) in [
-        (vec!["--seed-mm=900,0,3"], "lies outside the volume"),
-        (vec!["--seed-mm=-20,-20,3", "--window-hu", "200,600"], "HU, outside the window 200 to 600 HU"),
-        (vec![seed.as_str(), "--window-hu", "5000,6000"], "window 5000 to 6000 HU selects nothing"),
-        (vec![seed.as_str(), "--window-hu=-2000,6000"], "leaks to the image border in plane "),
+    // What was asked for lies elsewhere: wrong usage. What the grey values are decides the rest.
+    for (code, flags, part) in [
+        (2, vec!["--seed-mm=900,0,3"], "lies outside the volume"),
+        (2, vec![seed.as_str(), "--z-mm=700,800"], "700"),
+        (1, vec!["--seed-mm=-20,-20,3", "--window-hu", "200,600"], "HU, outside the window 200 to 600 HU"),
+        (1, vec![seed.as_str(), "--window-hu", "5000,6000"], "window 5000 to 6000 HU selects nothing"),
+        (1, vec![seed.as_str(), "--window-hu=-2000,6000"], "leaks to the image border in plane "),
     ] {
-        let error = place.refused(1, &[&["run", "--ct", "ct", "--out", "case"], &*flags].concat());
+        let error = place.refused(code, &[&["run", "--ct", "ct", "--out", "case"], &*flags].concat());
         assert!(error.contains(part), "{flags:?}: {error}");
     }
     place.has_only(&["ct"]);
@@ -505,7 +511,7 @@ fn a_folder_of_case_files_is_run_whole_and_ends_with_a_table() {
     assert_eq!(answer["cases"][0]["case"], "cases/a.toml");
     assert_eq!(answer["cases"][1]["report"]["passed"], true, "{answer}");
     assert!(place.path("cases/b/report/index.html").is_file() && !place.path("cases/a").exists());
-    let of_c = "cases/c.toml: names no image: expected ct = PATH, segmentation = PATH or a [phantom] table";
+    let of_c = "the case file: names no image: expected ct = PATH, segmentation = PATH or a [phantom] table";
     assert_eq!(answer["cases"][2]["error"], of_c);
 }
 
@@ -670,4 +676,91 @@ fn a_chosen_series_is_taken_again_whatever_its_number_has_become_and_missed_when
         "{error}"
     );
     assert!(error.ends_with("start a new case with another --out"), "{error}");
+}
+
+#[test]
+fn what_is_one_patients_is_refused_for_several_cases() {
+    let place = Place::new();
+    for name in ["a.toml", "b.toml"] {
+        fs::write(place.path(name), "ct = \"ct\"\nseed_mm = \"auto\"\n").unwrap();
+    }
+    for flags in [
+        ["--ct", "ct"],
+        ["--segmentation", "labels.nrrd"],
+        ["--label", "2"],
+        ["--series", "1"],
+        ["--seed-mm", "1,2,3"],
+    ] {
+        let error = place.refused(2, &[&["run", "a.toml", "b.toml"], &flags[..]].concat());
+        assert_eq!(error, format!("{}: found several cases, expected one", flags[0]));
+    }
+    // What is no one's is for all of them: the next thing that is missed is the CT.
+    let answer = place.json(2, &["run", "a.toml", "b.toml", "--seed-mm", "auto", "--wall-mm", "2"]);
+    let errors: Vec<&str> =
+        answer["cases"].as_array().unwrap().iter().map(|c| c["error"].as_str().unwrap()).collect();
+    assert!(errors.iter().all(|e| e.starts_with("--ct: found nothing there")), "{errors:?}");
+}
+
+/// A DICOMDIR that names those files.
+fn directory(names: &[&str]) -> InMemDicomObject {
+    let text = |tag, vr, value: PrimitiveValue| DataElement::new(tag, vr, value);
+    let record = |name: &&str| {
+        let components: Vec<String> = name.split('/').map(String::from).collect();
+        InMemDicomObject::from_element_iter([
+            text(tags::DIRECTORY_RECORD_TYPE, VR::CS, "IMAGE".into()),
+            text(tags::REFERENCED_FILE_ID, VR::CS, PrimitiveValue::Strs(components.into())),
+        ])
+    };
+    let records = DataSetSequence::from(names.iter().map(record).collect::<Vec<_>>());
+    InMemDicomObject::from_element_iter([
+        text(tags::SOP_CLASS_UID, VR::UI, uids::MEDIA_STORAGE_DIRECTORY_STORAGE.into()),
+        text(tags::SOP_INSTANCE_UID, VR::UI, "2.25.1".into()),
+        DataElement::new(tags::DIRECTORY_RECORD_SEQUENCE, VR::SQ, records),
+    ])
+}
+
+#[test]
+fn a_dicomdir_is_a_ct_whose_images_are_watched() {
+    let place = Place::new();
+    let seed = place.phantom("medium", &small());
+    let names = ["IM0001.DCM", "IM0002.DCM", "IM0003.DCM", "IM0004.DCM"];
+    let meta = FileMetaTableBuilder::new().transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let directory = directory(&names).with_meta(meta).unwrap();
+    directory.write_to_file(place.path("medium/DICOMDIR")).unwrap();
+    let args = ["segment", "--ct", "medium/DICOMDIR", &seed, "--out", "case"];
+    assert_eq!(place.json(0, &args)["stages"][0]["done"], true);
+    assert_eq!(place.json(0, &["segment", "case"])["stages"][0]["done"], false);
+    // One pixel of an image that the DICOMDIR names: another CT.
+    let mut image = fs::read(place.path("medium/IM0003.dcm")).unwrap();
+    let last_word = image.len() - 2;
+    image[last_word] ^= 1;
+    fs::write(place.path("medium/IM0003.dcm"), image).unwrap();
+    assert_eq!(
+        place.refused(2, &args),
+        "case is a case already, made from another source: choose another --out, or delete that directory"
+    );
+    assert_eq!(place.json(0, &["segment", "case"])["stages"][0]["because_of"], serde_json::json!(["ct"]));
+}
+
+#[test]
+fn the_record_of_a_ct_is_of_no_use_outside_its_case() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let record = |case: &str| {
+        place.json(0, &["segment", "--ct", "ct", &seed, "--out", case]);
+        let text = fs::read_to_string(place.path(case).join("stages.toml")).unwrap();
+        text.lines().find(|l| l.starts_with("ct = ")).unwrap().to_owned()
+    };
+    assert_ne!(record("one"), record("another"));
+}
+
+#[test]
+fn gaps_that_were_allowed_can_be_refused_again() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &Params { n_planes: 6, ..small() });
+    fs::remove_file(place.path("ct/IM0004.dcm")).unwrap();
+    place.json(0, &["segment", "--ct", "ct", &seed, "--allow-gaps", "--out", "case"]);
+    assert!(fs::read_to_string(place.path("case/case.toml")).unwrap().contains("allow_gaps = true"));
+    let error = place.refused(1, &["segment", "case", "--allow-gaps=false"]);
+    assert!(error.starts_with("1 plane(s) missing between"), "{error}");
 }

@@ -586,6 +586,27 @@ fn attributes() {
             ),
         ),
         (
+            "slope beyond all bounds",
+            |f| f.put(tags::RESCALE_SLOPE, VR::DS, "1e300"),
+            Err(
+                "ct/IM0002.dcm: attribute RescaleSlope is 1e300, expected up to 1000000: export the series again",
+            ),
+        ),
+        (
+            "intercept beyond all bounds",
+            |f| f.put(tags::RESCALE_INTERCEPT, VR::DS, "-2e6"),
+            Err(
+                "ct/IM0002.dcm: attribute RescaleIntercept is -2000000.0, expected within 1000000: export the series again",
+            ),
+        ),
+        (
+            "values below any CT number",
+            |f| f.put(tags::RESCALE_INTERCEPT, VR::DS, "-30000"),
+            Ok(&[
+                "ct.implausible_values: 576 pixel(s) are below -10240 or above 31000 HU, which no CT gives: PixelRepresentation, the padding value or the rescaling in the headers may be wrong",
+            ]),
+        ),
+        (
             "no rescale",
             |f| {
                 f.edit_all(|_, o| {

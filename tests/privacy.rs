@@ -349,8 +349,8 @@ fn errors_tell_the_operator_where_and_nothing_more() {
     let nowhere = format!("{}/ZQXSUB/gone", place.ct().display());
     let ct = place.ct().display().to_string();
     place.says_nothing(2, &["run", "--ct", &nowhere, &place.seed, "--out", "case", "--json"]);
-    place.says_nothing(1, &["run", "--ct", &ct, "--series", "1.2.3.4", &place.seed, "--out", "case"]);
-    place.says_nothing(1, &["run", "--ct", &ct, "--series", "7", &place.seed, "--out", "case", "--json"]);
+    place.says_nothing(2, &["run", "--ct", &ct, "--series", "1.2.3.4", &place.seed, "--out", "case"]);
+    place.says_nothing(2, &["run", "--ct", &ct, "--series", "7", &place.seed, "--out", "case", "--json"]);
     place.says_nothing(2, &["run", "--ct", &ct, "--series", &format!("{SERIES_UID}x"), &place.seed]);
     place.assert_nothing_written();
 }
@@ -359,4 +359,32 @@ fn edit(place: &Place, change: impl Fn(&mut DefaultDicomObject)) {
     let mut object = open_file(place.file(2)).unwrap();
     change(&mut object);
     object.write_to_file(place.file(2)).unwrap();
+}
+
+/// Inputs of the operator's own may be called after a patient: the line of the error on the screen names them, no document does.
+#[test]
+fn names_of_case_files_and_contours_stay_on_the_screen() {
+    let place = Place::new();
+    let put = |name: &str, text: &str| {
+        let path = place.dir.path().join(FOLDER).join(name);
+        fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let broken = put("ZQXJANE.toml", "ct = 7");
+    let contours = put("ZQXJANE.json", "{}");
+    let gone = place.dir.path().join(FOLDER).join("ZQXGONE.json").display().to_string();
+    let cases: [(i32, &[&str], &str); 3] = [
+        (2, &["segment", &broken, "--json"], "the case file: line 1: "),
+        (1, &["solid", "--sections", &contours, "--out", "case", "--json"], "the contours: "),
+        (1, &["solid", "--sections", &gone, "--out", "case", "--json"], "cannot read the input file: "),
+    ];
+    for (code, args, start) in cases {
+        let said = place.run(args);
+        assert_eq!(said.status.code(), Some(code), "{args:?}: {}", text(&said.stderr));
+        assert_clean(&said.stdout, &format!("stdout of {args:?}"));
+        let document: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+        assert!(document["error"].as_str().unwrap().starts_with(start), "{document}");
+        assert!(text(&said.stderr).contains("ZQX"), "the operator is told which file");
+    }
+    place.assert_nothing_written();
 }

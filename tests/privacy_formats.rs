@@ -17,11 +17,13 @@ use lumenfab::progress::Task;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// What every planted text begins with.
 const WORD: &str = "ZQX";
+/// A planted date.
+const DATE: &str = "19330717";
 /// What every planted UID begins with.
 const UID: &str = "1.2.826.0.1.7700";
 /// The folder that the inputs lie in; the program is told of it by a path from its own working directory.
@@ -68,16 +70,20 @@ impl Place {
         format!("{FOLDER}/{name}")
     }
 
-    /// Runs a command with all logging on and searches what it says.
-    fn says_nothing(&self, args: &[&str]) -> Option<i32> {
-        let output = Command::new(env!("CARGO_BIN_EXE_lumenfab"))
+    fn run(&self, args: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_lumenfab"))
             .args(args)
             .current_dir(self.dir.path())
             .env("XDG_STATE_HOME", self.dir.path().join("state"))
             .env("TMPDIR", self.dir.path().join("tmp"))
             .env("LUMENFAB_LOG", "trace")
             .output()
-            .unwrap();
+            .unwrap()
+    }
+
+    /// Runs a command with all logging on and searches what it says.
+    fn says_nothing(&self, args: &[&str]) -> Option<i32> {
+        let output = self.run(args);
         assert_clean(&output.stdout, &format!("stdout of {args:?}"));
         assert_clean(&output.stderr, &format!("stderr of {args:?}"));
         output.status.code()
@@ -117,7 +123,7 @@ fn files(dir: &Path) -> Vec<PathBuf> {
 }
 
 fn assert_clean(bytes: &[u8], place: &str) {
-    for secret in [WORD, UID] {
+    for secret in [WORD, DATE, UID] {
         let found = bytes.windows(secret.len()).position(|w| w == secret.as_bytes());
         let around =
             found.map(|at| String::from_utf8_lossy(&bytes[at..(at + 60).min(bytes.len())]).into_owned());
@@ -303,10 +309,12 @@ fn segmentation(volume: &Volume) -> InMemDicomObject {
 }
 
 fn structure_set(volume: &Volume) -> InMemDicomObject {
+    let middle =
+        [0, 1].map(|a| volume.origin_xy_mm[a] + 0.5 * volume.dims[a] as f64 * volume.pixel_spacing_xy_mm[a]);
     let circle = |z: f64| {
         let point = |n: u32| {
             let (sin, cos) = (f64::from(n) * std::f64::consts::TAU / 40.0).sin_cos();
-            format!("{:.4}\\{:.4}\\{z:.4}", 26.0 + 4.0 * cos, 26.0 + 4.0 * sin)
+            format!("{:.4}\\{:.4}\\{z:.4}", middle[0] + 4.0 * cos, middle[1] + 4.0 * sin)
         };
         let points: Vec<String> = (0..40).map(point).collect();
         item(vec![
@@ -427,4 +435,97 @@ fn segmentations_tell_nothing() {
         let case = format!("case-{name}");
         place.is_silent_about(name, &[&["segment", "--segmentation", &path, "--out", &case, "--json"]]);
     }
+}
+
+#[test]
+fn segmentations_beside_their_ct_tell_nothing() {
+    let place = Place::new();
+    let volume = &place.volume;
+    // The frame of reference that the objects state.
+    for path in
+        files(&place.input("series")).into_iter().filter(|p| p.extension().is_some_and(|e| e == "dcm"))
+    {
+        let mut object = open_file(&path).unwrap();
+        object.put(text(tags::FRAME_OF_REFERENCE_UID, VR::UI, format!("{UID}4")));
+        object.write_to_file(&path).unwrap();
+    }
+    let labels: Vec<u8> = (0..volume.hu.len()).map(|p| u8::from(is_drawn(p, volume))).collect();
+    let map = place.put("labels.nrrd", &nrrd(volume, "uint8", &labels));
+    let seg = place.put_object("seg.dcm", segmentation(volume), uids::SEGMENTATION_STORAGE);
+    let rt = place.put_object("rt.dcm", structure_set(volume), uids::RT_STRUCTURE_SET_STORAGE);
+    let ct = format!("{FOLDER}/series");
+    for (name, path) in [("labels.nrrd", &map), ("seg.dcm", &seg), ("rt.dcm", &rt)] {
+        let case = format!("case-{name}");
+        let args = ["segment", "--ct", &ct, "--segmentation", path, "--out", &case, "--json"];
+        let said = place.run(&args);
+        let told = String::from_utf8_lossy(&said.stdout).into_owned();
+        assert!(said.status.success() && !told.contains("segment.frame_unknown"), "{name}: {told}");
+        assert!(place.dir.path().join(&case).join("volume.bin").exists(), "{name}");
+        place.is_silent_about(name, &[&args]);
+    }
+    // Another patient's CT, as far as the frames of reference tell, is refused without naming either.
+    let place = Place::new();
+    let seg = place.put_object("seg.dcm", segmentation(&place.volume), uids::SEGMENTATION_STORAGE);
+    assert_eq!(
+        place.says_nothing(&["segment", "--ct", &ct, "--segmentation", &seg, "--out", "no", "--json"]),
+        Some(1)
+    );
+}
+
+#[test]
+fn fields_that_hold_a_name_or_a_date_are_not_quoted() {
+    let place = Place::new();
+    let volume = &place.volume;
+    let [nx, ny, nz] = volume.dims;
+    let whole = |bytes: &[u8], from: &str, to: &str| {
+        let text = String::from_utf8_lossy(&bytes[..bytes.len() - 2 * nx * ny * nz]);
+        assert!(text.contains(from), "{from}");
+        [text.replace(from, to).into_bytes(), values(volume)].concat()
+    };
+    let (nrrd, meta) = (nrrd(volume, "short", &values(volume)), metaimage(volume));
+    let sizes = format!("{nx} {ny} {nz}");
+    for (n, (bytes, from, to)) in [
+        (&nrrd, "left-posterior-superior", "ZQX_JANE"),
+        (&nrrd, "encoding: raw", "encoding: ZQX"),
+        (&nrrd, "type: short", "type: ZQX-JANE"),
+        (&nrrd, sizes.as_str(), "19330717 512 40"),
+        (&meta, "MET_SHORT", "ZQX"),
+        (&meta, sizes.as_str(), "19330717 512 40"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let path = place.put(&format!("{n}"), &whole(bytes, from, to));
+        for args in
+            [&["inspect", &path, "--json"][..], &["segment", "--ct", &path, "--seed-mm=auto", "--out", "no"]]
+        {
+            assert_ne!(place.says_nothing(args), Some(0), "{to}");
+        }
+    }
+    let mut bytes = nifti(volume);
+    bytes[42..44].copy_from_slice(&30717_i16.to_le_bytes());
+    place.says_nothing(&["inspect", &place.put("dated.nii", &bytes), "--json"]);
+    place.wrote_nothing();
+}
+
+#[test]
+fn a_series_is_not_told_by_what_may_be_a_record() {
+    let place = Place::new();
+    let series = place.input("series");
+    for path in files(&series).into_iter().filter(|p| p.extension().is_some_and(|e| e == "dcm")) {
+        let mut object = open_file(&path).unwrap();
+        object.put(text(tags::ACQUISITION_NUMBER, VR::IS, "1"));
+        object.write_to_file(&path).unwrap();
+        for (tag, vr, value) in [
+            (tags::ACQUISITION_NUMBER, VR::IS, "1933071"),
+            (tags::CONVOLUTION_KERNEL, VR::SH, "ZQ717"),
+            (tags::SOP_INSTANCE_UID, VR::UI, "2.25.7"),
+        ] {
+            object.put(text(tag, vr, value));
+        }
+        object.write_to_file(path.with_extension("again.dcm")).unwrap();
+    }
+    let said = place.run(&["inspect", &format!("{FOLDER}/series"), "--json"]);
+    let told = String::from_utf8_lossy(&said.stdout);
+    assert!(told.contains("\"number\":2") && !told.contains("1933071") && !told.contains("ZQ717"), "{told}");
 }

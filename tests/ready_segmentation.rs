@@ -52,6 +52,11 @@ fn ct() -> Params {
 
 /// A label map on the grid of the CT, as a NRRD: a disk of 12 pixels, labelled 2, and a small one, labelled 5.
 fn label_map(place: &Place, name: &str) {
+    label_map_off(place, name, 0.0);
+}
+
+/// The same, so far beside the CT.
+fn label_map_off(place: &Place, name: &str, off_mm: f64) {
     let loaded = lumenfab::ct::reader::load(&place.path("ct"), &Default::default(), &Task::quiet()).unwrap();
     let v = &loaded.volume;
     let [nx, ny, nz] = v.dims;
@@ -60,8 +65,14 @@ fn label_map(place: &Place, name: &str) {
         String::from("NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nencoding: raw\n");
     let [dx, dy] = v.pixel_spacing_xy_mm;
     writeln!(header, "sizes: {nx} {ny} {nz}\nspace directions: ({dx},0,0) (0,{dy},0) (0,0,{step})").unwrap();
-    writeln!(header, "space origin: ({},{},{})\n", v.origin_xy_mm[0], v.origin_xy_mm[1], v.plane_z_mm[0])
-        .unwrap();
+    writeln!(
+        header,
+        "space origin: ({},{},{})\n",
+        v.origin_xy_mm[0] + off_mm,
+        v.origin_xy_mm[1],
+        v.plane_z_mm[0]
+    )
+    .unwrap();
     let disk = |p: usize| {
         let (x, y) = ((p % nx) as f64, (p / nx % ny) as f64);
         if (x - 60.3).hypot(y - 64.8) < 12.0 {
@@ -154,4 +165,18 @@ fn what_cannot_be_a_segmentation_is_refused() {
         place.refused(2, &["segment", "case", "--label", ""]),
         "--label: found \"\", expected the number or the name of a structure"
     );
+}
+
+#[test]
+fn a_label_map_on_another_grid_than_the_cts_is_told() {
+    let place = prepared();
+    label_map_off(&place, "off.seg", 0.2);
+    let unknown = |segmentation: &str, case: &str| {
+        let args = ["segment", "--segmentation", segmentation, "--ct", "ct", "--label", "2", "--out", case];
+        let answer = place.done(&args);
+        let warnings = answer["stages"][0]["warnings"].as_array().unwrap().clone();
+        warnings.iter().filter(|w| w["code"] == "segment.frame_unknown").count()
+    };
+    assert_eq!(unknown("doe-jane.seg", "same"), 0);
+    assert_eq!(unknown("off.seg", "off"), 1);
 }

@@ -152,6 +152,13 @@ pub fn hash_of_bytes(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
+/// BLAKE3 of some bytes under a salt, in hexadecimal: can be compared only with what was made under the same one.
+#[must_use]
+pub fn hash_under(salt: &str, bytes: &[u8]) -> String {
+    let key = blake3::derive_key("lumenfab source check 1", salt.as_bytes());
+    blake3::keyed_hash(&key, bytes).to_hex().to_string()
+}
+
 /// BLAKE3 of a file, in hexadecimal; of a directory: of the names and hashes of all that is in it.
 ///
 /// # Errors

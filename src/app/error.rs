@@ -20,13 +20,24 @@ pub enum Error {
     /// A parameter cannot be used; as the flag that gives it.
     #[error("{}: {}", shown(&.0.name), .0.fault)]
     Setting(#[from] SettingError),
-    /// A case file cannot be used.
+    /// A case file cannot be used. Its path is the operator's own, and may name a patient.
     #[error("{}: {problem}", path.display())]
     CaseFile {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         problem: String,
+    },
+    /// A file that the operator named as input cannot be read. Its path may name a patient.
+    #[error(transparent)]
+    InputFile(FileError),
+    /// A document of contours that the operator named as input cannot be used. Its path may name a patient.
+    #[error("{}: {source}", path.display())]
+    InputSections {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: sections::format::FormatError,
     },
     /// There is nothing at the place of the CT.
     #[error("--ct: found nothing at {}, expected a folder with the DICOM files of a series", .0.display())]
@@ -62,7 +73,7 @@ pub enum Error {
         /// What is wrong with it.
         source: VolumeFileError,
     },
-    /// A document of contours.
+    /// The case's document of contours.
     #[error("{}: {source}", path.display())]
     SectionsFile {
         /// The file.
@@ -161,8 +172,8 @@ impl Error {
         )
     }
 
-    /// The message without the paths of a CT or segmentation and the names of structures, which may hold a patient's: for what is written or sent on. The
-    /// operator's own screen shows the whole message.
+    /// The message without the paths of inputs (CT, segmentation, case file, contours) and the names of structures, which may hold a
+    /// patient's: for what is written or sent on. The operator's own screen shows the whole message.
     #[must_use]
     pub fn text_without_sources(&self) -> String {
         match self {
@@ -174,10 +185,14 @@ impl Error {
             Self::SegmentationMissing(_) => {
                 "--segmentation: found nothing there, expected a label map, a DICOM SEG or an RTSTRUCT".into()
             }
-            // Paths of these are the case's or those that the operator names for results.
+            Self::CaseFile { problem, .. } => format!("the case file: {problem}"),
+            Self::InputFile(FileError { action, source, .. }) => {
+                FileError { action, path: "the input file".into(), source: source.kind().into() }.to_string()
+            }
+            Self::InputSections { source, .. } => format!("the contours: {source}"),
+            // Paths of these are the case's, a profile's, or those that the operator names for results.
             Self::Interrupted(_)
             | Self::Setting(_)
-            | Self::CaseFile { .. }
             | Self::SegmentationUnknown(_)
             | Self::CtUnknown(_)
             | Self::NoRecord(_)
@@ -215,17 +230,19 @@ impl Error {
     pub const fn exit_code(&self) -> u8 {
         match self {
             interrupted if interrupted.is_interruption() => 130,
+            Self::Ct(e) if e.is_choice() => 2,
+            Self::Ready(e) if e.is_choice() => 2,
+            Self::Segment(e) if e.is_choice() => 2,
+            Self::Phantom(phantom::Error::OutOfRange { .. } | phantom::Error::TooLarge { .. }) => 2,
             Self::Setting(_)
             | Self::CaseFile { .. }
             | Self::CtMissing(_)
             | Self::CtUnknown(_)
             | Self::SegmentationMissing(_)
             | Self::SegmentationUnknown(_)
-            | Self::Ready(ready::Error::SeveralLabels { .. } | ready::Error::NoSuchLabel { .. })
             | Self::NoRecord(_)
             | Self::PreviewFolder(_)
             | Self::Profile(_)
-            | Self::Segment(segment::Error::Correction(_))
             | Self::Solid(solid::Error::Topology(topology::Error::Decision { .. }))
             | Self::Case(
                 CaseError::Missing(_)

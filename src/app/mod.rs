@@ -39,7 +39,7 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
         Err(e) if e.source.kind() == std::io::ErrorKind::NotFound => {
             return Err(problem("not found: expected a case directory or a case file (TOML)".into()));
         }
-        other => other?,
+        other => other.map_err(Error::InputFile)?,
     };
     let mut file = CaseFile::from_toml(&text).map_err(problem)?;
     if file.id.is_some() {

@@ -468,7 +468,7 @@ impl CaseFile {
             segmentation: None,
             label,
             series: segment.series.map(SeriesKey::Number),
-            allow_gaps: segment.allow_gaps.then_some(true),
+            allow_gaps: Some(segment.allow_gaps),
             seed_mm: segment.seeds(),
             window_hu: segment.window_hu,
             polarity: Some(segment.polarity),
@@ -558,7 +558,8 @@ impl CaseFile {
             ("segment", self.segment.as_ref().is_some_and(|c| !c.is_empty())),
         ];
         let Some((name, _)) = of_growing.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
-        let expected = "none: a ready segmentation is taken as it is; leave this out, or the segmentation";
+        let expected =
+            "none: in a ready segmentation the lumen is found already; leave this out, or the segmentation";
         let fault = Fault { found: "one beside a segmentation".into(), expected: expected.into() };
         Err(SettingError { name: name.into(), fault })
     }
@@ -859,7 +860,7 @@ mod tests {
                 assert_eq!(
                     refused,
                     format!(
-                        "{key}: found one beside a segmentation, expected none: a ready segmentation is taken as it is; leave this out, or the segmentation"
+                        "{key}: found one beside a segmentation, expected none: in a ready segmentation the lumen is found already; leave this out, or the segmentation"
                     )
                 );
             }

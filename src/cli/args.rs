@@ -113,9 +113,10 @@ pub(crate) struct CtArgs {
     /// is not kept
     #[arg(long, value_name = "N|UID", value_parser = settings::parse_series)]
     pub(crate) series: Option<SeriesKey>,
-    /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap
-    #[arg(long)]
-    pub(crate) allow_gaps: bool,
+    /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap;
+    /// --allow-gaps=false takes it back for a case
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub(crate) allow_gaps: Option<bool>,
     /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once; or auto: the vessel
     /// is found by itself, and ends where it leaks or fades
     #[arg(long, value_name = "X,Y,Z|auto", value_parser = settings::parse_seed_mm, allow_hyphen_values = true)]
@@ -422,13 +423,25 @@ fn help(text: &str, limits: Limits, default: f64) -> String {
 }
 
 impl CtArgs {
+    /// The first flag that holds for one patient's images alone.
+    pub(crate) fn of_one_patient(&self) -> Option<&'static str> {
+        let flags = [
+            ("--ct", self.ct.is_some()),
+            ("--segmentation", self.segmentation.is_some()),
+            ("--label", self.label.is_some()),
+            ("--series", self.series.is_some()),
+            ("--seed-mm", self.seed_mm.iter().any(|seed| matches!(seed, Seed::Point(_)))),
+        ];
+        flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
+    }
+
     pub(crate) fn patch(&self) -> CaseFile {
         CaseFile {
             ct: self.ct.clone(),
             segmentation: self.segmentation.clone(),
             label: self.label.clone(),
             series: self.series.clone(),
-            allow_gaps: self.allow_gaps.then_some(true),
+            allow_gaps: self.allow_gaps,
             seed_mm: (!self.seed_mm.is_empty()).then(|| Seeds(self.seed_mm.clone())),
             window_hu: self.window_hu,
             polarity: self.polarity,
@@ -523,9 +536,12 @@ mod tests {
         let parse = |args: &[&str]| {
             Cli::try_parse_from([&["lumenfab"], args].concat()).unwrap().command.expect("there is one")
         };
-        for (args, allowed) in
-            [(vec!["segment", "c"], None), (vec!["segment", "c", "--allow-gaps"], Some(true))]
-        {
+        for (args, allowed) in [
+            (vec!["segment", "c"], None),
+            (vec!["segment", "c", "--allow-gaps"], Some(true)),
+            (vec!["segment", "--allow-gaps", "c"], Some(true)),
+            (vec!["segment", "c", "--allow-gaps=false"], Some(false)),
+        ] {
             let Command::Segment(segment) = parse(&args) else { panic!("not segment") };
             assert_eq!(segment.ct.patch().allow_gaps, allowed);
         }

@@ -164,8 +164,8 @@ fn jobs(args: &RunArgs) -> Result<Jobs, String> {
         return Ok(vec![Named { name: dir.clone(), job: Ok(Job { dir, parameters }) }]);
     }
     let cases: Vec<PathBuf> = args.cases.iter().flat_map(|case| case_files(case)).collect();
-    if args.ct.ct.is_some() && cases.len() > 1 {
-        return Err("--ct: found several cases, expected one".into());
+    if let Some(flag) = args.ct.of_one_patient().filter(|_| cases.len() > 1) {
+        return Err(format!("{flag}: found several cases, expected one"));
     }
     let several = cases.len() > 1 || cases != args.cases;
     let named =

@@ -10,6 +10,20 @@ use crate::geom::Vector3;
 pub(crate) const REFUSED: f64 = 1e-2;
 /// Cosines farther from orthonormal are told: three decimals, the fewest that scanners write, are off by no more.
 pub(super) const TOLD: f64 = 2e-3;
+/// Axes this near to the patient's are the patient's: over 500 mm that is 0.005 mm.
+const ALIGNED: f64 = 1e-5;
+
+/// Whether a direction is that axis (true) or its opposite (false).
+pub(super) fn along(direction: Vector3, axis: Vector3) -> Option<bool> {
+    let is = |d: Vector3| (d - axis).abs().max() < ALIGNED;
+    if is(direction) {
+        Some(true)
+    } else if is(-direction) {
+        Some(false)
+    } else {
+        None
+    }
+}
 
 /// How far two vectors are from orthonormal: the largest of what their lengths differ from one and of their scalar product.
 /// For small faults that is an angle in radians.

@@ -6,15 +6,13 @@ use std::path::{Path, PathBuf};
 
 /// Why no volume was made.
 ///
-/// Texts name the file that the operator must look at, and never what identifies a patient inside it; the messages of
+/// Messages are made by [`Error::text_with`]. Texts name the file that the operator must look at, and never what identifies a patient inside it; the messages of
 /// the DICOM library are left out because they may quote attribute values.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The path is a file or something else.
-    #[error("{} is no folder, no DICOM and no image file (NIfTI, MetaImage, NRRD): name the folder that holds the DICOM files of the series, or an image file", .0.display())]
     NotAFolder(PathBuf),
     /// The system does not let it be read.
-    #[error("cannot read {}: {source}: check that it exists and may be read", path.display())]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -22,10 +20,8 @@ pub enum Error {
         source: std::io::Error,
     },
     /// There is no file at all.
-    #[error("{} holds no file: name the folder that holds the DICOM files of the series", .0.display())]
     Empty(PathBuf),
     /// There are files but none is DICOM.
-    #[error("{} holds no DICOM file among its {n_files}: {}", path.display(), instead(*n_image_files))]
     NoDicom {
         /// The folder.
         path: PathBuf,
@@ -35,10 +31,8 @@ pub enum Error {
         n_image_files: usize,
     },
     /// There are DICOM files but no image with a place in the patient.
-    #[error("{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder; a DICOM SEG or RTSTRUCT is given with --segmentation", .0.display())]
     NoImages(PathBuf),
     /// A DICOM file that cannot be parsed or decoded.
-    #[error("{}: damaged DICOM file ({what}): copy or export it again", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -46,7 +40,6 @@ pub enum Error {
         what: &'static str,
     },
     /// Compressed pixels that give no image.
-    #[error("{}{}: {fault} ({syntax}): copy or export it again, uncompressed (explicit VR little endian) if it persists", path.display(), frame.map_or(String::new(), |n| format!(", frame {n}")))]
     Undecodable {
         /// The file.
         path: PathBuf,
@@ -58,7 +51,6 @@ pub enum Error {
         fault: Fault,
     },
     /// A directory of files none of which is there.
-    #[error("{}: none of the {n_named} files that this DICOMDIR names is there: copy the whole medium, folders included", path.display())]
     DirectoryWithoutFiles {
         /// The directory.
         path: PathBuf,
@@ -66,7 +58,6 @@ pub enum Error {
         n_named: usize,
     },
     /// A file ends before its pixels do.
-    #[error("{}: truncated: {found_bytes} bytes, its pixels need {expected_bytes}: copy or export it again", path.display())]
     Truncated {
         /// The file.
         path: PathBuf,
@@ -76,7 +67,6 @@ pub enum Error {
         expected_bytes: usize,
     },
     /// An attribute without which the image cannot be placed or read.
-    #[error("{}: attribute {attribute} is missing: export the series again with complete headers", path.display())]
     MissingAttribute {
         /// The file.
         path: PathBuf,
@@ -84,7 +74,6 @@ pub enum Error {
         attribute: &'static str,
     },
     /// An attribute that makes no sense.
-    #[error("{}: attribute {attribute} is {found}, expected {expected}: export the series again", path.display())]
     BadAttribute {
         /// The file.
         path: PathBuf,
@@ -96,7 +85,6 @@ pub enum Error {
         expected: &'static str,
     },
     /// A kind of image that is not read.
-    #[error("{}: {what} cannot be read: export the series as single-frame monochrome images of 8 or 16 bits", path.display())]
     UnsupportedImage {
         /// The file.
         path: PathBuf,
@@ -104,7 +92,6 @@ pub enum Error {
         what: String,
     },
     /// A compression that is not built in.
-    #[error("{}: compressed as {syntax}, which is not supported: export the series uncompressed (explicit VR little endian)", path.display())]
     UnsupportedSyntax {
         /// The file.
         path: PathBuf,
@@ -112,7 +99,6 @@ pub enum Error {
         syntax: String,
     },
     /// More than one series and none chosen.
-    #[error("{n} series in the folder ({listing}): choose one by its number, or give each its own folder")]
     SeveralSeries {
         /// How many.
         n: usize,
@@ -120,7 +106,6 @@ pub enum Error {
         listing: String,
     },
     /// The chosen number does not exist.
-    #[error("there is no series number {number} ({listing}): choose one of these numbers")]
     NoSuchSeries {
         /// The number asked for.
         number: usize,
@@ -128,17 +113,11 @@ pub enum Error {
         listing: String,
     },
     /// No series of the folder has the given UID.
-    #[error(
-        "no series of the folder has the given SeriesInstanceUID ({listing}): choose one of these by its number"
-    )]
     NoSeriesOfUid {
         /// The series, numbered.
         listing: String,
     },
     /// The series that a case was made from is not there any more.
-    #[error(
-        "the folder no longer holds the series that the case was made from (it was number {number}; now: {listing}): start a new case with another --out"
-    )]
     SeriesGone {
         /// Its number when the case was made.
         number: usize,
@@ -146,7 +125,6 @@ pub enum Error {
         listing: String,
     },
     /// An image of other size, orientation or pixel spacing than the rest of its series.
-    #[error("{}: {found}, but the other {n_others} images of its series have {expected}: remove the file, or export the series again", path.display())]
     OddImage {
         /// The file.
         path: PathBuf,
@@ -158,10 +136,8 @@ pub enum Error {
         n_others: usize,
     },
     /// A volume needs two planes.
-    #[error("the series has {0} plane, expected at least 2: name the folder of the whole series")]
     TooFewPlanes(usize),
     /// Two different images at one place.
-    #[error("{} and {} lie both at z = {z_mm:.3} mm but differ (several phases or reconstructions in one series?): keep one of them", first.display(), second.display())]
     ConflictingPlanes {
         /// One file.
         first: PathBuf,
@@ -171,8 +147,6 @@ pub enum Error {
         z_mm: f64,
     },
     /// Planes are missing.
-    #[error("{n_missing} plane(s) missing between z = {below_mm:.3} and {above_mm:.3} mm (planes lie {step_mm:.3} mm apart{}): \
-             export the series again, or have the gap bridged with --allow-gaps", if *n_gaps > 1 { format!("; {n_gaps} such gaps") } else { String::new() })]
     MissingPlanes {
         /// Last plane before the first gap.
         below_mm: f64,
@@ -186,16 +160,11 @@ pub enum Error {
         n_gaps: usize,
     },
     /// The planes are sheared against their normal by more than any gantry tilts.
-    #[error(
-        "the planes lie on a line {angle_deg:.2} degrees off their normal, expected at most 45 (a gantry tilt): \
-             export the series again, its positions or orientation are wrong"
-    )]
     GantryTilt {
         /// Angle between the planes' normal and the line on which they are stacked.
         angle_deg: f64,
     },
     /// One plane lies beside the others.
-    #[error("{}: the image lies {offset_mm:.3} mm beside the line of the others: remove the file, or export the series again", path.display())]
     ShiftedPlane {
         /// The file.
         path: PathBuf,
@@ -203,13 +172,11 @@ pub enum Error {
         offset_mm: f64,
     },
     /// The volume does not fit into memory.
-    #[error("the volume of {} x {} x {} voxels is too large for this machine's memory: export fewer planes", dims[0], dims[1], dims[2])]
     TooLarge {
         /// Columns, rows, planes.
         dims: [usize; 3],
     },
     /// An image file that is no DICOM and cannot be used.
-    #[error("{}: {fault}", path.display())]
     Image {
         /// The file.
         path: PathBuf,
@@ -217,7 +184,6 @@ pub enum Error {
         fault: super::ImageFault,
     },
     /// An image file with several volumes and none chosen.
-    #[error("{} holds {n} volumes ({listing}): choose one of them with --series N", path.display())]
     SeveralVolumes {
         /// The file.
         path: PathBuf,
@@ -227,7 +193,6 @@ pub enum Error {
         listing: String,
     },
     /// The work was interrupted.
-    #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
@@ -240,52 +205,149 @@ fn instead(n_image_files: usize) -> String {
     }
 }
 
+impl std::fmt::Display for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.text_with(|path| path.display().to_string()))
+    }
+}
+
 impl Error {
-    /// The message with every path in it replaced: paths may hold a patient's name, and are for the operator's own eyes only.
+    /// Whether another choice of series mends it, and nothing is wrong with the files.
     #[must_use]
-    pub fn text_with(&self, name: impl Fn(&Path) -> String) -> String {
-        let mut text = self.to_string();
-        for path in self.paths() {
-            text = text.replace(&path.display().to_string(), &name(path));
-        }
-        text
+    pub const fn is_choice(&self) -> bool {
+        matches!(
+            self,
+            Self::SeveralSeries { .. }
+                | Self::NoSuchSeries { .. }
+                | Self::NoSeriesOfUid { .. }
+                | Self::SeveralVolumes { .. }
+        )
     }
 
-    /// The paths that the message names. Without a wildcard: who adds a variant has to think of it.
-    fn paths(&self) -> Vec<&Path> {
+    /// The message with every path in it named as asked: paths may hold a patient's name, and are for the operator's own eyes only.
+    #[must_use]
+    pub fn text_with(&self, name: impl Fn(&Path) -> String) -> String {
         match self {
-            Self::NotAFolder(path) | Self::Empty(path) | Self::NoImages(path) => vec![path],
-            Self::Read { path, .. }
-            | Self::NoDicom { path, .. }
-            | Self::Damaged { path, .. }
-            | Self::Truncated { path, .. }
-            | Self::MissingAttribute { path, .. }
-            | Self::BadAttribute { path, .. }
-            | Self::UnsupportedImage { path, .. }
-            | Self::UnsupportedSyntax { path, .. }
-            | Self::Undecodable { path, .. }
-            | Self::DirectoryWithoutFiles { path, .. }
-            | Self::OddImage { path, .. }
-            | Self::Image { path, .. }
-            | Self::SeveralVolumes { path, .. }
-            | Self::ShiftedPlane { path, .. } => vec![path],
-            // The longer one first: it may begin with the other.
-            Self::ConflictingPlanes { first, second, .. } => {
-                if first.as_os_str().len() < second.as_os_str().len() {
-                    vec![second, first]
-                } else {
-                    vec![first, second]
-                }
+            Self::NotAFolder(path) => format!(
+                "{} is no folder, no DICOM and no image file (NIfTI, MetaImage, NRRD): name the folder that holds the DICOM files of the series, or an image file",
+                name(path)
+            ),
+            Self::Read { path, source } => {
+                format!("cannot read {}: {source}: check that it exists and may be read", name(path))
             }
-            Self::SeveralSeries { .. }
-            | Self::NoSuchSeries { .. }
-            | Self::NoSeriesOfUid { .. }
-            | Self::SeriesGone { .. }
-            | Self::TooFewPlanes(_)
-            | Self::MissingPlanes { .. }
-            | Self::GantryTilt { .. }
-            | Self::TooLarge { .. }
-            | Self::Cancelled(_) => Vec::new(),
+            Self::Empty(path) => format!(
+                "{} holds no file: name the folder that holds the DICOM files of the series",
+                name(path)
+            ),
+            Self::NoDicom { path, n_files, n_image_files } => {
+                let instead = instead(*n_image_files);
+                format!("{} holds no DICOM file among its {n_files}: {instead}", name(path))
+            }
+            Self::NoImages(path) => format!(
+                "{} holds DICOM files but no image of a series of planes (localizers and reports do not count): choose another folder; a DICOM SEG or RTSTRUCT is given with --segmentation",
+                name(path)
+            ),
+            Self::Damaged { path, what } => {
+                format!("{}: damaged DICOM file ({what}): copy or export it again", name(path))
+            }
+            Self::Undecodable { path, frame, syntax, fault } => {
+                let frame = frame.map_or(String::new(), |n| format!(", frame {n}"));
+                format!(
+                    "{}{frame}: {fault} ({syntax}): copy or export it again, uncompressed (explicit VR little endian) if it persists",
+                    name(path)
+                )
+            }
+            Self::DirectoryWithoutFiles { path, n_named } => format!(
+                "{}: none of the {n_named} files that this DICOMDIR names is there: copy the whole medium, folders included",
+                name(path)
+            ),
+            Self::Truncated { path, found_bytes, expected_bytes } => format!(
+                "{}: truncated: {found_bytes} bytes, its pixels need {expected_bytes}: copy or export it again",
+                name(path)
+            ),
+            Self::MissingAttribute { path, attribute } => format!(
+                "{}: attribute {attribute} is missing: export the series again with complete headers",
+                name(path)
+            ),
+            Self::BadAttribute { path, attribute, found, expected } => format!(
+                "{}: attribute {attribute} is {found}, expected {expected}: export the series again",
+                name(path)
+            ),
+            Self::UnsupportedImage { path, what } => format!(
+                "{}: {what} cannot be read: export the series as single-frame monochrome images of 8 or 16 bits",
+                name(path)
+            ),
+            Self::UnsupportedSyntax { path, syntax } => format!(
+                "{}: compressed as {syntax}, which is not supported: export the series uncompressed (explicit VR little endian)",
+                name(path)
+            ),
+            Self::SeveralSeries { n, listing } => format!(
+                "{n} series in the folder ({listing}): choose one by its number, or give each its own folder"
+            ),
+            Self::NoSuchSeries { number, listing } => {
+                format!("there is no series number {number} ({listing}): choose one of these numbers")
+            }
+            Self::NoSeriesOfUid { listing } => format!(
+                "no series of the folder has the given SeriesInstanceUID ({listing}): choose one of these by its number"
+            ),
+            Self::SeriesGone { number, listing } => format!(
+                "the folder no longer holds the series that the case was made from (it was number {number}; now: {listing}): start a new case with another --out"
+            ),
+            Self::OddImage { path, found, expected, n_others } => format!(
+                "{}: {found}, but the other {n_others} images of its series have {expected}: remove the file, or export the series again",
+                name(path)
+            ),
+            Self::TooFewPlanes(n) => {
+                format!("the series has {n} plane, expected at least 2: name the folder of the whole series")
+            }
+            Self::ConflictingPlanes { first, second, z_mm } => format!(
+                "{} and {} lie both at z = {z_mm:.3} mm but differ (several phases or reconstructions in one series?): keep one of them",
+                name(first),
+                name(second)
+            ),
+            Self::MissingPlanes { below_mm, above_mm, n_missing, step_mm, n_gaps } => {
+                let gaps = if *n_gaps > 1 { format!("; {n_gaps} such gaps") } else { String::new() };
+                format!(
+                    "{n_missing} plane(s) missing between z = {below_mm:.3} and {above_mm:.3} mm (planes lie {step_mm:.3} mm apart{gaps}): \
+                     export the series again, or have the gap bridged with --allow-gaps"
+                )
+            }
+            Self::GantryTilt { angle_deg } => format!(
+                "the planes lie on a line {angle_deg:.2} degrees off their normal, expected at most 45 (a gantry tilt): \
+                 export the series again, its positions or orientation are wrong"
+            ),
+            Self::ShiftedPlane { path, offset_mm } => format!(
+                "{}: the image lies {offset_mm:.3} mm beside the line of the others: remove the file, or export the series again",
+                name(path)
+            ),
+            Self::TooLarge { dims: [nx, ny, nz] } => format!(
+                "the volume of {nx} x {ny} x {nz} voxels is too large for this machine's memory: export fewer planes"
+            ),
+            Self::Image { path, fault } => format!("{}: {fault}", name(path)),
+            Self::SeveralVolumes { path, n, listing } => {
+                format!("{} holds {n} volumes ({listing}): choose one of them with --series N", name(path))
+            }
+            Self::Cancelled(cancelled) => cancelled.to_string(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_hidden_and_nothing_else_whatever_it_is_called() {
+        let found = "1 x 1".to_owned();
+        let error = Error::OddImage { path: "1".into(), found, expected: "11 x 1".into(), n_others: 11 };
+        assert!(error.to_string().starts_with("1: 1 x 1, but the other 11 images"), "{error}");
+        let text = error.text_with(|_| "a file".into());
+        assert!(
+            text.starts_with("a file: 1 x 1, but the other 11 images of its series have 11 x 1:"),
+            "{text}"
+        );
+        let error = Error::ConflictingPlanes { first: "a".into(), second: "an".into(), z_mm: 0.0 };
+        let text = error.text_with(|path| format!("<{}>", path.display()));
+        assert!(text.starts_with("<a> and <an> lie both at z = 0.000 mm"), "{text}");
     }
 }

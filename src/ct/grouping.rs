@@ -6,14 +6,13 @@
 //! Fewer images than that are strays: scout views and images of another kind are left out, images of another size
 //! are kept aside, for they may be damaged planes of the stack.
 
+use super::SAME_PLACE_MM;
 use super::series::{Header, Series};
 use super::traits::Trait;
 use std::collections::BTreeMap;
 
 /// Fewer images of another shape or kind in one DICOM series are strays, not a stack of their own.
 const LEAST_STACK: usize = 3;
-/// Positions nearer than this are the same place: twice what two decimals in a header may be off, mm.
-pub(super) const SAME_PLACE_MM: f64 = 0.01;
 
 /// Groups images into stacks, in the order in which they first occur; the runs of one DICOM series by their values.
 pub(super) fn group(headers: Vec<Header>) -> Vec<Series> {

@@ -6,7 +6,7 @@
 mod table;
 
 use super::series::{Header, Series};
-use super::stack::Stack;
+use super::stack::{Stack, median};
 use super::{Error, Warning};
 use crate::geom::Vector3;
 use serde::Serialize;
@@ -137,6 +137,17 @@ pub enum Verdict {
     Unusable,
 }
 
+impl Verdict {
+    /// Of what was found.
+    pub(super) fn of(fault: Option<&Error>, warnings: &[Warning]) -> Self {
+        match (fault, warnings) {
+            (Some(_), _) => Self::Unusable,
+            (None, []) => Self::Usable,
+            (None, _) => Self::UsableWithWarnings,
+        }
+    }
+}
+
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
@@ -171,11 +182,6 @@ impl SeriesReport {
     ) -> Self {
         let first = &series.images[0];
         let warnings = stack.map(|s| s.warnings.clone()).unwrap_or_default();
-        let verdict = match (fault, warnings.is_empty()) {
-            (Some(_), _) => Verdict::Unusable,
-            (None, true) => Verdict::Usable,
-            (None, false) => Verdict::UsableWithWarnings,
-        };
         let steps = stack.map(|s| s.plane_z_mm.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
         let normal = first.shape.normal();
         Self {
@@ -187,7 +193,10 @@ impl SeriesReport {
             columns_rows: [first.shape.columns, first.shape.rows],
             pixel_spacing_xy_mm: first.shape.spacing_xy_mm,
             slab_thickness_mm: first.slab_thickness_mm,
-            slab_gap_mm: steps.as_deref().zip(first.slab_thickness_mm).map(|(s, t)| middle(s) - t),
+            slab_gap_mm: steps
+                .as_deref()
+                .zip(first.slab_thickness_mm)
+                .map(|(s, t)| median(s.iter().copied()) - t),
             plane_step_mm: steps.map(|s| extremes(s.into_iter())),
             z_range_mm: stack.map(|s| extremes(s.plane_z_mm.iter().copied())),
             orientation: Orientation::of(normal),
@@ -195,7 +204,7 @@ impl SeriesReport {
             gantry_tilt_deg: stack.and_then(|s| s.tilt_deg),
             pixels: PixelReport::of(first),
             encoding: first.syntax.name.to_owned(),
-            verdict,
+            verdict: Verdict::of(fault, &warnings),
             reason: fault.map(|f| without_paths(f, series)),
             warnings,
             next: next_command(number, fault, is_one_of_several),
@@ -220,13 +229,6 @@ pub(super) fn next_command(number: usize, fault: Option<&Error>, is_one_of_sever
     };
     let series = if is_one_of_several { format!(" --series {number}") } else { String::new() };
     Some(format!("lumenfab run --ct PATH{series}{gaps} --seed-mm auto --out my-case"))
-}
-
-/// The middle one of some values, the lower of two; they are not empty.
-fn middle(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(sorted.len() - 1) / 2]
 }
 
 fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {

@@ -13,7 +13,8 @@
 //!
 //! A series that lacks a plane or holds images that do not fit is refused with the place named. Colour is not read.
 //!
-//! Nothing that identifies a patient leaves this room: no name, number, date or UID; file names occur in errors only.
+//! Nothing that identifies a patient is shown by this room or given away to be kept: no name, number or date; file names occur in errors
+//! only. The UID of the frame of reference leaves it within [`FrameOfReference`], which can be compared and nothing else.
 
 pub(crate) mod axes;
 pub mod codec;
@@ -33,6 +34,13 @@ pub use formats::Fault as ImageFault;
 pub use inspection::{Inspection, Orientation, PixelReport, SeriesReport, Verdict};
 
 use crate::geom::{Point3, RigidTransform};
+
+/// Longest side of an image that is believed, pixels.
+pub(crate) const LONGEST_SIDE: u16 = 8192;
+/// Positions nearer than this are the same place: twice what two decimals in a header may be off, mm.
+pub(crate) const SAME_PLACE_MM: f64 = 0.01;
+/// Heights that are written with three decimals still meet their plane, mm.
+pub(crate) const HEIGHT_SLACK_MM: f64 = 1e-3;
 
 /// The file with exact contours that lies beside a phantom's series; the reader passes over it.
 pub const PHANTOM_TRUTH_FILE: &str = "truth.json";
@@ -192,7 +200,10 @@ impl Volume {
         &self.hu[k * n..(k + 1) * n]
     }
 
-    /// Stack coordinates of the centre of voxel (i, j, k), mm.
+    /// Stack coordinates of the centre of voxel (i, j, k), mm; columns and rows may be broken numbers and lie outside.
+    ///
+    /// # Panics
+    /// Where k is out of range.
     #[must_use]
     pub fn stack_from_voxel(&self, i: f64, j: f64, k: usize) -> Point3 {
         Point3::new(
@@ -221,7 +232,17 @@ impl Volume {
         Some([i, j, k])
     }
 
+    /// The planes between two heights of the stack frame, mm, both included; empty where there is none.
+    #[must_use]
+    pub fn planes_between(&self, [lo, hi]: [f64; 2]) -> std::ops::Range<usize> {
+        let start = self.plane_z_mm.partition_point(|&z| z < lo - HEIGHT_SLACK_MM);
+        start..self.plane_z_mm.partition_point(|&z| z <= hi + HEIGHT_SLACK_MM).max(start)
+    }
+
     /// Distance from plane k to its farther neighbour, mm; the slab thickness where there is one plane only.
+    ///
+    /// # Panics
+    /// Where k is out of range.
     #[must_use]
     pub fn plane_interval_mm(&self, k: usize) -> f64 {
         let below = k.checked_sub(1).map(|b| self.plane_z_mm[k] - self.plane_z_mm[b]);

@@ -37,16 +37,21 @@ impl Trait {
 
     /// A value for the operator; `None` where nothing of it may be shown.
     pub(super) fn shown(self, value: &str) -> Option<String> {
-        let number = || value.parse::<f64>().ok().filter(|v| v.is_finite() && v.abs() < 1e7);
+        // Beyond what the attribute can mean, a number may be a date or that of a record.
+        let number = |most: f64| {
+            let value = value.parse::<f64>().ok().filter(|v| v.abs() <= most)?;
+            // Three decimals tell any two phases apart.
+            Some((value * 1000.0).round() / 1000.0)
+        };
         match self {
             Self::ImageType => image_type(value),
             Self::Kernel => is_kernel(value).then(|| format!("kernel {value}")),
-            Self::EchoTime => number().map(|v| format!("echo time {v} ms")),
-            Self::TubeVoltage => number().map(|v| format!("{v} kV")),
-            Self::TemporalPosition => number().map(|v| format!("temporal position {v}")),
-            Self::CardiacPhase => number().map(|v| format!("cardiac phase {v} %")),
-            Self::TriggerTime => number().map(|v| format!("trigger time {v} ms")),
-            Self::Acquisition => number().map(|v| format!("acquisition {v}")),
+            Self::EchoTime => number(1000.0).map(|v| format!("echo time {v} ms")),
+            Self::TubeVoltage => number(1000.0).map(|v| format!("{v} kV")),
+            Self::TemporalPosition => number(9999.0).map(|v| format!("temporal position {v}")),
+            Self::CardiacPhase => number(999.0).map(|v| format!("cardiac phase {v} %")),
+            Self::TriggerTime => number(9999.0).map(|v| format!("trigger time {v} ms")),
+            Self::Acquisition => number(999.0).map(|v| format!("acquisition {v}")),
             // The time of day of an examination is the patient's.
             Self::AcquisitionTime => None,
         }
@@ -100,7 +105,7 @@ pub(super) enum Origin {
 }
 
 /// Words of image types that may be shown.
-const IMAGE_TYPES: [&str; 16] = [
+const IMAGE_TYPES: [&str; 20] = [
     "ORIGINAL",
     "DERIVED",
     "PRIMARY",
@@ -111,6 +116,10 @@ const IMAGE_TYPES: [&str; 16] = [
     "REFORMATTED",
     "MIP",
     "MINIP",
+    "MAX_IP",
+    "MIN_IP",
+    "MEAN",
+    "VOLUME",
     "PROJECTION IMAGE",
     "AVERAGE",
     "SUBTRACTION",
@@ -128,18 +137,20 @@ fn image_type(value: &str) -> Option<String> {
 const KERNELS: [&str; 10] =
     ["STANDARD", "SOFT", "DETAIL", "BONE", "BONEPLUS", "LUNG", "EDGE", "CHEST", "ULTRA", "HD"];
 
-/// Whether a text is the name of a kernel and nothing else: a known word, or one or two letters, one to three digits and
-/// at most one letter.
+/// What kernels begin with, of the makers that number them.
+const KERNEL_LETTERS: [&str; 26] = [
+    "B", "D", "H", "I", "J", "S", "T", "U", "Bf", "Bl", "Bp", "Br", "Bv", "FC", "FL", "Hc", "Hf", "Hn", "Hp",
+    "Hr", "Hv", "Qr", "Sa", "Sd", "Tr", "Ur",
+];
+
+/// Whether a text is the name of a kernel and nothing else: a known word, or known letters, two digits and at most one letter.
 fn is_kernel(text: &str) -> bool {
-    let rest = text.trim_start_matches(|c: char| c.is_ascii_alphabetic());
-    let n_letters = text.len() - rest.len();
-    let end = rest.trim_start_matches(|c: char| c.is_ascii_digit());
-    let n_digits = rest.len() - end.len();
-    let is_coded = (1..=2).contains(&n_letters)
-        && (1..=3).contains(&n_digits)
-        && end.len() <= 1
-        && end.chars().all(|c| c.is_ascii_lowercase());
-    is_coded || KERNELS.contains(&text)
+    let is_numbered = |letters: &&str| {
+        let Some(rest) = text.strip_prefix(*letters) else { return false };
+        let end = rest.trim_start_matches(|c: char| c.is_ascii_digit());
+        rest.len() - end.len() == 2 && end.len() <= 1 && end.bytes().all(|b| b.is_ascii_lowercase())
+    };
+    KERNELS.contains(&text) || KERNEL_LETTERS.iter().any(is_numbered)
 }
 
 #[cfg(test)]
@@ -150,11 +161,20 @@ mod tests {
     fn only_what_can_be_nothing_else_is_shown() {
         assert_eq!(Trait::Kernel.shown("B30f").as_deref(), Some("kernel B30f"));
         assert_eq!(Trait::Kernel.shown("STANDARD").as_deref(), Some("kernel STANDARD"));
-        for name in ["DOE^JANE", "Doe", "19700101", "Jane12", "B3000", ""] {
+        for name in ["FC13", "Br40d", "Qr36", "J30s"] {
+            assert!(Trait::Kernel.shown(name).is_some(), "{name}");
+        }
+        for name in ["DOE^JANE", "Doe", "19700101", "Jane12", "B3000", "JD123", "JD12", "B3", ""] {
             assert_eq!(Trait::Kernel.shown(name), None, "{name}");
         }
         assert_eq!(Trait::CardiacPhase.shown("70").as_deref(), Some("cardiac phase 70 %"));
-        assert_eq!(Trait::Acquisition.shown("DOE"), None);
+        assert_eq!(Trait::Acquisition.shown("2").as_deref(), Some("acquisition 2"));
+        for run in Trait::RUNS {
+            for value in ["DOE", "19700101", "700101", "471100", "-19700101", "NaN", "inf"] {
+                assert_eq!(run.shown(value), None, "{run:?} {value}");
+            }
+        }
+        assert_eq!(Trait::EchoTime.shown("1.9700101").as_deref(), Some("echo time 1.97 ms"));
         assert_eq!(Trait::AcquisitionTime.shown("101112"), None);
         assert_eq!(
             Trait::ImageType.shown("DERIVED\\SECONDARY\\DOE^JANE").as_deref(),

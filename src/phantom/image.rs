@@ -57,7 +57,10 @@ pub(super) fn pixels(params: &Params, task: &Task<'_>) -> Result<(Vec<f32>, Poin
     let scan = Scan::new(params);
     let n = params.n_pixels;
     let plane_z_mm = params.plane_z_mm();
-    let mut hu = vec![0.0_f32; n * n * params.n_planes];
+    let n_voxels = n * n * params.n_planes;
+    let mut hu: Vec<f32> = Vec::new();
+    hu.try_reserve_exact(n_voxels).map_err(|_refused| Error::NoMemory { n_voxels })?;
+    hu.resize(n_voxels, 0.0);
     let done = AtomicU64::new(0);
     hu.par_chunks_exact_mut(n * n).zip(&plane_z_mm).enumerate().try_for_each(|(k, (plane, &z))| {
         task.check()?;

@@ -170,7 +170,7 @@ impl Params {
     /// Checks every field against its range.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] naming the first field that is outside.
+    /// [`Error::OutOfRange`] naming the first field that is outside, [`Error::TooLarge`] for too many voxels.
     pub fn check(&self) -> Result<(), Error> {
         check("noise_hu", self.noise_hu, NOISE_HU)?;
         check("n_planes", self.n_planes as f64, [1.0, 2000.0])?;
@@ -181,10 +181,15 @@ impl Params {
         check("n_pixels", self.n_pixels as f64, [8.0, 2048.0])?;
         check("psf_sigma_mm", self.psf_sigma_mm, PSF_SIGMA_MM)?;
         check("wall_mm", self.wall_mm, [0.0, 5.0])?;
-        check("tilt_deg", self.tilt_deg, TILT_DEG)
+        check("tilt_deg", self.tilt_deg, TILT_DEG)?;
+        // Each side is far below what would overflow.
+        let n_voxels = self.n_pixels * self.n_pixels * self.n_planes;
+        if n_voxels > MOST_VOXELS { Err(Error::TooLarge { n_voxels, most: MOST_VOXELS }) } else { Ok(()) }
     }
 }
 
+/// Most voxels of all planes together: 4 GiB of them in memory.
+pub const MOST_VOXELS: usize = 1 << 30;
 /// Least and largest noise of a pixel, HU.
 pub const NOISE_HU: [f64; 2] = [0.0, 500.0];
 /// Least and largest distance of planes, mm.
@@ -233,6 +238,22 @@ pub enum Error {
         least: f64,
         /// The largest allowed.
         most: f64,
+    },
+    /// Each side is within its range, all together are too many.
+    #[error(
+        "the phantom would have {n_voxels} voxels, at most {most} are made: choose fewer pixels or planes"
+    )]
+    TooLarge {
+        /// Voxels asked for.
+        n_voxels: usize,
+        /// Most that are made.
+        most: usize,
+    },
+    /// The system gives no memory for them.
+    #[error("there is no memory for the {n_voxels} voxels of the phantom: choose fewer pixels or planes")]
+    NoMemory {
+        /// Voxels asked for.
+        n_voxels: usize,
     },
     /// Tilted planes make no rectangular volume.
     #[error("planes tilted by {0} degrees are sheared against each other and make no volume: write a series")]

@@ -225,3 +225,11 @@ fn names_of_kinds_are_read_back() {
     assert!(Kind::ALL.into_iter().all(|k| k.name().parse::<Kind>().unwrap() == k));
     assert!(matches!("aorta".parse::<Kind>(), Err(Error::UnknownKind(_))));
 }
+
+#[test]
+fn more_voxels_than_memory_should_hold_are_refused_before_any_is_made() {
+    let params = Params { n_pixels: 2048, n_planes: 2000, ..Params::default() };
+    let refused = params.check().unwrap_err();
+    assert!(matches!(refused, Error::TooLarge { n_voxels: 8_388_608_000, .. }), "{refused}");
+    assert!(Params { n_pixels: 512, n_planes: 2000, ..Params::default() }.check().is_ok());
+}

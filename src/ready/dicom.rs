@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 /// Reads a DICOM SEG or RTSTRUCT.
 pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
     let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
-    if path.is_dir() || !has_dicom_mark(path).map_err(unreadable)? {
+    // A pipe or a device may never end.
+    if !path.is_file() || !has_dicom_mark(path).map_err(unreadable)? {
         return Err(Error::Foreign(path.to_owned()));
     }
     let place = Place(path);

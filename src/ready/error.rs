@@ -4,7 +4,7 @@ use super::Structure;
 use crate::ct;
 use crate::progress::Cancelled;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Why there are no contours.
 #[derive(Debug, thiserror::Error)]
@@ -104,10 +104,19 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether another choice of structure, series or heights mends it, and nothing is wrong with the files.
+    #[must_use]
+    pub const fn is_choice(&self) -> bool {
+        match self {
+            Self::Image(fault) => fault.is_choice(),
+            Self::SeveralLabels { .. } | Self::NoSuchLabel { .. } | Self::OutsideZRange { .. } => true,
+            _ => false,
+        }
+    }
+
     /// The message without the file's path and the structures' names, which may hold a patient's: for what is written or sent on.
     #[must_use]
     pub fn text_without_path(&self) -> String {
-        let hidden = |path: &Path| self.to_string().replace(&path.display().to_string(), "the segmentation");
         let plain =
             |found: &[Structure]| found.iter().map(|s| Structure { name: None, ..s.clone() }).collect();
         let path = PathBuf::from("the segmentation");
@@ -117,10 +126,10 @@ impl Error {
                 Self::SeveralLabels { path, found: plain(found) }.to_string()
             }
             Self::NoSuchLabel { found, .. } => Self::NoSuchLabel { path, found: plain(found) }.to_string(),
-            Self::Foreign(path)
-            | Self::Nothing(path)
-            | Self::NoLabelMap { path, .. }
-            | Self::Dicom { path, .. } => hidden(path),
+            Self::Foreign(_) => Self::Foreign(path).to_string(),
+            Self::Nothing(_) => Self::Nothing(path).to_string(),
+            Self::NoLabelMap { most, .. } => Self::NoLabelMap { path, most: *most }.to_string(),
+            Self::Dicom { what, .. } => Self::Dicom { path, what: what.clone() }.to_string(),
             Self::Inclined { .. }
             | Self::OffPlane { .. }
             | Self::SamePlane { .. }

@@ -1,6 +1,7 @@
 //! A label map to the outlines of one label.
 
-use super::{Error, Label, Ready, Structure, chosen};
+use super::place::Grid;
+use super::{Error, Label, Ready, Reference, Structure, chosen};
 use crate::ct::LabelMap;
 use crate::progress::{Cancelled, Task};
 use crate::sections::ready::{Drawn, DrawnStack, outlines_mm};
@@ -36,7 +37,8 @@ pub(super) fn ready(
         pixel_mm: map.pixel_spacing_xy_mm,
         are_outlines: true,
     };
-    Ok(Ready { number, drawn, warnings: map.warnings, frame: None })
+    let reference = Reference::Grid(Grid::of_labels(&map));
+    Ok(Ready { number, drawn, warnings: map.warnings, reference })
 }
 
 /// The labels that occur, with their voxels; `None` where they are too many.

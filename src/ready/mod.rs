@@ -7,7 +7,8 @@
 //! Names of structures serve to choose one and are shown to the operator alone, in errors: they may hold anything, so that nothing
 //! that is written or sent on has them ([`Error::text_without_path`]).
 //!
-//! It deliberately corrects nothing: a segmentation is what its maker says. Encapsulated (compressed) SEG objects, contours that are
+//! It deliberately moves no boundary: a segmentation is what its maker says. What no vessel can have is resolved as for every
+//! other stack, and told: fragments, islands, holes and flicker of a plane or two ([`crate::sections::ready`]). Encapsulated (compressed) SEG objects, contours that are
 //! no closed planar polygons and contours off the CT's planes are refused.
 
 mod dicom;
@@ -25,7 +26,7 @@ use crate::ct::{self, FrameOfReference, Warning};
 use crate::progress::Task;
 use crate::sections::ready::DrawnStack;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Which structure of a file is meant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,8 +60,17 @@ pub struct Ready {
     pub drawn: DrawnStack,
     /// What was odd about the file.
     pub warnings: Vec<Warning>,
-    /// What its coordinates refer to; `None` for a label map, whose formats do not state it.
-    pub frame: Option<FrameOfReference>,
+    /// What its coordinates refer to, as far as the file says.
+    pub reference: Reference,
+}
+
+/// What tells whether a segmentation was made on a CT.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Reference {
+    /// A frame of reference, as DICOM objects state it or should.
+    Frame(FrameOfReference),
+    /// The grid of a label map, whose formats state no frame.
+    Grid(place::Grid),
 }
 
 /// Reads the chosen structure of a file.
@@ -74,6 +84,18 @@ pub fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready
     }?;
     let is_empty = ready.drawn.planes.iter().all(|p| p.contours.is_empty());
     if is_empty { Err(Error::Nothing(path.to_owned())) } else { Ok(ready) }
+}
+
+/// The files that [`load`] reads: the one, and that of a label map's values where they stand apart.
+///
+/// # Errors
+/// [`Error`] where the path is no file, or a label map that cannot be used.
+pub fn files_of(path: &Path) -> Result<Vec<PathBuf>, Error> {
+    match ct::reader::image_files(path)? {
+        Some(files) => Ok(files),
+        None if path.is_file() => Ok(vec![path.to_owned()]),
+        None => Err(Error::Foreign(path.to_owned())),
+    }
 }
 
 /// The structure that a label means; without one, the only structure there is.

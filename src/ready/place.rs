@@ -4,8 +4,8 @@
 //! reference it has to be the same one. Where a plane of the
 //! segmentation is one of the CT's, it takes that one's height exactly.
 
-use super::Error;
-use crate::ct::{FrameOfReference, Volume, Warning};
+use super::{Error, Reference};
+use crate::ct::{FrameOfReference, LabelMap, Volume, Warning};
 use crate::geom::{Contour, Point2, Point3, RigidTransform, Vector3};
 use crate::sections::ready::{Drawn, DrawnStack};
 
@@ -13,12 +13,83 @@ use crate::sections::ready::{Drawn, DrawnStack};
 const PARALLEL_DEG: f64 = 0.01;
 /// Planes nearer than this are one: what headers of one decimal may be off, mm.
 const SAME_PLANE_MM: f64 = 0.051;
+/// Code of the warning that nothing says whether segmentation and CT belong together.
+const FRAME_UNKNOWN: &str = "segment.frame_unknown";
+
+/// Where the voxels of a stack lie.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    dims: [usize; 3],
+    /// Centres of the first voxel, of the ends of its row and its column, and of the last voxel; LPS, mm.
+    corners: [Point3; 4],
+}
+
+impl Grid {
+    /// That of a label map.
+    #[must_use]
+    pub fn of_labels(map: &LabelMap) -> Self {
+        let LabelMap { origin_xy_mm: [x, y], pixel_spacing_xy_mm: [dx, dy], .. } = *map;
+        Self::of(map.dims, &map.patient_from_stack, |i, j, k| {
+            Point3::new(x + i as f64 * dx, y + j as f64 * dy, map.plane_z_mm[k])
+        })
+    }
+
+    fn of_volume(ct: &Volume) -> Self {
+        Self::of(ct.dims, &ct.patient_from_stack, |i, j, k| ct.stack_from_voxel(i as f64, j as f64, k))
+    }
+
+    fn of(
+        dims: [usize; 3],
+        patient_from_stack: &RigidTransform,
+        centre: impl Fn(usize, usize, usize) -> Point3,
+    ) -> Self {
+        let [i, j, k] = dims.map(|n| n - 1);
+        let corners = [[0, 0, 0], [i, 0, 0], [0, j, 0], [i, j, k]];
+        Self { dims, corners: corners.map(|[i, j, k]| patient_from_stack.apply(centre(i, j, k))) }
+    }
+
+    fn is_like(&self, other: &Self) -> bool {
+        let is_near = |(a, b): (&Point3, &Point3)| (a - b).norm() <= SAME_PLANE_MM;
+        self.dims == other.dims && self.corners.iter().zip(&other.corners).all(is_near)
+    }
+
+    fn describe(&self) -> String {
+        let ([nx, ny, nz], at) = (self.dims, self.corners[0]);
+        format!("{nx} x {ny} x {nz} voxels from ({:.1}, {:.1}, {:.1}) mm on", at.x, at.y, at.z)
+    }
+}
+
+/// Checks, as far as both say, that a segmentation was made on a CT.
+///
+/// # Errors
+/// [`Error::OtherFrame`].
+pub fn check_reference(
+    ct: &Volume,
+    ct_frame: &FrameOfReference,
+    own: &Reference,
+    warnings: &mut Vec<Warning>,
+) -> Result<(), Error> {
+    match own {
+        Reference::Frame(own) => check_frame(ct_frame, own, warnings),
+        Reference::Grid(own) => {
+            let grid = Grid::of_volume(ct);
+            if !own.is_like(&grid) {
+                let (own, grid) = (own.describe(), grid.describe());
+                let text = format!(
+                    "the label map states no frame of reference, and its grid ({own}) is not the CT's ({grid}): check by eye that it was made on this CT"
+                );
+                warnings.push(Warning::new(FRAME_UNKNOWN, text));
+            }
+            Ok(())
+        }
+    }
+}
 
 /// Refuses a segmentation that states another frame of reference than the CT; tells where one of them states none.
 ///
 /// # Errors
 /// [`Error::OtherFrame`].
-pub fn check_frame(
+pub(super) fn check_frame(
     ct: &FrameOfReference,
     own: &FrameOfReference,
     warnings: &mut Vec<Warning>,
@@ -34,7 +105,7 @@ pub fn check_frame(
     let text = format!(
         "{silent} {does} its frame of reference: check by eye that the segmentation was made on this CT"
     );
-    warnings.push(Warning::new("segment.frame_unknown", text));
+    warnings.push(Warning::new(FRAME_UNKNOWN, text));
     Ok(())
 }
 

@@ -4,8 +4,8 @@
 //! hole and back along the same line, opens. Planes need not be transaxial: they have the normal of their contours.
 
 use super::dicom::{Place, frame_of_reference, items, numbers, text, whole};
-use super::{Error, Label, Ready, Structure, chosen, seg};
-use crate::ct::FrameOfReference;
+use super::{Error, Label, Ready, Reference, Structure, chosen, seg};
+use crate::ct::{FrameOfReference, SAME_PLACE_MM};
 use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
 use crate::progress::Task;
 use crate::sections::ready::{Drawn, DrawnStack};
@@ -14,8 +14,6 @@ use dicom_object::{DefaultDicomObject, InMemDicomObject};
 
 /// A point this far off its contour's plane makes it none, mm.
 const FLAT_MM: f64 = 0.1;
-/// Contours nearer than this lie in one plane, mm.
-const SAME_PLACE_MM: f64 = 0.01;
 /// Contours whose normals differ by more from that of all lie in other planes; those of less than this area (twice, as the area
 /// vector counts) have too uncertain normals: only their points tell whether they are flat.
 const PARALLEL_DEG: f64 = 1.0;
@@ -48,7 +46,7 @@ pub(super) fn ready(
     let drawn =
         DrawnStack { planes, patient_from_stack: frame, pixel_mm: [pixel_mm; 2], are_outlines: false };
     let warnings = seg::gap_warning(&z).into_iter().collect();
-    Ok(Ready { number, drawn, warnings, frame: Some(frame_of(object, number)) })
+    Ok(Ready { number, drawn, warnings, reference: Reference::Frame(frame_of(object, number)) })
 }
 
 fn is_closed(contour: &InMemDicomObject) -> bool {

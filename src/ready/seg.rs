@@ -4,10 +4,10 @@
 //! bit, without padding, the lowest bit of a byte first (PS3.5 8.1.1); fractional ones count from half of their maximum.
 
 use super::dicom::{Place, directions, frame_of_reference, items, numbers, point, text, whole};
-use super::{Error, Label, Ready, Structure, chosen};
-use crate::ct::Warning;
+use super::{Error, Label, Ready, Reference, Structure, chosen};
 use crate::ct::axes::REFUSED;
 use crate::ct::formats::grid::Grid;
+use crate::ct::{LONGEST_SIDE, SAME_PLACE_MM, Warning};
 use crate::geom::{Point3, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::sections::ready::{Drawn, DrawnStack, outlines_mm};
@@ -17,11 +17,8 @@ use dicom_object::{DefaultDicomObject, InMemDicomObject};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Longest side and most frames that are believed.
-const LONGEST_SIDE: u32 = 8192;
+/// Most frames that are believed.
 const MOST_FRAMES: u32 = 100_000;
-/// Frames nearer than this lie in one plane, mm.
-const SAME_PLACE_MM: f64 = 0.01;
 /// Frames of one stack may lie this far beside each other, in pixels.
 const BESIDE_PIXELS: f64 = 0.1;
 /// A step this many times the usual one means that planes without the segment were left out.
@@ -82,8 +79,8 @@ pub(super) fn ready(
         pixel_mm: stack.spacing_xy_mm,
         are_outlines: true,
     };
-    let frame = Some(frame_of_reference(object, tags::FRAME_OF_REFERENCE_UID));
-    Ok(Ready { number, drawn, warnings, frame })
+    let reference = Reference::Frame(frame_of_reference(object, tags::FRAME_OF_REFERENCE_UID));
+    Ok(Ready { number, drawn, warnings, reference })
 }
 
 /// The segments that have voxels.
@@ -107,7 +104,7 @@ impl<'a> Frames<'a> {
                     "attribute {name} is {n}, expected 1 to {LONGEST_SIDE}: export the segmentation again"
                 ))
             };
-            (1..=LONGEST_SIDE).contains(&n).then_some(n as usize).ok_or_else(odd)
+            (1..=LONGEST_SIDE.into()).contains(&n).then_some(n as usize).ok_or_else(odd)
         };
         let (columns, rows) = (side(tags::COLUMNS, "Columns")?, side(tags::ROWS, "Rows")?);
         let n_frames = whole(object, tags::NUMBER_OF_FRAMES).unwrap_or(1);

@@ -415,7 +415,7 @@ fn the_frame_of_reference_is_read_and_never_shown() {
     put(&mut object, tags::FRAME_OF_REFERENCE_UID, VR::UI, FRAME_UID);
     let seg = write(object, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
     let ready = seg.load(Some(Label::Number(1))).unwrap();
-    assert_eq!(ready.frame, Some(FrameOfReference::new(FRAME_UID)));
+    assert_eq!(ready.reference, Reference::Frame(FrameOfReference::new(FRAME_UID)));
     assert!(!format!("{ready:?}").contains("4711"));
 }
 
@@ -425,7 +425,10 @@ fn a_structures_own_frame_goes_before_that_of_its_set() {
         let mut object = structure_set(vec![circle(&RigidTransform::identity(), 5.0, 0.0)]);
         change(&mut object);
         let written = write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
-        written.load(None).unwrap().frame.unwrap()
+        match written.load(None).unwrap().reference {
+            Reference::Frame(frame) => frame,
+            Reference::Grid(_) => panic!("a DICOM object has a frame"),
+        }
     };
     let of_set = |o: &mut InMemDicomObject| {
         let own = item(|s| put(s, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.2.3"));

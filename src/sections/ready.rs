@@ -14,6 +14,7 @@ use super::{PlaneSections, SectionStack};
 use crate::geom::{Contour, Point2, RigidTransform};
 use crate::progress::{Cancelled, Task};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Points per pixel of a curve between pixels while it is rounded.
 const POINTS_PER_PIXEL: f64 = 3.0;
@@ -42,23 +43,37 @@ pub struct DrawnStack {
     pub are_outlines: bool,
 }
 
-/// The curves around the true pixels of a plane, x fastest; mm in the frame in which the first pixel's centre is `origin_mm`.
+/// The curves around the true pixels of a plane, x fastest; cost and memory are those of the box around them. Mm in the frame in which the first pixel's centre is `origin_mm`.
 #[must_use]
 pub fn outlines_mm(inside: &[bool], n_cols: usize, origin_mm: [f64; 2], pixel_mm: [f64; 2]) -> Vec<Contour> {
-    if n_cols == 0 || !inside.contains(&true) {
-        return Vec::new();
-    }
-    let n_rows = inside.len() / n_cols;
+    let Some([cols, rows]) = boxed(inside, n_cols) else { return Vec::new() };
     // A frame of one pixel closes all curves.
-    let mut framed = vec![false; (n_cols + 2) * (n_rows + 2)];
-    for (j, row) in inside.chunks_exact(n_cols).enumerate() {
-        framed[(j + 1) * (n_cols + 2) + 1..][..n_cols].copy_from_slice(row);
+    let (width, height) = (cols.len() + 2, rows.len() + 2);
+    let mut framed = vec![false; width * height];
+    for (j, row) in rows.clone().enumerate() {
+        framed[(j + 1) * width + 1..][..cols.len()].copy_from_slice(&inside[row * n_cols..][cols.clone()]);
     }
-    let to_mm = |[x, y]: [f64; 2]| {
-        Point2::new(origin_mm[0] + (x - 1.0) * pixel_mm[0], origin_mm[1] + (y - 1.0) * pixel_mm[1])
+    let first = [cols.start as f64 - 1.0, rows.start as f64 - 1.0];
+    let to_mm = |p: [f64; 2]| {
+        let [x, y] = [0, 1].map(|axis| origin_mm[axis] + (first[axis] + p[axis]) * pixel_mm[axis]);
+        Point2::new(x, y)
     };
-    let loops = outlines(&framed, n_cols + 2, n_rows + 2);
+    let loops = outlines(&framed, width, height);
     loops.into_iter().map(|l| Contour::new(l.into_iter().map(to_mm).collect())).collect()
+}
+
+/// Columns and rows from the first to the last true pixel; `None` where there is none.
+fn boxed(inside: &[bool], n_cols: usize) -> Option<[Range<usize>; 2]> {
+    let mut found: Option<[Range<usize>; 2]> = None;
+    for (j, row) in inside.chunks_exact(n_cols.max(1)).enumerate() {
+        let Some(first) = row.iter().position(|&v| v) else { continue };
+        let end = row.iter().rposition(|&v| v).map_or(first, |last| last) + 1;
+        found = Some(match found {
+            None => [first..end, j..j + 1],
+            Some([cols, rows]) => [cols.start.min(first)..cols.end.max(end), rows.start..j + 1],
+        });
+    }
+    found
 }
 
 /// Resolves the topology over the planes and spaces the points evenly.

@@ -28,6 +28,13 @@ const REACH_PIXELS: f64 = 7.0;
 const LIMIT_PIXELS: f64 = 3.0;
 /// Beyond this many standard deviations of the blur a profile tells nothing about the edge.
 const REACH_BLURS: f64 = 5.0;
+/// What is smoothed away of a first contour, pixels: its steps; and at most this share of its radius, so that what is smoothed stays
+/// short against its round.
+const SMOOTHED: [f64; 2] = [1.5, 0.4];
+/// The same of a contour that an edge is measured on: the noise that it follows too. It may lose its details, for it is not the result.
+const ROUGH: [f64; 2] = [5.0, 0.5];
+/// How far a boundary may move at most, as a share of its radius: farther it would meet itself.
+const LIMIT_RADII: f64 = 0.35;
 const LEAST_POINTS: usize = 48;
 const MOST_POINTS: usize = 4096;
 const N_ROUNDS: usize = 3;
@@ -100,25 +107,24 @@ pub(super) struct Curve {
 impl Curve {
     /// The contour with its pixel steps smoothed away.
     pub(super) fn new(contour: &Contour, pixel_mm: f64) -> Self {
-        // On a small contour less: what is smoothed must stay short against its round.
-        let smoothing_mm = |radius_mm: f64| (1.5 * pixel_mm).min(0.4 * radius_mm);
-        Self::smoothed(contour, pixel_mm, smoothing_mm)
+        Self::smoothed(contour, pixel_mm, SMOOTHED)
     }
 
     /// The contour, its rough shape only. To measure an edge: a curve that follows the noise would find the
     /// edge sharper than it is, because it crosses where the noise makes it steep.
     fn rough(contour: &Contour, pixel_mm: f64) -> Self {
-        Self::smoothed(contour, pixel_mm, |radius_mm| (5.0 * pixel_mm).min(0.5 * radius_mm))
+        Self::smoothed(contour, pixel_mm, ROUGH)
     }
 
-    fn smoothed(contour: &Contour, pixel_mm: f64, smoothing_mm: impl Fn(f64) -> f64) -> Self {
+    /// `pixels` of it are smoothed away, and no more than a share of its radius.
+    fn smoothed(contour: &Contour, pixel_mm: f64, [pixels, radii]: [f64; 2]) -> Self {
         let length_mm = contour.perimeter_mm();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let n = (POINTS_PER_PIXEL * length_mm / pixel_mm).ceil().clamp(0.0, 1e6) as usize;
         let n = n.clamp(LEAST_POINTS, MOST_POINTS);
         let spacing_mm = length_mm / n as f64;
         let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
-        let smoothing_mm = smoothing_mm(radius_mm);
+        let smoothing_mm = (pixels * pixel_mm).min(radii * radius_mm);
         let steps: Vec<Vector2> = contour.resampled(n).points.iter().map(|p| p.coords).collect();
         let smooth = smoothed_closed(&steps, &gaussian(smoothing_mm / spacing_mm));
         let points = smooth.into_iter().map(Point2::from).collect();
@@ -247,7 +253,7 @@ pub(super) fn cleaned(mut curve: Curve, noise_mm3: f64, blur_mm: f64) -> Curve {
 
 /// How far each point has to move, smoothed along the contour; where no edge is in reach its neighbours decide.
 fn smooth_offsets(curve: &Curve, image: &Image<'_>, level: f64) -> Vec<f64> {
-    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
+    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(LIMIT_RADII * curve.radius_mm);
     let profiles = curve.profiles(image, Averaging::AlongContour, limit + image.pixel_mm());
     let found: Vec<Option<f64>> = (0..curve.points.len())
         .map(|i| {

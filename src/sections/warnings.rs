@@ -8,6 +8,7 @@ const MOST_NAMED: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Fragment,
+    Pinhole,
     Hole,
     Island,
     Stub,
@@ -22,8 +23,9 @@ enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 13] = [
         Self::Fragment,
+        Self::Pinhole,
         Self::Hole,
         Self::Island,
         Self::Stub,
@@ -40,6 +42,7 @@ impl Kind {
     const fn code_and_text(self) -> (&'static str, &'static str) {
         match self {
             Self::Fragment => ("sections.fragment", "fragments of less than four pixels were dropped"),
+            Self::Pinhole => ("sections.pinhole", "holes of less than four pixels were filled"),
             Self::Hole => ("sections.passing_hole", "holes that do not last three planes were filled"),
             Self::Island => ("sections.island", "islands seen in one plane only were dropped"),
             Self::Stub => ("sections.stub", "side branches seen in one plane only were dropped"),
@@ -85,7 +88,15 @@ impl SectionWarnings {
     }
 
     fn count(&mut self, kind: Kind, z_mm: f64, n: usize) {
-        self.0.push((kind, z_mm, format!("{n} contour{}", if n == 1 { "" } else { "s" })));
+        self.number(kind, z_mm, n, "contour");
+    }
+
+    fn number(&mut self, kind: Kind, z_mm: f64, n: usize, of: &str) {
+        self.0.push((kind, z_mm, format!("{n} {of}{}", if n == 1 { "" } else { "s" })));
+    }
+
+    pub(super) fn pinholes(&mut self, z_mm: f64, n: usize) {
+        self.number(Kind::Pinhole, z_mm, n, "hole");
     }
 
     pub(super) fn fragment(&mut self, z_mm: f64, area_mm2: f64) {
@@ -138,6 +149,15 @@ impl SectionWarnings {
 
     pub(super) fn len(&self) -> usize {
         self.0.len()
+    }
+
+    /// How many changes of each kind there are, by their codes.
+    #[cfg(test)]
+    pub(super) fn counts(&self) -> std::collections::BTreeMap<&'static str, usize> {
+        self.0.iter().fold(Default::default(), |mut counts, (kind, ..)| {
+            *counts.entry(kind.code_and_text().0).or_default() += 1;
+            counts
+        })
     }
 
     /// One warning per kind, naming the first places.

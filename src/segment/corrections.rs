@@ -25,14 +25,12 @@
 
 use super::Mask;
 use super::error::Error;
-use crate::ct::Volume;
+use crate::ct::{HEIGHT_SLACK_MM, Volume};
 use crate::geom::{Bounds2, Contour, Point2, Point3, Region, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Heights that are written with three decimals still meet their plane.
-const HEIGHT_SLACK_MM: f64 = 1e-3;
 /// A drawn contour has at least as many points as one that is found.
 const LEAST_POINTS: usize = 128;
 
@@ -305,12 +303,11 @@ impl Corrections {
 }
 
 fn planes_of(volume: &Volume, n: usize, window: &PlaneWindow) -> Result<(Range<usize>, [f64; 2]), Fault> {
-    let (z, [lo, hi]) = (&volume.plane_z_mm, window.z_mm);
-    let start = z.partition_point(|&p| p < lo - HEIGHT_SLACK_MM);
-    let end = z.partition_point(|&p| p <= hi + HEIGHT_SLACK_MM);
-    if start < end {
-        return Ok((start..end, window.window_hu));
+    let planes = volume.planes_between(window.z_mm);
+    if !planes.is_empty() {
+        return Ok((planes, window.window_hu));
     }
+    let [lo, hi] = window.z_mm;
     let expected = format!("heights with a plane between them; {}", reach(volume));
     Err(fault(format!("segment.window[{}].z_mm", n + 1), format!("{lo},{hi}"), &expected))
 }

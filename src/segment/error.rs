@@ -1,7 +1,7 @@
 //! Why there is no mask, in the operator's words: what was found, what was expected, what to do.
 
 use super::corrections::Fault;
-use super::guard::Into;
+use super::guard::Beyond;
 use crate::geom::Point3;
 use crate::progress::Cancelled;
 
@@ -190,7 +190,7 @@ pub enum Error {
         /// A voxel in the passage.
         place: Place,
         /// What lies behind it.
-        into: Into,
+        into: Beyond,
         /// How wide the passage is, mm.
         neck_mm: f64,
         /// Lower end of the window.
@@ -242,6 +242,27 @@ pub enum Error {
     /// Interrupted on request.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+impl Error {
+    /// Whether what was asked for is at fault, whatever the grey values are: seeds and heights that lie elsewhere, empty ranges,
+    /// corrections that cannot be used.
+    #[must_use]
+    pub const fn is_choice(&self) -> bool {
+        matches!(
+            self,
+            Self::NoSeed
+                | Self::BadWindow { .. }
+                | Self::BadZRange { .. }
+                | Self::SeedOutsideVolume { .. }
+                | Self::SeedOutsideZRange { .. }
+                | Self::SeedBlocked { .. }
+                | Self::SeedOutsideDrawn { .. }
+                | Self::NoPlaneInRange { .. }
+                | Self::TooFewPlanes { .. }
+                | Self::Correction(_)
+        )
+    }
 }
 
 /// A point in patient coordinates (LPS, mm), printed with one micrometre's digits.

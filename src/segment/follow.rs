@@ -41,18 +41,18 @@ const MOST_LOBES: usize = 3;
 
 /// The levels of every plane of a range.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Followed {
+pub(super) struct Followed {
     /// By plane.
-    pub levels: Vec<Levels>,
+    pub(super) levels: Vec<Levels>,
     /// The planes in which the contrast has not faded.
-    pub clear: Range<usize>,
+    pub(super) clear: Range<usize>,
 }
 
 /// Follows the vessel from all seeds.
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn follow(
+pub(super) fn follow(
     volume: &Volume,
     planes: &Range<usize>,
     rules: &Rules,

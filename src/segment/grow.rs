@@ -11,41 +11,41 @@ use crate::progress::{Cancelled, Task};
 use std::ops::Range;
 
 /// Column, row, plane.
-pub type Voxel = [usize; 3];
+pub(super) type Voxel = [usize; 3];
 
 /// How many runs are filled between two looks at the cancel flag: well below 100 ms.
 const RUNS_PER_CHECK: usize = 4096;
 
 /// The planes and the intensities that the region may have.
 #[derive(Debug, Clone)]
-pub struct Slab<'a> {
+pub(super) struct Slab<'a> {
     /// The image.
-    pub volume: &'a Volume,
+    pub(super) volume: &'a Volume,
     /// The planes that may be used.
-    pub planes: Range<usize>,
+    pub(super) planes: Range<usize>,
     /// Lowest and highest intensity of each of these planes, HU.
-    pub windows_hu: Vec<[f64; 2]>,
+    pub(super) windows_hu: Vec<[f64; 2]>,
     /// What the operator has corrected.
-    pub rules: &'a Rules,
+    pub(super) rules: &'a Rules,
 }
 
 impl Slab<'_> {
     /// The window of a plane, HU.
     #[must_use]
-    pub fn window_hu(&self, k: usize) -> [f64; 2] {
+    pub(super) fn window_hu(&self, k: usize) -> [f64; 2] {
         self.windows_hu[k - self.planes.start]
     }
 
     /// Value of a voxel, HU.
     #[must_use]
-    pub fn hu(&self, [i, j, k]: Voxel) -> f64 {
+    pub(super) fn hu(&self, [i, j, k]: Voxel) -> f64 {
         f64::from(self.volume.at(i, j, k))
     }
 
     /// Whether the voxel may be lumen: its value lies in the window and no correction says otherwise; where the
     /// plane's contour was drawn, whether it lies inside.
     #[must_use]
-    pub fn selects(&self, voxel: Voxel) -> bool {
+    pub(super) fn selects(&self, voxel: Voxel) -> bool {
         let [i, j, k] = voxel;
         match self.rules.drawn.get(&k) {
             Some(drawn) => drawn.mask.contains(i, j, k),
@@ -60,7 +60,7 @@ impl Slab<'_> {
 
     /// The voxels of all contours that were drawn.
     #[must_use]
-    pub fn drawn(&self) -> Vec<Voxel> {
+    pub(super) fn drawn(&self) -> Vec<Voxel> {
         let masks = self.rules.drawn.range(self.planes.clone()).map(|(&k, drawn)| (k, &drawn.mask));
         let inside = |(k, mask): (usize, &Mask)| {
             let all = mask.rows().flat_map(|j| mask.columns().map(move |i| [i, j, k]));
@@ -71,7 +71,7 @@ impl Slab<'_> {
 
     /// The voxel, or the first of its eight neighbours in the plane that lies in the window.
     #[must_use]
-    pub fn selected_near(&self, seed: Voxel) -> Option<Voxel> {
+    pub(super) fn selected_near(&self, seed: Voxel) -> Option<Voxel> {
         let [nx, ny, _] = self.volume.dims;
         let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
         let near = around(seed[1], ny).flat_map(|j| around(seed[0], nx).map(move |i| [i, j, seed[2]]));
@@ -80,7 +80,7 @@ impl Slab<'_> {
 
     /// Smallest and largest value of the planes, if no voxel at all lies in the window.
     #[must_use]
-    pub fn value_range_unless_selected(&self) -> Option<[f64; 2]> {
+    pub(super) fn value_range_unless_selected(&self) -> Option<[f64; 2]> {
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         for k in self.planes.clone() {
             for &hu in self.volume.plane(k) {
@@ -106,13 +106,13 @@ impl Slab<'_> {
 
 /// Voxels of a slab: one byte each, and the box they fill.
 #[derive(Debug, Clone)]
-pub struct Grown {
+pub(super) struct Grown {
     inside: Vec<u8>,
     first_plane: usize,
     /// Columns, rows and planes that the voxels span; `None` where there is none.
     extent: Option<[Range<usize>; 3]>,
     /// The first voxel at the border of the image.
-    pub leak: Option<Voxel>,
+    pub(super) leak: Option<Voxel>,
 }
 
 impl Grown {
@@ -122,12 +122,12 @@ impl Grown {
 
     /// Columns, rows and planes that the voxels span.
     #[must_use]
-    pub fn extent(&self) -> [Range<usize>; 3] {
+    pub(super) fn extent(&self) -> [Range<usize>; 3] {
         self.extent.clone().unwrap_or([0..0, 0..0, 0..0])
     }
 
     /// Takes voxels out for which `keep` does not hold.
-    pub fn retain(&mut self, slab: &Slab<'_>, keep: impl Fn(Voxel) -> bool) {
+    pub(super) fn retain(&mut self, slab: &Slab<'_>, keep: impl Fn(Voxel) -> bool) {
         let [columns, rows, planes] = self.extent();
         self.extent = None;
         for k in planes {
@@ -150,7 +150,7 @@ impl Grown {
 
     /// The smallest box of columns and rows, within the given one, around the voxels of plane k.
     #[must_use]
-    pub fn plane_box(
+    pub(super) fn plane_box(
         &self,
         slab: &Slab<'_>,
         k: usize,
@@ -171,7 +171,7 @@ impl Grown {
     }
 
     /// Adds the voxels of another set of the same slab.
-    pub fn add(&mut self, other: &Self) {
+    pub(super) fn add(&mut self, other: &Self) {
         for (own, more) in self.inside.iter_mut().zip(&other.inside) {
             *own |= *more;
         }
@@ -182,7 +182,7 @@ impl Grown {
 
     /// All voxels of plane k.
     #[must_use]
-    pub fn plane(&self, slab: &Slab<'_>, k: usize) -> Vec<Voxel> {
+    pub(super) fn plane(&self, slab: &Slab<'_>, k: usize) -> Vec<Voxel> {
         let [columns, rows, _] = self.extent();
         let all = rows.flat_map(|j| columns.clone().map(move |i| [i, j, k]));
         all.filter(|&v| self.holds(slab, v)).collect()
@@ -198,7 +198,7 @@ impl Grown {
 
     /// Whether the voxel belongs to the region.
     #[must_use]
-    pub fn holds(&self, slab: &Slab<'_>, voxel: Voxel) -> bool {
+    pub(super) fn holds(&self, slab: &Slab<'_>, voxel: Voxel) -> bool {
         self.inside[slab.index(voxel)] != 0
     }
 
@@ -210,7 +210,7 @@ impl Grown {
 
     /// The region cut down to its box.
     #[must_use]
-    pub fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
+    pub(super) fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
         let at = |i: usize, j: usize, k: usize| self.inside[((k - self.first_plane) * ny + j) * nx + i] != 0;
         let [columns, rows, planes] = self.extent();
         Mask::from_fn(columns, rows, planes, at)
@@ -221,7 +221,7 @@ impl Grown {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn grow(
+pub(super) fn grow(
     slab: &Slab<'_>,
     seeds: &[Voxel],
     blocked: Option<&Grown>,
@@ -302,7 +302,7 @@ fn push_neighbours(
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled> {
+pub(super) fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled> {
     let [nx, ny, _] = slab.volume.dims;
     let mut air = Grown::empty(slab);
     for k in slab.planes.clone() {
@@ -322,7 +322,7 @@ pub fn outside_air(slab: &Slab<'_>, task: &Task<'_>) -> Result<Grown, Cancelled>
 
 /// Whether what surrounds the region within its planes is mostly below the window (bright lumen) or above it.
 #[must_use]
-pub fn polarity_at_rim(slab: &Slab<'_>, grown: &Grown) -> Polarity {
+pub(super) fn polarity_at_rim(slab: &Slab<'_>, grown: &Grown) -> Polarity {
     let (mut below, mut above) = (0_usize, 0_usize);
     let [columns, rows, planes] = grown.extent();
     let [nx, ny, _] = slab.volume.dims;

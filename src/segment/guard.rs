@@ -31,7 +31,7 @@ const PASSES_DIAMETERS: f64 = 1.0;
 
 /// What a region ran into.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Into {
+pub enum Beyond {
     /// The border of the image.
     Border,
     /// Something whose section is so many times that of the vessel.
@@ -44,7 +44,7 @@ pub enum Into {
     Bulk,
 }
 
-impl fmt::Display for Into {
+impl fmt::Display for Beyond {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Border => f.write_str("the image border"),
@@ -58,13 +58,13 @@ impl fmt::Display for Into {
 
 /// A place where a region leaves the vessel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Site {
+pub(super) struct Site {
     /// The voxel in the passage.
-    pub at: Voxel,
+    pub(super) at: Voxel,
     /// What lies behind it.
-    pub into: Into,
+    pub(super) into: Beyond,
     /// How wide the passage is, mm.
-    pub neck_mm: f64,
+    pub(super) neck_mm: f64,
 }
 
 /// A region that was looked at.
@@ -118,12 +118,9 @@ fn disc_mm2(radius_mm: f64) -> f64 {
     std::f64::consts::PI * radius_mm * radius_mm
 }
 
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    values.retain(|v| v.is_finite());
-    values.sort_by(f64::total_cmp);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index into the values")]
-    let at = (values.len().saturating_sub(1) as f64 * share).round() as usize;
-    values.get(at).copied().unwrap_or(0.0)
+/// Of nothing, nothing.
+fn quantile(values: Vec<f64>, share: f64) -> f64 {
+    super::levels::quantile(values, share).unwrap_or(0.0)
 }
 
 impl<'a> Judge<'a> {
@@ -195,27 +192,27 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn leak_into(&self, part: usize) -> Option<Into> {
+    fn leak_into(&self, part: usize) -> Option<Beyond> {
         let nodes: Vec<_> = self.nodes(part).collect();
         let sizes: Vec<f64> = nodes.iter().map(|n| disc_mm2(n.radius_mm)).collect();
         let times = quantile(sizes.clone(), 0.9) / self.size_mm2;
         if times > JUMP {
-            return Some(Into::Larger(times));
+            return Some(Beyond::Larger(times));
         }
         if quantile(sizes.clone(), 0.9) < NEIGHBOUR * self.size_mm2
             && nodes.iter().any(|n| n.border.is_some())
         {
-            return Some(Into::Border);
+            return Some(Beyond::Border);
         }
         if quantile(sizes, 0.5) >= NEIGHBOUR * self.size_mm2 {
             if let Some(hu) = self.other_level(part) {
-                return Some(Into::Brighter(hu));
+                return Some(Beyond::Brighter(hu));
             }
             if self.passes_by(part) {
-                return Some(Into::Neighbour);
+                return Some(Beyond::Neighbour);
             }
         }
-        self.is_bulk(part).then_some(Into::Bulk)
+        self.is_bulk(part).then_some(Beyond::Bulk)
     }
 
     /// The part's level where it lies clearly beyond the lumen's.
@@ -292,7 +289,7 @@ fn at_border(slab: &Slab<'_>, graph: &Graph, accepted: &[bool]) -> (Vec<Site>, K
         let Some(at) = node.border else { continue };
         let Some(plane) = graph.plane(node.k) else { continue };
         let (body, neck_mm) = body_of(slab, plane, n);
-        sites.push(Site { at, into: Into::Border, neck_mm });
+        sites.push(Site { at, into: Beyond::Border, neck_mm });
         kept.insert(n, body);
     }
     (sites, kept)

@@ -14,7 +14,7 @@ use super::grow::Voxel;
 use crate::ct::Volume;
 
 /// How far the rays run, mm: more than the radius of any vessel that is printed here.
-pub const REACH_MM: f64 = 30.0;
+pub(super) const REACH_MM: f64 = 30.0;
 const N_RAYS: usize = 64;
 /// Ray samples per pixel.
 const SAMPLES_PER_PIXEL: f64 = 2.0;
@@ -80,7 +80,7 @@ pub(super) fn least_step_hu(volume: &Volume, seeds: &[Voxel]) -> f64 {
 
 /// Finds the levels around the seeds; `None` where fewer than a quarter of the rays meet a wall.
 #[must_use]
-pub fn find(volume: &Volume, seeds: &[Voxel], polarity: Polarity) -> Option<Levels> {
+pub(super) fn find(volume: &Volume, seeds: &[Voxel], polarity: Polarity) -> Option<Levels> {
     let rays: Vec<Vec<f64>> = seeds.iter().flat_map(|&seed| rays_from(volume, seed)).collect();
     let lumen = median(seeds.iter().flat_map(|&s| neighbourhood(volume, s)).collect())?;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few samples")]
@@ -270,7 +270,8 @@ pub(super) fn median(values: Vec<f64>) -> Option<f64> {
     quantile(values, 0.5)
 }
 
-fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+/// The value below which that share of the finite ones lies, the nearest of them; `None` of none.
+pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     values.retain(|v| v.is_finite());
     if values.is_empty() {
         return None;

@@ -3,9 +3,9 @@
 //! Region growing: every voxel inside an intensity window that is connected through voxel faces (6-neighbours)
 //! to a seed, between two heights along the stack's normal. Where no window is given, every plane gets its own,
 //! half-way between the level of the lumen and that of the wall around it, followed along the vessel from the seed
-//! ([`levels`], [`follow`]). A lumen may be brighter or darker than its wall; for a dark one the air around the
-//! specimen is kept out ([`grow`]). What was grown is looked at before it counts as lumen: where it leaves the vessel,
-//! it is refused with the place named, or, where nobody attends, cut off there with a warning ([`guard`]). The
+//! (`levels`, `follow`). A lumen may be brighter or darker than its wall; for a dark one the air around the
+//! specimen is kept out (`grow`). What was grown is looked at before it counts as lumen: where it leaves the vessel,
+//! it is refused with the place named, or, where nobody attends, cut off there with a warning (`guard`). The
 //! operator's corrections are data ([`corrections`]). Without any seed, vessels are looked for ([`candidates`]).
 //!
 //! What it does not do: it does not close gaps in a wall.
@@ -29,11 +29,11 @@
 pub mod candidates;
 pub mod corrections;
 mod error;
-pub mod follow;
+mod follow;
 mod graph;
-pub mod grow;
-pub mod guard;
-pub mod levels;
+mod grow;
+mod guard;
+mod levels;
 mod lobes;
 pub mod mask;
 mod noise;
@@ -46,6 +46,7 @@ mod tests;
 pub use candidates::{Candidate, Found, find_unattended};
 pub use corrections::Corrections;
 pub use error::{Error, Place};
+pub use guard::Beyond;
 pub use levels::Levels;
 pub use mask::Mask;
 
@@ -59,9 +60,6 @@ use noise::Noise;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
-
-/// Heights that are written with three decimals still meet their plane.
-const HEIGHT_SLACK_MM: f64 = 1e-3;
 
 /// Whether the lumen is brighter or darker than its wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -251,12 +249,13 @@ fn is_empty(range: &[f64; 2]) -> bool {
 fn planes_in_range(volume: &Volume, z_mm: Option<[f64; 2]>) -> Result<Range<usize>, Error> {
     let z = &volume.plane_z_mm;
     let [lo, hi] = z_mm.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-    let start = z.partition_point(|&p| p < lo - HEIGHT_SLACK_MM);
-    let end = z.partition_point(|&p| p <= hi + HEIGHT_SLACK_MM);
+    let planes = volume.planes_between([lo, hi]);
     match (z.first(), z.last()) {
-        (Some(&first), Some(&last)) if start >= end => Err(Error::NoPlaneInRange { lo, hi, first, last }),
-        _ if end - start < 2 => Err(Error::TooFewPlanes { found: end - start }),
-        _ => Ok(start..end),
+        (Some(&first), Some(&last)) if planes.is_empty() => {
+            Err(Error::NoPlaneInRange { lo, hi, first, last })
+        }
+        _ if planes.len() < 2 => Err(Error::TooFewPlanes { found: planes.len() }),
+        _ => Ok(planes),
     }
 }
 
@@ -495,7 +494,7 @@ fn without_leaks(
     let guard::Inspected { leaks, mut removed } = guard::inspect(slab, &grown, seeds, sign);
     task.check()?;
     // What lies behind a passage tells more than the border that is reached through it.
-    let tells = |l: &Site| l.into != guard::Into::Border;
+    let tells = |l: &Site| l.into != Beyond::Border;
     let widest = leaks.iter().max_by(|a, b| tells(a).cmp(&tells(b)).then(a.neck_mm.total_cmp(&b.neck_mm)));
     let Some(widest) = widest else {
         return match grown.leak {
@@ -545,7 +544,7 @@ fn place_of(slab: &Slab<'_>, [i, j, k]: Voxel) -> (f64, Place) {
 }
 
 fn leak_error(slab: &Slab<'_>, leak: &Site) -> Error {
-    if leak.into == guard::Into::Border {
+    if leak.into == Beyond::Border {
         return border_error(slab, leak.at);
     }
     let (z_mm, place) = place_of(slab, leak.at);

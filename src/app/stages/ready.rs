@@ -1,7 +1,7 @@
 //! A segmentation made elsewhere to contours: `sections.json`, `segmentation.json`, with a CT `volume.bin`.
 
 use super::segment::{
-    Image, SECTIONS_FILE, SEGMENTATION_FILE, SegmentationNote, VOLUME_FILE, hash_of_files, lumen_bounds,
+    Image, SECTIONS_FILE, SEGMENTATION_FILE, SegmentationNote, VOLUME_FILE, hash_of_source, lumen_bounds,
 };
 use super::to_json;
 use crate::app::case::MadeFrom;
@@ -10,16 +10,13 @@ use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::{Settings, Source};
 use crate::app::volume_file;
-use crate::ct::{SeriesMark, Volume, Warning};
+use crate::ct::{HEIGHT_SLACK_MM, SeriesMark, Volume, Warning};
 use crate::geom::{Contour, Point3, Vector2};
 use crate::progress::Task;
 use crate::ready::{self, Label, Ready};
 use crate::sections::ready::DrawnStack;
 use crate::sections::{self, SectionStack};
 use crate::segment::Polarity;
-
-/// Heights that are written with three decimals still meet their plane.
-const HEIGHT_SLACK_MM: f64 = 1e-3;
 
 impl Session<'_> {
     /// Takes the contours of a ready segmentation.
@@ -67,7 +64,8 @@ impl Session<'_> {
             return Ok(known.clone());
         }
         if let Some(path) = self.ready.as_deref().filter(|p| p.exists()) {
-            let hash = hash_of_files(path).map_err(ready::Error::from)?;
+            let files = ready::files_of(path)?;
+            let hash = hash_of_source(&files, self.case.id()).map_err(ready::Error::from)?;
             return Ok(self.ready_hash.get_or_init(|| hash).clone());
         }
         let before = self.case.made_from(Stage::Segment).and_then(|m| m.get("segmentation"));
@@ -80,13 +78,13 @@ impl Session<'_> {
             false => (None, Vec::new()),
         };
         self.note(Stage::Segment, "reading the segmentation");
-        let Ready { drawn, warnings: odd, frame, .. } = match loaded {
+        let Ready { drawn, warnings: odd, reference, .. } = match loaded {
             Some(loaded) => loaded,
             None => self.load_ready(task)?,
         };
         warnings.extend(odd);
-        if let (Some(image), Some(frame)) = (&image, frame) {
-            ready::place::check_frame(&image.frame, &frame, &mut warnings)?;
+        if let Some(Image { volume, frame, .. }) = &image {
+            ready::place::check_reference(volume, frame, &reference, &mut warnings)?;
         }
         let (ct, series) = image.map_or((None, None), |image| (Some(image.volume), image.series));
         let drawn = match &ct {
@@ -147,11 +145,9 @@ fn between(mut drawn: DrawnStack, z_mm: Option<[f64; 2]>) -> Result<DrawnStack, 
 /// The part of the CT around the contours.
 fn around(ct: &Volume, stack: &SectionStack) -> Volume {
     let z = |plane: Option<&sections::PlaneSections>| plane.map_or(0.0, |p| p.z_mm);
-    let (lo, hi) = (z(stack.planes.first()) - HEIGHT_SLACK_MM, z(stack.planes.last()) + HEIGHT_SLACK_MM);
-    let last = ct.plane_z_mm.len() - 1;
-    let first = ct.plane_z_mm.partition_point(|&z| z < lo).min(last);
-    let end = ct.plane_z_mm.partition_point(|&z| z <= hi).max(first + 1);
-    volume_file::crop(ct, lumen_bounds(stack), first..end)
+    let between = ct.planes_between([z(stack.planes.first()), z(stack.planes.last())]);
+    let first = between.start.min(ct.plane_z_mm.len() - 1);
+    volume_file::crop(ct, lumen_bounds(stack), first..between.end.max(first + 1))
 }
 
 fn note(

@@ -99,7 +99,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where the file cannot be read or is no document of contours, or where the case has other ones.
     pub fn import_sections(&mut self, file: &Path) -> Result<(), Error> {
-        let text = atomic::read_text(file)?;
+        let text = atomic::read_text(file).map_err(Error::InputFile)?;
         let made_from = MadeFrom::from([("sections", atomic::hash_of_bytes(text.as_bytes()))]);
         let known = self.case.made_from(Stage::Segment).and_then(|m| m.get("sections"));
         // Contours that no solid came about from may be corrected.
@@ -111,7 +111,7 @@ impl Session<'_> {
             return self.skip(Stage::Segment);
         };
         self.redo(Stage::Segment, &made_from, because_of, |session, _| {
-            let bad = |source| Error::SectionsFile { path: file.to_owned(), source };
+            let bad = |source| Error::InputSections { path: file.to_owned(), source };
             let (stack, warnings) = topology::repaired(sections::format::from_json(&text).map_err(bad)?);
             let staging = session.case.staging()?;
             staging.write(SECTIONS_FILE, sections::format::to_json(&stack).map_err(bad)?.as_bytes())?;
@@ -138,7 +138,8 @@ impl Session<'_> {
             return Ok(known.clone());
         }
         if let Some(ct) = self.ct.as_deref().filter(|ct| ct.exists()) {
-            let hash = hash_of_files(ct)?;
+            let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+            let hash = hash_of_source(&ct::reader::files_of(ct, &task)?, self.case.id())?;
             return Ok(self.ct_hash.get_or_init(|| hash).clone());
         }
         let before = self.case.made_from(Stage::Segment).and_then(|m| m.get("ct"));
@@ -341,32 +342,14 @@ pub(super) fn lumen_bounds(stack: &SectionStack) -> Bounds2 {
     all.reduce(Bounds2::union).expect("the contours of a segmentation are not empty").grown(MARGIN_MM)
 }
 
-/// The hash of all files below a path, whatever they are called and in whatever order they lie.
+/// The hash of files of a source, whatever they are called and in whatever order they lie, under the case's own salt: it tells
+/// whether they are the same again, and leads from no other case and no archive to this one.
 ///
 /// # Errors
 /// As for a CT that cannot be read: the path may hold a patient's name, as that of no other file does.
-pub(super) fn hash_of_files(path: &Path) -> Result<String, ct::Error> {
-    let unreadable = |e: FileError| ct::Error::Read { path: e.path, source: e.source };
-    let mut files = Vec::new();
-    collect_files(path, &mut files).map_err(unreadable)?;
-    // An image's header may leave its values to another file; one that cannot be read says so when it is loaded.
-    files.extend(ct::reader::companion(path).ok().flatten().filter(|p| p.exists()));
+pub(super) fn hash_of_source(files: &[PathBuf], salt: &str) -> Result<String, ct::Error> {
     let hashes: Result<Vec<String>, FileError> = files.par_iter().map(|f| atomic::hash_of_path(f)).collect();
-    let mut hashes = hashes.map_err(unreadable)?;
+    let mut hashes = hashes.map_err(|e| ct::Error::Read { path: e.path, source: e.source })?;
     hashes.sort();
-    Ok(atomic::hash_of_bytes(hashes.concat().as_bytes()))
-}
-
-fn collect_files(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), FileError> {
-    if !path.is_dir() {
-        files.push(path.to_owned());
-        return Ok(());
-    }
-    for entry in atomic::entries(path)? {
-        // A link to a directory may lead back up: not followed.
-        if !(entry.is_symlink() && entry.is_dir()) && entry.exists() {
-            collect_files(&entry, files)?;
-        }
-    }
-    Ok(())
+    Ok(atomic::hash_under(salt, hashes.concat().as_bytes()))
 }

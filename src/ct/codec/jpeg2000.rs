@@ -1,7 +1,7 @@
 //! JPEG 2000 by the `jpeg2k` library, whose decoder is a translation of OpenJPEG to Rust.
 //!
-//! It believes what a stream says of its size, and panics on some damaged ones: so the size segment (ITU-T T.800 A.5.1) is
-//! read here first, and panics are caught. The library is given the codestream that was checked, without the boxes of a file
+//! It believes what a stream says of its size and of its parts, and panics on some damaged ones: so the size segment (ITU-T T.800
+//! A.5.1) and the coding styles (A.6.1, A.6.2) are read here first, and panics are caught. The library is given the codestream that was checked, without the boxes of a file
 //! around it, in which another one might hide. A stream that ends early is refused, not filled up.
 
 use super::{Fault, Samples, Size, panics_caught};
@@ -14,10 +14,22 @@ const LONGEST_BOXES: usize = 4096;
 /// More tiles than this make no image: memory is set aside for each.
 const MOST_TILES: u32 = 4096;
 
+/// Markers of the coding style, of one component's, of a tile part and of its data.
+const COD: u8 = 0x52;
+const COC: u8 = 0x53;
+const SOT: u8 = 0x90;
+const SOD: u8 = 0x93;
+/// Pixels of an image for each of its precincts, on the average: the decoder sets aside about a kilobyte for one, whatever is in it.
+/// Encoders make them of 32 x 32 samples and more.
+const PIXELS_PER_PRECINCT: u64 = 256;
+/// So many precincts are no burden however small the image is.
+const FEW_PRECINCTS: u64 = 4096;
+
 /// Decodes one image.
 pub(super) fn decode(bytes: &[u8], size: Size) -> Result<Samples, Fault> {
     let stream = codestream(bytes)?;
     check_size(stream, size)?;
+    check_precincts(stream, size)?;
     let strict = DecodeParameters::new().strict(true);
     let image = panics_caught(|| Image::from_bytes_with(stream, strict));
     let Some(Ok(image)) = image else {
@@ -76,6 +88,57 @@ fn check_size(stream: &[u8], expected: Size) -> Result<(), Fault> {
         return Err(Fault::Damaged("the JPEG 2000 pixels have too many tiles"));
     }
     Ok(())
+}
+
+/// Checks that no coding style makes precincts so small that they take more memory than the image.
+fn check_precincts(stream: &[u8], size: Size) -> Result<(), Fault> {
+    let most = (size.n_pixels() as u64 / PIXELS_PER_PRECINCT).max(FEW_PRECINCTS);
+    let is_small = |style: &[u8]| n_precincts(style, size) <= most;
+    let are_small = segments(stream).all(|(marker, segment)| match (marker, segment) {
+        // Progression, layers and colours stand between whether there are precincts and how many levels.
+        (COD, [flags, _, _, _, _, style @ ..]) | (COC, [_, flags, style @ ..]) if flags & 1 == 1 => {
+            is_small(style)
+        }
+        _ => true,
+    });
+    if are_small { Ok(()) } else { Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts")) }
+}
+
+/// Precincts of all resolutions together, as if the image were one tile: `style` is the number of levels, four numbers of
+/// other use, and for each resolution from the smallest on the two exponents of a precinct's sides.
+fn n_precincts(style: &[u8], size: Size) -> u64 {
+    let [n_levels, _, _, _, _, exponents @ ..] = style else { return 0 };
+    let along = |n: usize, level: u8, exponent: u8| {
+        // Each level halves the image; the standard allows 32.
+        let side = (n as u64).div_ceil(1 << u32::from(level.min(32)));
+        side.div_ceil(1 << u32::from(exponent))
+    };
+    let of = |(resolution, sides): (u8, &u8)| {
+        let level = n_levels.saturating_sub(resolution);
+        along(size.columns, level, sides & 0xf) * along(size.rows, level, sides >> 4)
+    };
+    (0..=*n_levels).zip(exponents).map(of).sum()
+}
+
+/// Markers and contents of the segments of the main header and of those of the tile parts (T.800 A.1), as far as they can be followed.
+fn segments(stream: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    // Behind the start of the codestream, which stands alone.
+    let mut at = 2;
+    let mut next_part = None;
+    std::iter::from_fn(move || {
+        if stream.get(at..at + 2)? == [0xff, SOD] {
+            at = next_part.filter(|&next| next > at)?;
+        }
+        let &[0xff, marker, high, low] = stream.get(at..at + 4)? else { return None };
+        let end = at + 2 + usize::from(u16::from_be_bytes([high, low]));
+        let segment = stream.get(at + 4..end)?;
+        if let (SOT, &[_, _, a, b, c, d, ..]) = (marker, segment) {
+            let length = u32::from_be_bytes([a, b, c, d]) as usize;
+            next_part = Some(at.saturating_add(length));
+        }
+        at = end;
+        Some((marker, segment))
+    })
 }
 
 #[cfg(test)]
@@ -140,6 +203,45 @@ mod tests {
         }
         let plain = [signature, boxed(b"jp2c", &small)].concat();
         assert_eq!(decode(&plain, SIZE).unwrap().words, words);
+    }
+
+    #[test]
+    fn precincts_are_counted_before_the_library_sets_memory_aside() {
+        let (bytes, _) = stream("bits08_unsigned");
+        let of_style = |stream: &[u8]| segments(stream).find(|s| s.0 == COD).unwrap().1.to_vec();
+        let style = of_style(&bytes);
+        let n_levels = style[5];
+        let at = bytes.windows(2).position(|w| w == [0xff, COD]).unwrap();
+        // The same stream as one of 4096 x 4096 pixels in one tile, with precincts of the given sides.
+        let with_precincts = |exponents: u8| {
+            let mut style = style.clone();
+            style[0] |= 1;
+            style.extend(vec![exponents; usize::from(n_levels) + 1]);
+            let mut stream = bytes.clone();
+            for offset in [8, 12, 24, 28] {
+                stream[offset..offset + 4].copy_from_slice(&4096_u32.to_be_bytes());
+            }
+            let length = u16::try_from(style.len() + 2).unwrap().to_be_bytes();
+            stream.splice(
+                at + 2..at + 4 + style.len() - usize::from(n_levels) - 1,
+                [&length[..], &style].concat(),
+            );
+            stream
+        };
+        let size = Size { columns: 4096, rows: 4096 };
+        let checked = |exponents| {
+            let stream = with_precincts(exponents);
+            check_size(&stream, size).and_then(|()| check_precincts(&stream, size))
+        };
+        assert_eq!(checked(0x77), Ok(()));
+        assert_eq!(checked(0x11), Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts")));
+        assert_eq!(n_precincts(&[1, 0, 0, 0, 0, 0x00, 0x11], Size { columns: 8, rows: 6 }), 4 * 3 + 4 * 3);
+        // A tile part may bring a style of its own.
+        let mut stream = bytes.clone();
+        let tile = segments(&bytes).position(|s| s.0 == SOT);
+        assert!(tile.is_some(), "the headers are followed to the tiles");
+        stream.truncate(at);
+        assert!(segments(&stream).all(|s| s.0 != COD));
     }
 
     #[test]

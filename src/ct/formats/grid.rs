@@ -6,11 +6,10 @@
 //! normal, has its planes turned over: the transform stays a rotation.
 
 use super::Fault;
+use crate::ct::axes::along;
 use crate::ct::{Volume, Warning};
 use crate::geom::{Point3, RigidTransform, Vector3};
 
-/// Axes this near to the patient's are the patient's: over 500 mm that is 0.005 mm.
-const ALIGNED: f64 = 1e-5;
 /// What a grid may miss its right angles by over its whole length, in pixels: silently, and with a warning.
 const SHEAR_PIXELS: [f64; 2] = [0.1, 0.5];
 
@@ -37,6 +36,11 @@ pub(crate) struct Placed {
     pub(crate) plane_z_mm: Vec<f64>,
     pub(crate) patient_from_stack: RigidTransform,
     pub(crate) warnings: Vec<Warning>,
+}
+
+/// What is wrong with axes whose numbers do not span a volume.
+pub(super) fn spans_nothing(format: &'static str, field: &'static str, expected: &'static str) -> Fault {
+    Fault::Field { format, field, found: "numbers that span no volume".into(), expected }
 }
 
 impl Grid {
@@ -111,18 +115,6 @@ impl Grid {
             (0..3).fold(grid.origin, |p, axis| p + grid.axes_mm[axis] * steps(axis))
         };
         (0..8).map(|c| (corner(self, c) - corner(other, c)).norm()).fold(0.0, f64::max)
-    }
-}
-
-/// Whether a direction is that axis (true) or its opposite (false).
-fn along(direction: Vector3, axis: Vector3) -> Option<bool> {
-    let is = |d: Vector3| (d - axis).abs().max() < ALIGNED;
-    if is(direction) {
-        Some(true)
-    } else if is(-direction) {
-        Some(false)
-    } else {
-        None
     }
 }
 

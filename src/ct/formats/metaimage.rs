@@ -2,7 +2,7 @@
 //!
 //! Coordinates are LPS, as ITK writes them. The i-th triple of `TransformMatrix` is the direction of the i-th axis.
 
-use super::grid::Grid;
+use super::grid::{Grid, spans_nothing};
 use super::text::{Field, lines};
 use super::values::{Endian, Packing, Scalar};
 use super::{DataFile, DataPlace, Fault, Header, Skip, checked_sides};
@@ -123,12 +123,7 @@ impl Fields {
         };
         let axes_mm = [directions[0] * spacing.x, directions[1] * spacing.y, directions[2] * spacing.z];
         let grid = Grid { dims, origin: Point3::from(origin), axes_mm };
-        let odd = Fault::Field {
-            format: FORMAT,
-            field: "its axes",
-            found: "numbers that span no volume".into(),
-            expected: "directions and distances of three axes",
-        };
+        let odd = spans_nothing(FORMAT, "its axes", "directions and distances of three axes");
         if grid.is_sound() { Ok(grid) } else { Err(odd) }
     }
 

@@ -21,12 +21,10 @@ pub(crate) mod values;
 
 pub use fault::Fault;
 
-use super::Warning;
+use super::{LONGEST_SIDE, Warning};
 use grid::Grid;
 use values::{Endian, Packing, Scalar};
 
-/// Longest side of an image that is believed.
-const LONGEST_SIDE: usize = 8192;
 /// More volumes in one file are not believed.
 const MOST_VOLUMES: usize = 65_536;
 
@@ -129,14 +127,14 @@ fn checked_sides(
     field: &'static str,
     sides: &[i64],
 ) -> Result<([usize; 3], usize), Fault> {
-    let fault = |expected| Fault::Field { format, field, found: joined(sides), expected };
+    let fault = |expected| Fault::Field { format, field, found: text::told(sides), expected };
     let sides: Option<Vec<usize>> =
         sides.iter().map(|&n| usize::try_from(n).ok().filter(|&n| n > 0)).collect();
     let sides = sides.ok_or_else(|| fault("sizes from 1"))?;
     let [columns, rows, planes, further @ ..] = sides.as_slice() else {
         return Err(fault("three sizes at least: a volume of planes"));
     };
-    if [columns, rows, planes].into_iter().any(|&n| n > LONGEST_SIDE) {
+    if [columns, rows, planes].into_iter().any(|&n| n > LONGEST_SIDE.into()) {
         return Err(fault("sides up to 8192 voxels"));
     }
     if *planes < 2 {
@@ -144,8 +142,4 @@ fn checked_sides(
     }
     let n_volumes = further.iter().try_fold(1_usize, |n, &m| n.checked_mul(m)).filter(|&n| n <= MOST_VOLUMES);
     Ok(([*columns, *rows, *planes], n_volumes.ok_or_else(|| fault("up to 65536 volumes"))?))
-}
-
-fn joined<T: ToString>(numbers: &[T]) -> String {
-    numbers.iter().map(T::to_string).collect::<Vec<_>>().join(" ")
 }

@@ -3,7 +3,8 @@
 //! Coordinates are RAS and become LPS here. Where both transforms are stated, the sform places the volume, as in nibabel and ITK; a
 //! qform that differs is told. Where neither is, the voxel axes are taken as right, front, up, and that is told too.
 
-use super::grid::Grid;
+use super::grid::{self, Grid};
+use super::text::told;
 use super::values::{Endian, GZIP_MAGIC, Packing, Scalar};
 use super::{DataFile, DataPlace, Fault, Header, Skip, checked_sides};
 use crate::ct::Warning;
@@ -145,7 +146,11 @@ impl<'a> Fields<'a> {
     }
 
     fn fault(&self, field: &'static str, found: impl ToString, expected: &'static str) -> Fault {
-        Fault::Field { format: self.version.name, field, found: found.to_string(), expected }
+        Fault::Field { format: self.version.name, field, found: told(&[found]), expected }
+    }
+
+    fn spans_nothing(&self, field: &'static str, expected: &'static str) -> Fault {
+        grid::spans_nothing(self.version.name, field, expected)
     }
 
     fn header(&self, is_alone: bool, is_packed: bool) -> Result<Header, Fault> {
@@ -265,14 +270,12 @@ impl<'a> Fields<'a> {
                 Ok(sform)
             }
             (Some(grid), None) | (None, Some(grid)) => Ok(grid),
-            (None, None) if q || s => {
-                Err(self.fault("its transform", "numbers that span no volume", "three axes in mm"))
-            }
+            (None, None) if q || s => Err(self.spans_nothing("its transform", "three axes in mm")),
             (None, None) => {
                 let text = "the file does not state how the volume lies in the patient; columns were taken to run right, rows to the front, planes up";
                 warnings.push(Warning::new("ct.no_orientation", text));
                 let grid = self.plain(dims, unit_mm);
-                let odd = || self.fault("pixdim", "numbers that span no volume", "three distances in mm");
+                let odd = || self.spans_nothing("pixdim", "three distances in mm");
                 grid.is_sound().then_some(grid).ok_or_else(odd)
             }
         }

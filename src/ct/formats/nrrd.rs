@@ -3,7 +3,7 @@
 //! Directions and origin are in the stated space and become LPS here. One axis may be none of space: time, or a list of components,
 //! before or after the others.
 
-use super::grid::Grid;
+use super::grid::{Grid, spans_nothing};
 use super::text::{Field, lines};
 use super::values::{Endian, Packing, Scalar};
 use super::{DataFile, DataPlace, Fault, Header, Skip, checked_sides};
@@ -141,12 +141,7 @@ impl Fields {
             *v = v.component_mul(&flips) * unit_mm;
         }
         let grid = Grid { dims: axes.dims, origin: Point3::from(origin), axes_mm };
-        let odd = Fault::Field {
-            format: FORMAT,
-            field: "its axes",
-            found: "numbers that span no volume".into(),
-            expected: "directions and distances of three axes",
-        };
+        let odd = spans_nothing(FORMAT, "its axes", "directions and distances of three axes");
         if grid.is_sound() { Ok(grid) } else { Err(odd) }
     }
 

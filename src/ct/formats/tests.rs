@@ -526,7 +526,7 @@ fn nrrd_axes_that_are_not_described_are_refused() {
 #[test]
 fn a_fault_quotes_numbers_and_keywords_and_no_other_text() {
     let of = |text: &str| text::Field { format: "NRRD", name: "type", text }.fault("a type").to_string();
-    for quoted in ["4 x 2", "uint12", "(1,0,0) none none", "left-posterior"] {
+    for quoted in ["4 x 2", "uint16", "(1,0,0) none none", "left-posterior", "0.70710678 -1e-3 12345"] {
         assert!(of(quoted).contains(quoted), "{}", of(quoted));
     }
     for hidden in ["Doe^Jane", "Jane Doe", "Müller", "uint8 Doe", "(Doe, Jane)"] {

@@ -7,18 +7,44 @@ pub(super) const LONGEST_HEADER: usize = 1 << 20;
 
 /// Characters of a field that are quoted.
 const LONGEST_QUOTE: usize = 40;
-/// Longest word of the formats: `left-anterior-superior-time`.
-const LONGEST_KEYWORD: usize = 27;
+/// Longest number that is quoted, characters; and the largest: those of six digits and more may be dates and numbers of records.
+const LONGEST_NUMBER: usize = 12;
+const LARGEST_NUMBER: f64 = 99_999.0;
+/// Words of the formats and of their relatives, and what is taken for one: nothing else is quoted.
+#[rustfmt::skip]
+const WORDS: [&str; 95] = [
+    // Types.
+    "bool", "signed", "unsigned", "char", "uchar", "short", "ushort", "int", "uint", "long", "ulong", "longlong", "ulonglong",
+    "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float", "double", "half", "block", "complex",
+    "met_char", "met_uchar", "met_short", "met_ushort", "met_int", "met_uint", "met_long", "met_ulong", "met_long_long",
+    "met_ulong_long", "met_float", "met_double", "met_string", "met_none", "met_other", "met_char_array", "met_uchar_array",
+    // Encodings.
+    "raw", "txt", "text", "ascii", "hex", "gz", "gzip", "bz2", "bzip2", "zip", "zlib", "little", "big", "middle", "true", "false",
+    // Spaces.
+    "left-posterior-superior", "right-anterior-superior", "left-anterior-superior", "left-posterior", "lps", "ras", "las",
+    "right-anterior-superior-time", "left-anterior-superior-time", "left-posterior-superior-time", "scanner-xyz",
+    "scanner-xyz-time", "3d-right-handed", "3d-left-handed",
+    // Axes and units.
+    "none", "???", "x", "domain", "space", "time", "list", "vector", "rgb-color", "point", "nan", "inf", "-inf", "m", "cm", "mm",
+    "um", "nm", "km", "in", "inch", "ft",
+];
 
-/// Whether a text is numbers, vectors of them and at most one keyword, however often it occurs.
+/// Whether a text is short numbers, vectors of them and words of the formats.
 fn is_quotable(text: &str) -> bool {
-    let words = text.split(|c: char| c.is_whitespace() || "(),\"".contains(c)).filter(|w| !w.is_empty());
-    let mut keywords = words.filter(|w| w.parse::<f64>().is_err());
-    let Some(first) = keywords.next() else { return true };
-    let is_keyword = |w: &str| {
-        w.len() <= LONGEST_KEYWORD && w.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_".contains(&b))
+    let mut words = text.split(|c: char| c.is_whitespace() || "(),\"".contains(c)).filter(|w| !w.is_empty());
+    words.all(|w| is_plain_number(w) || WORDS.iter().any(|known| w.eq_ignore_ascii_case(known)))
+}
+
+fn is_plain_number(word: &str) -> bool {
+    word.len() <= LONGEST_NUMBER && word.parse::<f64>().is_ok_and(|v| v.abs() <= LARGEST_NUMBER)
+}
+
+/// Numbers as they are told: large ones may be dates and numbers of records, so that only their size is.
+pub(super) fn told<T: ToString>(numbers: &[T]) -> String {
+    let told = |n: &T| {
+        Some(n.to_string()).filter(|n| is_plain_number(n)).unwrap_or_else(|| "(a large number)".to_owned())
     };
-    is_keyword(first) && keywords.all(|w| w == first)
+    numbers.iter().map(told).collect::<Vec<_>>().join(" ")
 }
 
 /// The lines of a header, each with the place where the next one begins; what is not UTF-8 is replaced.
@@ -42,7 +68,7 @@ pub(super) struct Field<'a> {
 }
 
 impl Field<'_> {
-    /// A header may hold anything, a patient's name too: numbers and a keyword are quoted, other text is not.
+    /// A header may hold anything, a patient's name too: short numbers and words of the format are quoted, other text is not.
     pub(super) fn fault(&self, expected: &'static str) -> Fault {
         let short: String = self.text.chars().take(LONGEST_QUOTE).collect();
         let found = if is_quotable(self.text) { format!("{short:?}") } else { "some text".to_owned() };

@@ -13,6 +13,10 @@ use std::io::{self, Read};
 const MOST_DEFLATED: u64 = 1032;
 /// A stream that is packed no denser than this gets its memory at once.
 const USUAL_DEFLATED: u64 = 64;
+/// More bytes of names and comments before packed values are not read.
+const MOST_FRAMING: u64 = 1 << 20;
+/// Characters of a number in text, with what separates it from the next, over the two that it takes at least.
+const LONGEST_NUMBER: u64 = 16;
 /// Bytes that are unpacked at a time: a multiple of every scalar's size.
 const BUFFER_BYTES: usize = 1 << 16;
 
@@ -97,7 +101,7 @@ impl Packing {
 }
 
 /// Values of one volume in the file's order, and how many bytes stand behind the last one.
-pub(crate) struct Read1<T> {
+pub(crate) struct Found<T> {
     pub(crate) values: Vec<T>,
     /// Whether the file goes on after the values that its header declares.
     pub(crate) goes_on: bool,
@@ -113,7 +117,7 @@ pub(crate) fn read<T>(
     volume: usize,
     task: &Task<'_>,
     convert: impl Fn(f64, usize) -> Result<T, Fault>,
-) -> Result<Read1<T>, Fault> {
+) -> Result<Found<T>, Fault> {
     let source = Source::new(header, bytes)?;
     let mut taken = Taken { header, volume, index: 0, values: source.memory()?, convert };
     let goes_on = match header.place.packing {
@@ -126,7 +130,38 @@ pub(crate) fn read<T>(
         Packing::Gzip => taken.binary(MultiGzDecoder::new(source.packed), &source, task)?,
         Packing::Zlib => taken.binary(ZlibDecoder::new(source.packed), &source, task)?,
     };
-    Ok(Read1 { values: taken.values, goes_on })
+    Ok(Found { values: taken.values, goes_on })
+}
+
+/// Bytes of all values that a header declares; of text, the least that they need.
+pub(crate) fn n_declared(header: &Header) -> u64 {
+    let n_values = header.n_voxels() as u64 * header.n_volumes as u64;
+    // A digit and a blank each, the last one without.
+    let is_text = header.place.packing == Packing::Text;
+    if is_text { 2 * n_values - 1 } else { n_values * header.scalar.n_bytes() as u64 }
+}
+
+/// How many bytes of the file that holds the values may be needed to read all that its header declares, and to see whether more follows;
+/// `start` are its first ones.
+pub(crate) fn most_bytes(header: &Header, start: &[u8]) -> u64 {
+    let declared = n_declared(header);
+    let (before, unpacked) = match header.place.skip {
+        Skip::File(n) => (n as u64, 0),
+        Skip::Lines { start: from, n_lines, n_bytes } => {
+            let lines_end = after_lines(start, from, n_lines).unwrap_or(start.len());
+            (lines_end.saturating_add(n_bytes) as u64, 0)
+        }
+        Skip::Unpacked(n) => (0, n),
+        Skip::AllButValues => (0, 0),
+    };
+    let needed = declared.saturating_add(unpacked);
+    let packed = match header.place.packing {
+        Packing::Raw => needed,
+        // What cannot be packed grows by its framing, far less than this.
+        Packing::Gzip | Packing::Zlib => needed.saturating_mul(2).saturating_add(MOST_FRAMING),
+        Packing::Text => needed.saturating_mul(LONGEST_NUMBER),
+    };
+    before.saturating_add(packed).saturating_add(1)
 }
 
 /// The bytes to unpack, known to be able to hold what the header declares.
@@ -141,10 +176,7 @@ struct Source<'a> {
 
 impl<'a> Source<'a> {
     fn new(header: &'a Header, bytes: &'a [u8]) -> Result<Self, Fault> {
-        let n_values = header.n_voxels() as u64 * header.n_volumes as u64;
-        let is_text = header.place.packing == Packing::Text;
-        // A digit and a blank each, the last one without.
-        let declared = if is_text { 2 * n_values - 1 } else { n_values * header.scalar.n_bytes() as u64 };
+        let declared = n_declared(header);
         let truncated = |found| Fault::Truncated { found_bytes: found, expected_bytes: declared };
         let (start, skip_unpacked) = match header.place.skip {
             Skip::File(n) => (n, 0),

@@ -170,6 +170,75 @@ fn frames_of_an_enhanced_object_are_planes() {
     assert!(error.to_string().contains("do not go together"), "{error}");
 }
 
+/// The object with its data set deflated, all behind the group of the file itself.
+fn deflated(mut object: DefaultDicomObject, path: &Path) {
+    use std::io::Write as _;
+    object.update_meta(|m| m.transfer_syntax = uids::EXPLICIT_VR_LITTLE_ENDIAN.into());
+    object.write_to_file(path).unwrap();
+    let plain = fs::read(path).unwrap();
+    // Preamble, mark, and the element that says how long the group is behind it.
+    let length = u32::from_le_bytes(plain[140..144].try_into().unwrap()) as usize;
+    let data_set = &plain[144 + length..];
+    object.update_meta(|m| m.transfer_syntax = uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN.into());
+    let mut file = vec![0; 128];
+    file.extend(b"DICM");
+    object.meta().write(&mut file).unwrap();
+    let mut deflated = flate2::write::DeflateEncoder::new(file, flate2::Compression::fast());
+    deflated.write_all(data_set).unwrap();
+    fs::write(path, deflated.finish().unwrap()).unwrap();
+}
+
+#[test]
+fn frames_of_a_deflated_object_are_planes_too() {
+    let place = phantom_folder();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("object.dcm");
+    deflated(enhanced(&place, &one_stack()), &path);
+    let found = load_all(&path).unwrap();
+    assert_eq!(found.volume, phantom::volume(&params(), &Task::quiet()));
+    // The same frame twice: both are read again, to be compared.
+    let twice: Vec<_> = one_stack().into_iter().chain([("1", 1, 4)]).collect();
+    deflated(enhanced(&place, &twice), &path);
+    let codes: Vec<String> = load_all(&path).unwrap().warnings.into_iter().map(|w| w.code).collect();
+    assert_eq!(codes, ["ct.duplicate_plane"]);
+    let cancelled = crate::progress::CancelToken::default();
+    cancelled.cancel();
+    let task = Task::new(&|_, _| {}, cancelled);
+    assert!(matches!(load(&path, &SeriesChoice::Only, &task), Err(Error::Cancelled(_))));
+}
+
+/// The object with a type for each frame.
+fn with_types(mut object: DefaultDicomObject, type_of: impl Fn(usize) -> &'static str) -> DefaultDicomObject {
+    let frames =
+        object.element(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE).unwrap().items().unwrap().to_vec();
+    let typed = frames.into_iter().enumerate().map(|(n, mut frame)| {
+        let kind = text(tags::FRAME_TYPE, VR::CS, type_of(n));
+        frame.put(group_of(tags::CT_IMAGE_FRAME_TYPE_SEQUENCE, vec![kind]));
+        frame
+    });
+    object.put(sequence(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, typed.collect()));
+    object
+}
+
+#[test]
+fn projections_among_the_frames_are_a_series_of_their_own() {
+    let place = phantom_folder();
+    let frames: Vec<_> = one_stack().into_iter().chain([("1", 1, 3), ("1", 1, 4), ("1", 1, 5)]).collect();
+    let types = |n: usize| {
+        if n < 8 { "ORIGINAL\\PRIMARY\\VOLUME\\NONE" } else { "DERIVED\\PRIMARY\\VOLUME\\MAX_IP" }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("object");
+    with_types(enhanced(&place, &frames), types).write_to_file(&path).unwrap();
+    let error = load_all(&path).unwrap_err();
+    assert!(matches!(error, Error::SeveralSeries { n: 2, .. }), "{error}");
+    assert!(error.to_string().contains("derived primary volume max_ip"), "{error}");
+    let part = |number| load(&path, &SeriesChoice::ByNumber(number), &Task::quiet()).unwrap();
+    assert_eq!(part(1).volume, phantom::volume(&params(), &Task::quiet()));
+    assert!(part(1).warnings.is_empty(), "{:?}", part(1).warnings);
+    assert_eq!(part(2).warnings[0].code, "ct.projection");
+}
+
 #[test]
 fn extended_offset_tables_are_heeded() {
     let place = phantom_folder();
@@ -277,6 +346,43 @@ fn a_dicomdir_leads_to_its_files_and_those_beside_it() {
 }
 
 #[test]
+fn the_files_of_a_dicomdir_are_all_that_is_read() {
+    let place = phantom_folder();
+    let path = place.path().join("DICOMDIR");
+    directory(&["CASE/IM0001.DCM", ".hidden/IM0002.DCM"]).write_to_file(&path).unwrap();
+    let hidden = place.path().join(".hidden");
+    fs::create_dir(&hidden).unwrap();
+    fs::rename(file_of(&place, 2), hidden.join("IM0002.DCM")).unwrap();
+    let files = files_of(&path, &Task::quiet()).unwrap();
+    assert_eq!(files, files_of(place.path(), &Task::quiet()).unwrap());
+    let mut expected: Vec<_> = [1, 3, 4, 5, 6, 7, 8].map(|n| file_of(&place, n)).into();
+    expected.push(path.clone());
+    expected.sort();
+    expected.push(hidden.join("IM0002.DCM"));
+    assert!(expected.iter().all(|f| files.contains(f)), "{files:?}");
+    assert_eq!(load_all(&path).unwrap().volume, phantom::volume(&params(), &Task::quiet()));
+}
+
+#[test]
+fn what_is_no_file_is_never_read() {
+    let place = phantom_folder();
+    let case = place.path().join("case");
+    let before = files_of(&case, &Task::quiet()).unwrap();
+    let pipe = case.join("IM0099.dcm");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::os::unix::fs::symlink("/dev/zero", case.join("IM0098.dcm")).unwrap();
+    fs::create_dir(case.join(".Trash-0")).unwrap();
+    fs::write(case.join(".Trash-0/IM0097.dcm"), "no DICOM").unwrap();
+    assert_eq!(files_of(&case, &Task::quiet()).unwrap(), before);
+    assert_eq!(before.len(), 9, "eight images and the truth beside them");
+    assert!(load_all(&case).unwrap().warnings.is_empty());
+    for path in [pipe.as_path(), Path::new("/dev/zero")] {
+        assert!(matches!(files_of(path, &Task::quiet()), Err(Error::NotAFolder(_))), "{}", path.display());
+        assert!(matches!(load_all(path), Err(Error::NotAFolder(_))), "{}", path.display());
+    }
+}
+
+#[test]
 fn files_that_a_dicomdir_names_and_are_not_there_are_told() {
     let place = phantom_folder();
     let path = place.path().join("DICOMDIR");
@@ -345,14 +451,16 @@ fn samples() -> Option<PathBuf> {
 }
 
 fn header_of(path: &Path) -> Header {
-    let header::Content::Images(mut headers) = header::read(path).unwrap() else { panic!("it is an image") };
+    let header::Content::Images(mut headers) = header::read(path, &Task::quiet()).unwrap() else {
+        panic!("it is an image")
+    };
     headers.remove(0)
 }
 
 fn plane_of(path: &Path) -> Vec<f32> {
     let header = header_of(path);
     let mut plane = vec![0.0; header.shape.columns * header.shape.rows];
-    pixels::read_plane(&header, [false; 2], &mut plane).unwrap();
+    pixels::read_plane(&header, &Inflated::default(), [false; 2], &mut plane).unwrap();
     plane
 }
 
@@ -479,10 +587,10 @@ fn damaged_samples_never_panic() {
                 bytes.truncate(132 + random(bytes.len() - 132));
             }
             fs::write(&path, bytes).unwrap();
-            let Ok(header::Content::Images(headers)) = header::read(&path) else { continue };
+            let Ok(header::Content::Images(headers)) = header::read(&path, &Task::quiet()) else { continue };
             let mut plane = vec![0.0; headers[0].shape.columns * headers[0].shape.rows];
             // Read or refused, whichever.
-            let _outcome = pixels::read_plane(&headers[0], [false; 2], &mut plane);
+            let _outcome = pixels::read_plane(&headers[0], &Inflated::default(), [false; 2], &mut plane);
         }
     }
     assert!(!is_decoding());

@@ -18,7 +18,8 @@ use std::path::{Path, PathBuf};
 pub(super) struct Folder {
     /// Headers of the images, in the order of their paths, frames of a file in their order.
     pub(super) images: Vec<Header>,
-    pub(super) n_files: usize,
+    /// All files that were looked at.
+    pub(super) files: Vec<PathBuf>,
     /// About what was left out.
     pub(super) warnings: Vec<Warning>,
     /// DICOM files that cannot be read.
@@ -58,7 +59,13 @@ pub(super) fn scan(path: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     if metadata.is_dir() {
         return scan_folder(path, task);
     }
-    match look_at(path) {
+    // A pipe or a device may never end.
+    if !metadata.is_file() {
+        return Err(Error::NotAFolder(path.to_owned()));
+    }
+    let kind = look_at(path, task);
+    task.check()?;
+    match kind {
         Kind::Foreign | Kind::Image => Err(Error::NotAFolder(path.to_owned())),
         Kind::Dicom(found) if matches!(found, Ok(Content::Directory(_))) || is_called_directory(path) => {
             match path.parent() {
@@ -66,7 +73,7 @@ pub(super) fn scan(path: &Path, task: &Task<'_>) -> Result<Folder, Error> {
                 _ => scan_folder(Path::new("."), task),
             }
         }
-        kind => Ok(Finding::default().with(path, kind).into_folder(1)),
+        kind => Ok(Finding::default().with(path, kind).into_folder(vec![path.to_owned()])),
     }
 }
 
@@ -89,11 +96,13 @@ fn scan_folder(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
     }
     finding.folder.images.sort_by(|a, b| (&a.path, a.frame.number).cmp(&(&b.path, b.frame.number)));
     finding.folder.warnings.extend(named.warning);
-    Ok(finding.into_folder(files.len()))
+    Ok(finding.into_folder(files))
 }
 
 fn look_at_all(files: &[PathBuf], finding: Finding, task: &Task<'_>) -> Result<Finding, Error> {
-    let kinds = in_parallel(files, task, |path| look_at(path))?;
+    let kinds = in_parallel(files, task, |path| look_at(path, task))?;
+    // A file whose reading was interrupted is no damaged one.
+    task.check()?;
     Ok(files.iter().zip(kinds).fold(finding, |finding, (path, kind)| finding.with(path, kind)))
 }
 
@@ -120,7 +129,8 @@ struct Named {
 
 impl Default for Finding {
     fn default() -> Self {
-        let folder = Folder { images: Vec::new(), n_files: 0, warnings: Vec::new(), damages: Vec::new() };
+        let folder =
+            Folder { images: Vec::new(), files: Vec::new(), warnings: Vec::new(), damages: Vec::new() };
         Self {
             folder,
             n_foreign: 0,
@@ -192,7 +202,7 @@ impl Finding {
         named
     }
 
-    fn into_folder(self, n_files: usize) -> Folder {
+    fn into_folder(self, files: Vec<PathBuf>) -> Folder {
         let mut warnings: Vec<Warning> = Vec::new();
         warnings.extend(left_out("ct.not_dicom", self.n_foreign, "file(s) that are not DICOM"));
         let images =
@@ -206,7 +216,7 @@ impl Finding {
             "DICOM object(s) that are no image planes",
         ));
         warnings.extend(self.folder.warnings);
-        Folder { n_files, warnings, ..self.folder }
+        Folder { files, warnings, ..self.folder }
     }
 }
 
@@ -254,10 +264,10 @@ pub(super) fn unreadable(path: &Path, source: io::Error) -> Error {
     Error::Read { path: path.to_owned(), source }
 }
 
-fn look_at(path: &Path) -> Kind {
+fn look_at(path: &Path, task: &Task<'_>) -> Kind {
     let content = match has_dicom_mark(path) {
         Err(e) => Err(unreadable(path, e)),
-        Ok(true) => header::read(path),
+        Ok(true) => header::read(path, task),
         // A file that is called DICOM and is not was damaged: it may have been a plane.
         Ok(false) if is_called_dicom(path) => {
             Err(Error::Damaged { path: path.to_owned(), what: "the mark DICM is missing" })

@@ -3,17 +3,18 @@
 //! A multi-frame object (Enhanced CT and its like, PS3.3 A.38, C.7.6.16) gives one header for each of its frames: what
 //! differs between frames stands in per-frame functional groups, what does not in shared ones, the rest at the top.
 
-use super::super::Error;
 use super::super::axes::orthonormal;
 use super::super::encoding::{Frame, Loss, Packing};
 use super::super::series::{Header, PixelFormat, Shape};
 use super::super::traits::{Trait, Traits};
+use super::super::{Error, LONGEST_SIDE};
 use super::lengths::Layout;
 use super::open::open;
 use super::places;
 use super::stacks::{self, Dimensions};
 use super::syntax::syntax_of;
 use crate::geom::{Point3, Vector3};
+use crate::progress::Task;
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{DefaultDicomObject, InMemDicomObject};
@@ -36,8 +37,9 @@ pub(super) enum Content {
     Other,
 }
 
-/// Longest side of an image that is believed.
-const LONGEST_SIDE: u16 = 8192;
+/// Largest slope and intercept that are believed: counts of other modalities reach some 100,000, and 16-bit values rescaled by more
+/// would leave no digit of a 32-bit number for a fraction.
+const LARGEST_RESCALE: f64 = 1e6;
 /// Objects that are images of planes and nothing else.
 const IMAGE_CLASSES: [&str; 3] =
     [uids::CT_IMAGE_STORAGE, uids::MR_IMAGE_STORAGE, uids::POSITRON_EMISSION_TOMOGRAPHY_IMAGE_STORAGE];
@@ -57,10 +59,10 @@ const ENHANCED_CLASSES: [&str; 8] = [
 const MODALITIES: [&str; 12] = ["CT", "MR", "PT", "NM", "XA", "RF", "CR", "DX", "MG", "US", "OPT", "OT"];
 
 /// Reads a header, up to the pixels.
-pub(super) fn read(path: &Path) -> Result<Content, Error> {
+pub(super) fn read(path: &Path, task: &Task<'_>) -> Result<Content, Error> {
     // The library's own words are left out here and below: they may quote what identifies a patient.
     let (object, layout) = open(path, Some(tags::PIXEL_DATA))?;
-    Attributes { path, object: &object, frame: None }.content(&layout)
+    Attributes { path, object: &object, frame: None }.content(&layout, task)
 }
 
 pub(super) fn damaged(path: &Path, what: &'static str) -> Error {
@@ -111,6 +113,13 @@ impl<'a> Groups<'a> {
     }
 }
 
+/// What the frames of a file share about their pixels: found once for all of them.
+struct Stored<'l> {
+    layout: &'l Layout,
+    n_frames: usize,
+    starts: places::Starts,
+}
+
 /// The attributes of one file, or of one frame of it.
 #[derive(Clone, Copy)]
 struct Attributes<'a> {
@@ -120,7 +129,7 @@ struct Attributes<'a> {
 }
 
 impl<'a> Attributes<'a> {
-    fn content(&self, layout: &Layout) -> Result<Content, Error> {
+    fn content(&self, layout: &Layout, task: &Task<'_>) -> Result<Content, Error> {
         let class = self.text(tags::SOP_CLASS_UID);
         if class == uids::MEDIA_STORAGE_DIRECTORY_STORAGE
             || self.object.get(tags::DIRECTORY_RECORD_SEQUENCE).is_some()
@@ -146,17 +155,17 @@ impl<'a> Attributes<'a> {
             return Ok(Content::Other);
         }
         if is_enhanced {
-            return self.frames(layout);
+            return self.frames(layout, task);
         }
         let n_frames = self.n_frames()?;
         if n_frames > 1 {
             return Err(self.unsupported(format!("a multi-frame image ({n_frames} frames)")));
         }
-        Ok(Content::Images(vec![self.header(layout, 1)?]))
+        Ok(Content::Images(vec![self.header(&self.stored(layout, 1))?]))
     }
 
     /// Headers of all frames that are no scout views.
-    fn frames(&self, layout: &Layout) -> Result<Content, Error> {
+    fn frames(&self, layout: &Layout, task: &Task<'_>) -> Result<Content, Error> {
         let items = self.object.get(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE).and_then(|e| e.items());
         let items = items.ok_or_else(|| self.missing("PerFrameFunctionalGroupsSequence"))?;
         let shared = self.object.get(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE);
@@ -166,12 +175,14 @@ impl<'a> Attributes<'a> {
             let found = format!("{n_frames}, with functional groups of {} frames", items.len());
             return Err(self.bad("NumberOfFrames", &format_args!("{found}"), "groups for each frame"));
         }
+        let stored = self.stored(layout, n_frames);
         let mut images = Vec::new();
         let mut dimensions = Vec::new();
         for (own, number) in items.iter().zip(1..) {
+            task.check()?;
             let frame = Self { frame: Some(Groups { number, own, shared }), ..*self };
             if !frame.is_localizer() {
-                images.push(frame.header(layout, n_frames)?);
+                images.push(frame.header(&stored)?);
                 dimensions.push(frame.dimensions());
             }
         }
@@ -183,9 +194,14 @@ impl<'a> Attributes<'a> {
     }
 
     fn is_localizer(&self) -> bool {
-        let Some(groups) = self.frame else { return false };
-        let types = FRAME_TYPE_GROUPS.into_iter().filter_map(|g| groups.find(g, tags::FRAME_TYPE));
-        types.filter_map(|e| e.to_str().ok()).any(|t| t.contains("LOCALIZER"))
+        self.frame_types().any(|t| t.contains("LOCALIZER"))
+    }
+
+    /// The type of the frame, one for each modality that states one; none for a file of one image.
+    fn frame_types(&self) -> impl Iterator<Item = String> + use<'a> {
+        let frame = self.frame;
+        let types = FRAME_TYPE_GROUPS.into_iter().filter_map(move |g| frame?.find(g, tags::FRAME_TYPE));
+        types.filter_map(|e| e.to_str().ok()).map(|t| t.trim_matches([' ', '\0']).to_owned())
     }
 
     /// What tells the stacks and phases of an object apart.
@@ -239,11 +255,11 @@ impl<'a> Attributes<'a> {
         Ok(())
     }
 
-    fn header(&self, layout: &Layout, n_frames: usize) -> Result<Header, Error> {
+    fn header(&self, stored: &Stored<'_>) -> Result<Header, Error> {
         self.refuse_unreadable_kinds()?;
         let (shape, pixels) = (self.shape()?, self.pixel_format()?);
         let syntax = syntax_of(self.object.meta().transfer_syntax(), pixels);
-        let frame = self.frame_of(layout, n_frames, &shape, pixels, syntax.packing)?;
+        let frame = self.frame_of(stored, &shape, pixels, syntax.packing)?;
         Ok(Header {
             path: self.path.to_owned(),
             identity: [tags::SERIES_INSTANCE_UID, tags::FRAME_OF_REFERENCE_UID].map(|t| self.text(t)),
@@ -286,11 +302,15 @@ impl<'a> Attributes<'a> {
         }
     }
 
+    /// Where the pixels of all images of the file stand.
+    fn stored<'l>(&self, layout: &'l Layout, n_frames: usize) -> Stored<'l> {
+        Stored { layout, n_frames, starts: places::Starts::of(layout, n_frames, &self.extended_offsets()) }
+    }
+
     /// Where the pixels of the image stand.
     fn frame_of(
         &self,
-        layout: &Layout,
-        n_frames: usize,
+        &Stored { layout, n_frames, ref starts }: &Stored<'_>,
         shape: &Shape,
         pixels: PixelFormat,
         packing: Packing,
@@ -300,17 +320,17 @@ impl<'a> Attributes<'a> {
             path: self.path,
             index,
             n_frames,
+            starts,
             n_pixels: [shape.columns, shape.rows],
             bytes_per_pixel: u64::from(pixels.bits_allocated / 8),
             packing,
         };
-        let extended = self.extended_offsets();
         let is_swapped = layout.is_in_words
             && pixels.bits_allocated == 8
             && matches!(packing, Packing::Native { is_big_endian: true });
         Ok(Frame {
             number: self.frame.map(|g| g.number),
-            pieces: wanted.pieces(layout, &extended)?,
+            pieces: wanted.pieces(layout)?,
             deflated_from: layout.deflated_from,
             is_swapped,
         })
@@ -372,6 +392,10 @@ impl<'a> Attributes<'a> {
         ] {
             traits.0[of as usize] = self.text(tag);
         }
+        // What a frame is made by stands in a group of its own.
+        if let Some(kind) = self.frame_types().next() {
+            traits.0[Trait::ImageType as usize] = kind;
+        }
         traits
     }
 
@@ -412,6 +436,12 @@ impl<'a> Attributes<'a> {
         match (slope, intercept) {
             (None, None) => Ok(None),
             (Some(slope), _) if slope.abs() < 1e-9 => Err(self.bad("RescaleSlope", &slope, "other than 0")),
+            (Some(slope), _) if slope.abs() > LARGEST_RESCALE => {
+                Err(self.bad("RescaleSlope", &slope, "up to 1000000"))
+            }
+            (_, Some(intercept)) if intercept.abs() > LARGEST_RESCALE => {
+                Err(self.bad("RescaleIntercept", &intercept, "within 1000000"))
+            }
             _ => Ok(Some([slope.unwrap_or(1.0), intercept.unwrap_or(0.0)])),
         }
     }

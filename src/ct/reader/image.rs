@@ -7,7 +7,7 @@
 
 use super::super::formats::grid::Placed;
 use super::super::formats::values::{self, GZIP_MAGIC, Packing};
-use super::super::formats::{self, DataFile, Fault, Header};
+use super::super::formats::{self, DataFile, Fault, Header, Skip};
 use super::super::inspection::next_command;
 use super::super::{
     Error, FrameOfReference, Inspection, LabelMap, Loaded, Orientation, PixelReport, SeriesChoice,
@@ -17,14 +17,14 @@ use super::files::unreadable;
 use crate::geom::Vector3;
 use crate::progress::Task;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 
 /// Bytes that are looked at to know what a file is: the longest header.
 const START_BYTES: u64 = 1 << 20;
 /// Labels that are still few.
 const MOST_LABEL: f32 = 255.0;
-/// The most pairs of neighbours in a row that differ in a label map.
+/// The most pairs of neighbours in a row that differ in a label map, of all and of those that both have a label.
 const LABEL_STEPS: f64 = 0.1;
 /// What voxels without a value become: air.
 const NO_VALUE_HU: f32 = -1024.0;
@@ -59,13 +59,15 @@ pub(super) fn find(path: &Path, name: &SeriesName) -> Result<Option<SeriesMark>,
     ImageFile { path, header, bytes: Vec::new(), n_files }.find(name).map(Some)
 }
 
-/// The other file that an image's header names, where it stands alone.
+/// The files of an image, its header first and then that of its values where they stand in another one, whichever of the two was
+/// named; `None` where the file is something else.
 ///
 /// # Errors
 /// [`Error`] where the file cannot be read, or is an image that cannot be used.
-pub fn companion(path: &Path) -> Result<Option<PathBuf>, Error> {
+pub fn image_files(path: &Path) -> Result<Option<Vec<PathBuf>>, Error> {
     let Some(Recognised { path, header, .. }) = recognised(path)? else { return Ok(None) };
-    header.place.file.as_ref().map(|file| beside(&path, header.format, file)).transpose()
+    let values = header.place.file.as_ref().map(|file| beside(&path, header.format, file)).transpose()?;
+    Ok(Some(std::iter::once(path).chain(values).collect()))
 }
 
 /// The labels of a segmentation that is a label map in one of these formats; `None` where the file is something else.
@@ -77,18 +79,19 @@ pub fn load_labels(path: &Path, task: &Task<'_>) -> Result<Option<LabelMap>, Err
     image.labels(task).map(Some)
 }
 
-/// The largest value where they are those of a label map: few whole numbers from 0, in patches. In an image of anything
-/// neighbours differ, by noise if nothing else; `width` is the length of a row.
+/// The largest value where they are those of a label map: few whole numbers from 0, in patches. Within an image of anything
+/// neighbours differ, by noise if nothing else, however much black lies around it; `width` is the length of a row.
 fn largest_label(values: &[f32], width: usize) -> Option<f32> {
     let most = values.iter().copied().fold(0.0, f32::max);
     let is_label = |v: &f32| *v >= 0.0 && *v <= MOST_LABEL && v.fract() == 0.0;
-    let has_patches = || {
-        let pairs = || values.chunks_exact(width.max(1)).flat_map(|row| row.windows(2));
+    let has_patches = |of: fn(&[f32]) -> bool| {
+        let pairs = || values.chunks_exact(width.max(1)).flat_map(|row| row.windows(2)).filter(|w| of(w));
         let n_steps = pairs().filter(|w| w[0].total_cmp(&w[1]).is_ne()).count();
         n_steps as f64 <= LABEL_STEPS * pairs().count() as f64
     };
+    let are_patches = || has_patches(|_| true) && has_patches(|w| w[0] > 0.0 && w[1] > 0.0);
     let has_background = || values.iter().any(|v| *v <= 0.0);
-    (most >= 1.0 && values.iter().all(is_label) && has_background() && has_patches()).then_some(most)
+    (most >= 1.0 && values.iter().all(is_label) && has_background() && are_patches()).then_some(most)
 }
 
 /// Whether a file is one of these formats, usable or not.
@@ -101,9 +104,7 @@ fn recognised(path: &Path) -> Result<Option<Recognised>, Error> {
     if !path.is_file() {
         return Ok(None);
     }
-    let mut start = Vec::new();
-    let mut rest = File::open(path).map_err(|e| unreadable(path, e))?;
-    rest.by_ref().take(START_BYTES).read_to_end(&mut start).map_err(|e| unreadable(path, e))?;
+    let (start, rest) = opened(path)?;
     let fault = |fault| Error::Image { path: path.to_owned(), fault };
     let Some(header) = formats::recognise(&start).map_err(fault)? else {
         let header = path.with_extension("hdr");
@@ -113,26 +114,57 @@ fn recognised(path: &Path) -> Result<Option<Recognised>, Error> {
     Ok(Some(Recognised { path: path.to_owned(), header, start, rest }))
 }
 
+/// A file's first bytes, and the file behind them.
+fn opened(path: &Path) -> Result<(Vec<u8>, File), Error> {
+    let mut start = Vec::new();
+    let mut rest = File::open(path).map_err(|e| unreadable(path, e))?;
+    rest.by_ref().take(START_BYTES).read_to_end(&mut start).map_err(|e| unreadable(path, e))?;
+    Ok((start, rest))
+}
+
 impl Recognised {
     fn with_values(self) -> Result<ImageFile, Error> {
-        let Self { path, mut header, start: mut bytes, mut rest } = self;
+        let Self { path, mut header, start, rest } = self;
         let n_files = 1 + usize::from(header.place.file.is_some());
-        match &header.place.file {
-            None => {
-                rest.read_to_end(&mut bytes).map_err(|e| unreadable(&path, e))?;
-            }
+        let bytes = match header.place.file.clone() {
+            None => value_bytes(&mut header, &path, start, rest)?,
             Some(file) => {
-                let place = beside(&path, header.format, file)?;
-                bytes = std::fs::read(&place).map_err(|e| unreadable(&place, e))?;
+                let place = beside(&path, header.format, &file)?;
+                let (start, rest) = opened(&place)?;
                 if matches!(file, DataFile::Beside(_)) {
                     // Each file of a NIfTI pair may be packed or not.
-                    let is_packed = bytes.starts_with(&GZIP_MAGIC);
+                    let is_packed = start.starts_with(&GZIP_MAGIC);
                     header.place.packing = if is_packed { Packing::Gzip } else { Packing::Raw };
                 }
+                value_bytes(&mut header, &place, start, rest)?
             }
-        }
+        };
         Ok(ImageFile { path, header, bytes, n_files })
     }
+}
+
+/// The bytes of a file up to the end of the values that its header declares, and one more where it goes on; where the header says that
+/// they are the last ones of the file, these alone. However long the file is, no more is read than the header declares.
+fn value_bytes(
+    header: &mut Header,
+    path: &Path,
+    mut bytes: Vec<u8>,
+    mut rest: File,
+) -> Result<Vec<u8>, Error> {
+    let unreadable = |e| unreadable(path, e);
+    let length = rest.metadata().map_err(unreadable)?.len();
+    if header.place.skip == Skip::AllButValues {
+        let first = length.saturating_sub(values::n_declared(header));
+        rest.seek(SeekFrom::Start(first)).map_err(unreadable)?;
+        (bytes, header.place.skip) = (Vec::new(), Skip::File(0));
+    }
+    let wanted = values::most_bytes(header, &bytes).min(length).saturating_sub(bytes.len() as u64);
+    let too_large =
+        || Error::Image { path: path.to_owned(), fault: Fault::TooLarge { dims: header.grid.dims } };
+    let n = usize::try_from(wanted).map_err(|_beyond| too_large())?;
+    bytes.try_reserve_exact(n).map_err(|_refused| too_large())?;
+    rest.take(wanted).read_to_end(&mut bytes).map_err(unreadable)?;
+    Ok(bytes)
 }
 
 /// The file of the values: the header's folder or one below holds it, whatever the header says, and it is a file with an end.
@@ -300,11 +332,6 @@ impl ImageFile {
         let grid = &self.header.grid;
         let volume = loaded.map(|l| &l.volume);
         let warnings = loaded.map_or_else(|| self.header.warnings.clone(), |l| l.warnings.clone());
-        let verdict = match (fault, warnings.is_empty()) {
-            (Some(_), _) => Verdict::Unusable,
-            (None, true) => Verdict::Usable,
-            (None, false) => Verdict::UsableWithWarnings,
-        };
         let normal: Vector3 = grid.axes_mm[0].cross(&grid.axes_mm[1]).normalize();
         let slab_thickness_mm = self.header.slab_thickness_mm;
         SeriesReport {
@@ -324,7 +351,7 @@ impl ImageFile {
             gantry_tilt_deg: None,
             pixels: self.pixels(),
             encoding: self.header.encoding(),
-            verdict,
+            verdict: Verdict::of(fault, &warnings),
             reason: fault.map(|f| f.text_with(|_| "the file".to_owned())),
             warnings,
             next: next_command(index + 1, fault, self.header.n_volumes > 1),
@@ -401,6 +428,12 @@ mod tests {
             let (_place, header) = place(inside);
             let loaded = reader::load(&header, &SeriesChoice::Only, &Task::quiet()).unwrap();
             assert_eq!((loaded.volume.hu[0], loaded.n_files), (7.0, 2), "{inside}");
+            let files = image_files(&header).unwrap().unwrap();
+            assert_eq!(
+                (&files[0], files[1].ends_with(inside.trim_start_matches("./"))),
+                (&header, true),
+                "{inside}"
+            );
         }
         for outside in [
             "../outside.raw",
@@ -416,7 +449,7 @@ mod tests {
                 refused(reader::load(&header, &SeriesChoice::Only, &Task::quiet()).unwrap_err()),
                 "{outside}"
             );
-            assert!(refused(companion(&header).unwrap_err()), "{outside}");
+            assert!(refused(image_files(&header).unwrap_err()), "{outside}");
         }
     }
 
@@ -433,6 +466,12 @@ mod tests {
         assert_eq!(largest_label(&patch(-3.0), 32), None);
         assert_eq!(largest_label(&patch(0.5), 32), None);
         assert_eq!(largest_label(&patch(0.0), 32), None);
+        // Few grey values in much black: an image, for within what is seen neighbours differ.
+        let textured: Vec<f32> =
+            (0_u16..640).zip(patch(1.0)).map(|(p, inside)| inside * f32::from(1 + p * 7 % 5)).collect();
+        let n_steps = textured.windows(2).filter(|w| w[0].total_cmp(&w[1]).is_ne()).count();
+        assert!(n_steps < 180, "{n_steps}");
+        assert_eq!(largest_label(&[vec![0.0; 3200], textured].concat(), 32), None);
         let noisy: Vec<f32> = (0_u16..640).map(|p| f32::from(p * 7 % 23)).collect();
         assert_eq!(largest_label(&noisy, 32), None);
     }
@@ -444,8 +483,25 @@ mod tests {
         fs::write(&path, format!("{NRRD}\n")).unwrap();
         // A hole that no machine's memory holds.
         File::options().append(true).open(&path).unwrap().set_len(1 << 42).unwrap();
-        assert_eq!(companion(&path).unwrap(), None);
+        assert_eq!(image_files(&path).unwrap(), Some(vec![path.clone()]));
         assert_eq!(reader::find(&path, &SeriesName::Number(1), "", &Task::quiet()).unwrap().number, 1);
+    }
+
+    #[test]
+    fn no_more_is_read_than_a_header_declares() {
+        let place = tempfile::tempdir().unwrap();
+        // Eight values, each with a hole behind them or before them that no machine's memory holds.
+        let own = place.path().join("own.nrrd");
+        fs::write(&own, [NRRD.as_bytes(), b"\n", &[7; 8]].concat()).unwrap();
+        let header = place.path().join("header.nhdr");
+        fs::write(&header, format!("{NRRD}byte skip: -1\ndata file: values.raw\n\n")).unwrap();
+        let values = place.path().join("values.raw");
+        for (path, enlarged) in [(&own, &own), (&header, &values)] {
+            File::options().create(true).append(true).open(enlarged).unwrap().set_len(1 << 42).unwrap();
+            let loaded = reader::load(path, &SeriesChoice::Only, &Task::quiet());
+            let codes = loaded.unwrap().warnings.into_iter().map(|w| w.code).collect::<Vec<_>>();
+            assert_eq!(codes.contains(&"ct.more_values".to_owned()), path == &own, "{codes:?}");
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ mod syntax;
 
 pub use super::codec::is_decoding;
 pub(crate) use files::has_dicom_mark;
-pub use image::{companion, load_labels};
+pub use image::{image_files, load_labels};
 
 use super::grouping::group;
 use super::series::{Header, Series, listing};
@@ -35,9 +35,9 @@ use super::{
 use crate::progress::{Cancelled, Task};
 use dicom_object::DefaultDicomObject;
 use files::{Folder, scan};
-use pixels::Findings;
+use pixels::{Findings, Inflated};
 use rayon::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How to read a folder.
@@ -134,6 +134,18 @@ pub fn find(path: &Path, name: &SeriesName, salt: &str, task: &Task<'_>) -> Resu
     Ok(SeriesMark { number: i + 1, check: all[i].check(salt) })
 }
 
+/// The files that [`load`] looks at: those below a folder and those that a DICOMDIR names, or an image's header and its values.
+/// Whoever wants to know whether a source has changed compares these and no others. Reads headers only.
+///
+/// # Errors
+/// [`Error`] as [`load`], for what the path means and for the system; a damaged file is none.
+pub fn files_of(path: &Path, task: &Task<'_>) -> Result<Vec<PathBuf>, Error> {
+    match image_files(path)? {
+        Some(files) => Ok(files),
+        None => Ok(scan(path, task)?.files),
+    }
+}
+
 /// Says which series a folder holds and whether they can be used. Headers are read and the sizes of all pixels checked; only the
 /// middle image of each series and images at the same place are decoded.
 ///
@@ -144,7 +156,7 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
     if let Some(image) = image::open(path)? {
         return image.inspect(task);
     }
-    let Folder { images, n_files, warnings, damages } = scan(path, task)?;
+    let Folder { images, files, warnings, damages } = scan(path, task)?;
     let all = group(images);
     if all.is_empty() {
         let damage = damages.into_iter().next();
@@ -160,7 +172,7 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
         let fault = damage.map(|d| &d.fault).or(fault.as_ref());
         reports.push(SeriesReport::new(i + 1, series, stack.as_ref(), fault, all.len() > 1));
     }
-    Ok(Inspection { n_files, series: reports, warnings, faults: texts })
+    Ok(Inspection { n_files: files.len(), series: reports, warnings, faults: texts })
 }
 
 /// Reads a whole DICOM file, whatever it holds, once every element is known to lie within it.
@@ -187,7 +199,8 @@ fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<Er
 /// Checks that the pixels can be read: those of the middle image, and those that must not differ. That each file holds as many as
 /// it must was seen with its header.
 fn check_pixels(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<Findings, Error> {
-    let (_, findings) = stored_plane(&series.images[stack.images[stack.images.len() / 2]], stack)?;
+    let middle = &series.images[stack.images[stack.images.len() / 2]];
+    let (_, findings) = stored_plane(middle, stack, &Inflated::default())?;
     compare_duplicates(series, stack, task)?;
     Ok(findings)
 }
@@ -208,6 +221,7 @@ fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volum
     let [columns, rows] = stack.size;
     let dims = [columns, rows, stack.images.len()];
     let mut hu = zeroed(dims)?;
+    let inflated = Inflated::of(stack.images.iter().map(|&i| &series.images[i]), task)?;
     let done = AtomicU64::new(0);
     let n_planes = stack.images.len() as u64;
     let results: Vec<Result<Findings, Error>> = hu
@@ -215,13 +229,14 @@ fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volum
         .enumerate()
         .map(|(k, plane)| {
             task.check()?;
-            let findings = read_plane(series, stack, k, plane)?;
+            let findings = read_plane(series, stack, k, &inflated, plane)?;
             task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
             Ok(findings)
         })
         .collect();
     // The first error in the order of the planes, whichever thread met one first.
     let findings = results.into_iter().try_fold(Findings::default(), |sum, f| f.map(|f| sum.and(f)))?;
+    drop(inflated);
     compare_duplicates(series, stack, task)?;
     let volume = Volume {
         dims,
@@ -236,21 +251,31 @@ fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volum
 }
 
 /// Reads plane k onto the grid of the stack.
-fn read_plane(series: &Series, stack: &Stack, k: usize, plane: &mut [f32]) -> Result<Findings, Error> {
+fn read_plane(
+    series: &Series,
+    stack: &Stack,
+    k: usize,
+    inflated: &Inflated<'_>,
+    plane: &mut [f32],
+) -> Result<Findings, Error> {
     let header = &series.images[stack.images[k]];
     let Some(shift) = stack.shifts.get(k) else {
-        return pixels::read_plane(header, stack.reversed, plane);
+        return pixels::read_plane(header, inflated, stack.reversed, plane);
     };
-    let (stored, findings) = stored_plane(header, stack)?;
+    let (stored, findings) = stored_plane(header, stack, inflated)?;
     let darkest = stored.iter().copied().fold(f32::INFINITY, f32::min);
     shift.apply(&stored, [header.shape.columns, header.shape.rows], plane, stack.size, darkest);
     Ok(findings)
 }
 
 /// The pixels of an image, turned over as the stack asks.
-fn stored_plane(header: &Header, stack: &Stack) -> Result<(Vec<f32>, Findings), Error> {
+fn stored_plane(
+    header: &Header,
+    stack: &Stack,
+    inflated: &Inflated<'_>,
+) -> Result<(Vec<f32>, Findings), Error> {
     let mut plane = vec![0.0; header.shape.n_pixels()];
-    let findings = pixels::read_plane(header, stack.reversed, &mut plane)?;
+    let findings = pixels::read_plane(header, inflated, stack.reversed, &mut plane)?;
     Ok((plane, findings))
 }
 
@@ -265,7 +290,9 @@ fn zeroed(dims: [usize; 3]) -> Result<Vec<f32>, Error> {
 
 /// Refuses images at one place that are not the same image.
 fn compare_duplicates(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(), Error> {
-    let pixels = |image: usize| stored_plane(&series.images[image], stack).map(|(plane, _)| plane);
+    let both = stack.duplicates.iter().flat_map(|&(kept, other)| [kept, other]);
+    let inflated = Inflated::of(both.map(|i| &series.images[i]), task)?;
+    let pixels = |image: usize| stored_plane(&series.images[image], stack, &inflated).map(|(plane, _)| plane);
     for &(kept, other) in &stack.duplicates {
         task.check()?;
         if pixels(kept)? != pixels(other)? {

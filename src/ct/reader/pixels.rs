@@ -1,7 +1,8 @@
 //! The pixels of one image: read, decoded, unpacked, rescaled.
 //!
 //! Only the bytes of that image are read, straight to where they are decoded from: a frame of many costs as much as a
-//! file of its own. Memory: those bytes, and for compressed images 2 bytes more per pixel (JPEG 2000: 6).
+//! file of its own. Memory: those bytes, and for compressed images 2 bytes more per pixel (JPEG 2000: 6). A deflated object of many
+//! frames has no place to begin at but its first byte: it is inflated once and kept meanwhile ([`Inflated`]).
 
 use super::super::codec::{Codec, Fault, Samples, Size};
 use super::super::encoding::Packing;
@@ -9,14 +10,19 @@ use super::super::series::{Header, PixelFormat};
 use super::super::{Error, Warning};
 use super::files::unreadable;
 use super::header::damaged;
+use crate::progress::Task;
 use flate2::bufread::DeflateDecoder;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
 
 /// What a CT's padding outside the scanned circle becomes: air, as low as 12 bits go, HU.
 const PADDING_HU: f32 = -1024.0;
 /// No CT number is larger: metal saturates at 30,710 HU on extended scales.
 const LARGEST_HU: f32 = 31_000.0;
+/// No CT number is lower: extended scales begin at -10,240 HU.
+const LOWEST_HU: f32 = -10_240.0;
 
 /// What was found in the pixels of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -51,7 +57,7 @@ impl Findings {
         }
         if self.n_beyond > 0 {
             let text = format!(
-                "{} pixel(s) are above {LARGEST_HU} HU, which no CT gives: PixelRepresentation or the rescaling in the headers may be wrong",
+                "{} pixel(s) are below {LOWEST_HU} or above {LARGEST_HU} HU, which no CT gives: PixelRepresentation, the padding value or the rescaling in the headers may be wrong",
                 self.n_beyond
             );
             warnings.push(Warning::new("ct.implausible_values", text));
@@ -60,9 +66,63 @@ impl Findings {
     }
 }
 
+/// The data sets of deflated files of many frames.
+#[derive(Debug, Default)]
+pub(super) struct Inflated<'h>(BTreeMap<&'h Path, Vec<u8>>);
+
+impl<'h> Inflated<'h> {
+    /// Inflates what those images need, each file once and no farther than to its last image.
+    ///
+    /// # Errors
+    /// [`Error`] where a file cannot be read or is too large, or on interruption.
+    pub(super) fn of(images: impl Iterator<Item = &'h Header>, task: &Task<'_>) -> Result<Self, Error> {
+        let mut wanted: BTreeMap<&'h Path, (u64, u64)> = BTreeMap::new();
+        for header in images.filter(|h| h.frame.number.is_some()) {
+            let Some(start) = header.frame.deflated_from else { continue };
+            let end = header.frame.pieces.iter().map(|p| p.end).max().unwrap_or(0);
+            let file = wanted.entry(&header.path).or_insert((start, end));
+            file.1 = file.1.max(end);
+        }
+        let inflate = |(path, (start, end))| Ok((path, inflated(path, start, end, task)?));
+        wanted.into_iter().map(inflate).collect::<Result<_, Error>>().map(Self)
+    }
+}
+
+/// The first bytes of the data set that a file holds deflated from `start` on.
+fn inflated(path: &Path, start: u64, end: u64, task: &Task<'_>) -> Result<Vec<u8>, Error> {
+    /// Bytes between two looks at whether to go on.
+    const PIECE_BYTES: u64 = 1 << 22;
+    let mut bytes = reserved(path, end)?;
+    let mut file = File::open(path).map_err(|e| unreadable(path, e))?;
+    file.seek(SeekFrom::Start(start)).map_err(|e| unreadable(path, e))?;
+    let mut stream = DeflateDecoder::new(BufReader::new(file));
+    loop {
+        task.check()?;
+        let wanted = PIECE_BYTES.min(end - bytes.len() as u64);
+        let n = (&mut stream).take(wanted).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
+        if n == 0 {
+            return Ok(bytes);
+        }
+    }
+}
+
+/// Memory for that many bytes, asked for in a way that may fail.
+fn reserved(path: &Path, n_bytes: u64) -> Result<Vec<u8>, Error> {
+    let too_many = || damaged(path, "its pixels are too many");
+    let n = usize::try_from(n_bytes).ok().ok_or_else(too_many)?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(n).ok().ok_or_else(too_many)?;
+    Ok(bytes)
+}
+
 /// Reads the image of a header into `plane` (row by row), columns and rows reversed as asked.
-pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]) -> Result<Findings, Error> {
-    let mut bytes = stored_bytes(header)?;
+pub(super) fn read_plane(
+    header: &Header,
+    inflated: &Inflated<'_>,
+    reversed: [bool; 2],
+    plane: &mut [f32],
+) -> Result<Findings, Error> {
+    let mut bytes = stored_bytes(header, inflated)?;
     if header.frame.is_swapped {
         bytes.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
     }
@@ -85,21 +145,28 @@ pub(super) fn read_plane(header: &Header, reversed: [bool; 2], plane: &mut [f32]
 }
 
 /// The bytes of the image as they stand in the file, or in its inflated data set.
-fn stored_bytes(header: &Header) -> Result<Vec<u8>, Error> {
+fn stored_bytes(header: &Header, inflated: &Inflated<'_>) -> Result<Vec<u8>, Error> {
     let path = &header.path;
     let length = header.frame.pieces.iter().map(|p| p.end - p.start).sum::<u64>();
-    let length = usize::try_from(length).ok().ok_or_else(|| damaged(path, "its pixels are too many"))?;
-    let mut bytes = Vec::new();
-    bytes.try_reserve_exact(length).ok().ok_or_else(|| damaged(path, "its pixels are too many"))?;
-    read_pieces(header, &mut bytes).map_err(|e| unreadable(path, e))?;
-    if bytes.len() < length {
+    let mut bytes = reserved(path, length)?;
+    match inflated.0.get(path.as_path()) {
+        Some(data_set) => copy_pieces(header, data_set, &mut bytes),
+        None => read_pieces(header, &mut bytes).map_err(|e| unreadable(path, e))?,
+    }
+    if (bytes.len() as u64) < length {
         return Err(Error::Truncated {
             path: path.clone(),
             found_bytes: bytes.len(),
-            expected_bytes: length,
+            expected_bytes: usize::try_from(length).unwrap_or(usize::MAX),
         });
     }
     Ok(bytes)
+}
+
+fn copy_pieces(header: &Header, data_set: &[u8], bytes: &mut Vec<u8>) {
+    let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
+    let pieces = header.frame.pieces.iter().filter_map(|p| data_set.get(place(p.start)..place(p.end)));
+    pieces.for_each(|piece| bytes.extend_from_slice(piece));
 }
 
 fn read_pieces(header: &Header, bytes: &mut Vec<u8>) -> io::Result<()> {
@@ -203,7 +270,7 @@ impl Intensity {
             }
             findings.n_foreign_bits += usize::from(self.has_foreign_bits(word, stored));
             *hu = self.hu(stored);
-            findings.n_beyond += usize::from(self.is_ct && *hu > LARGEST_HU);
+            findings.n_beyond += usize::from(self.is_ct && !(LOWEST_HU..=LARGEST_HU).contains(hu));
         }
         findings
     }

@@ -19,6 +19,7 @@ pub(super) struct Wanted<'a> {
     /// From 0.
     pub(super) index: usize,
     pub(super) n_frames: usize,
+    pub(super) starts: &'a Starts,
     /// Columns and rows.
     pub(super) n_pixels: [usize; 2],
     pub(super) bytes_per_pixel: u64,
@@ -26,21 +27,20 @@ pub(super) struct Wanted<'a> {
 }
 
 impl Wanted<'_> {
-    /// The bytes of the frame; `extended` is the table of frames in 64 bits, empty where there is none.
+    /// The bytes of the frame.
     ///
     /// # Errors
     /// [`Error::Truncated`] where the pixels are too few for their size, [`Error::Damaged`] where frames and fragments do not
     /// go together.
-    pub(super) fn pieces(&self, layout: &Layout, extended: &[u64]) -> Result<Vec<Range<u64>>, Error> {
+    pub(super) fn pieces(&self, layout: &Layout) -> Result<Vec<Range<u64>>, Error> {
         match (&layout.pixels, self.packing) {
             (None, _) => Err(damaged(self.path, "it holds no pixels")),
             (Some(Pixels::Native(range)), Packing::Native { .. }) => Ok(vec![self.native(range)?]),
             (Some(Pixels::Native(_)), _) => {
                 Err(damaged(self.path, "its pixels are packed in another way than its header says"))
             }
-            (Some(Pixels::Fragments { offsets, fragments }), _) => {
-                let table = if extended.is_empty() { offsets } else { extended };
-                let own = self.fragments(table, fragments)?;
+            (Some(Pixels::Fragments { fragments, .. }), _) => {
+                let own = self.fragments(fragments)?;
                 self.check_length(own)?;
                 Ok(own.iter().map(|f| f.range.clone()).collect())
             }
@@ -83,19 +83,48 @@ impl Wanted<'_> {
         if found < least { Err(self.truncated(found, least)) } else { Ok(()) }
     }
 
-    fn fragments<'f>(&self, table: &[u64], all: &'f [Fragment]) -> Result<&'f [Fragment], Error> {
-        const DISORDER: &str = "its frames and the pieces of its compressed pixels do not go together";
-        if self.n_frames == 1 {
-            return Ok(all);
+    fn fragments<'f>(&self, all: &'f [Fragment]) -> Result<&'f [Fragment], Error> {
+        match self.starts {
+            Starts::All => Ok(all),
+            Starts::Each => Ok(&all[self.index..=self.index]),
+            Starts::At(starts) => {
+                let end = starts.get(self.index + 1).copied().unwrap_or(all.len());
+                Ok(&all[starts[self.index]..end])
+            }
+            Starts::Disordered => Err(damaged(
+                self.path,
+                "its frames and the pieces of its compressed pixels do not go together",
+            )),
         }
-        if all.len() == self.n_frames {
-            return Ok(&all[self.index..=self.index]);
+    }
+}
+
+/// With which fragment each frame of a file begins.
+#[derive(Debug)]
+pub(super) enum Starts {
+    /// The only frame has all.
+    All,
+    /// Each frame has one.
+    Each,
+    /// Each frame has those from one on up to the next frame's.
+    At(Vec<usize>),
+    /// There is no telling.
+    Disordered,
+}
+
+impl Starts {
+    /// Those of a file; `extended` is its table of frames in 64 bits, empty where there is none.
+    pub(super) fn of(layout: &Layout, n_frames: usize, extended: &[u64]) -> Self {
+        let Some(Pixels::Fragments { offsets, fragments }) = &layout.pixels else { return Self::All };
+        let table = if extended.is_empty() { offsets } else { extended };
+        match n_frames {
+            1 => Self::All,
+            n if n == fragments.len() => Self::Each,
+            n => {
+                let starts = if table.len() == n { by_table(table, fragments) } else { by_marks(fragments) };
+                starts.filter(|s| s.len() == n).map_or(Self::Disordered, Self::At)
+            }
         }
-        let starts = if table.len() == self.n_frames { by_table(table, all) } else { by_marks(all) };
-        let starts = starts.filter(|s| s.len() == self.n_frames);
-        let starts = starts.ok_or_else(|| damaged(self.path, DISORDER))?;
-        let end = starts.get(self.index + 1).copied().unwrap_or(all.len());
-        Ok(&all[starts[self.index]..end])
     }
 }
 
@@ -135,8 +164,16 @@ mod tests {
         lengths.iter().map(next).collect()
     }
 
-    fn wanted(index: usize, n_frames: usize, packing: Packing) -> Wanted<'static> {
-        Wanted { path: Path::new("file"), index, n_frames, n_pixels: [4, 2], bytes_per_pixel: 2, packing }
+    fn wanted(index: usize, n_frames: usize, packing: Packing, starts: &Starts) -> Wanted<'_> {
+        Wanted {
+            path: Path::new("file"),
+            index,
+            n_frames,
+            starts,
+            n_pixels: [4, 2],
+            bytes_per_pixel: 2,
+            packing,
+        }
     }
 
     /// First byte and number of pieces of each frame.
@@ -148,8 +185,9 @@ mod tests {
     ) -> Result<Vec<(u64, usize)>, String> {
         let pixels = Some(Pixels::Fragments { offsets: offsets.to_vec(), fragments: of.to_vec() });
         let layout = Layout { pixels, ..Layout::default() };
+        let starts = Starts::of(&layout, n, extended);
         let frame = |index| {
-            let pieces = wanted(index, n, Packing::Compressed(Codec::JpegLs)).pieces(&layout, extended);
+            let pieces = wanted(index, n, Packing::Compressed(Codec::JpegLs), &starts).pieces(&layout);
             pieces.map(|p| (p[0].start, p.len())).map_err(|e| e.to_string())
         };
         (0..n).map(frame).collect()
@@ -159,12 +197,13 @@ mod tests {
     fn native_frames_follow_each_other() {
         let layout = Layout { pixels: Some(Pixels::Native(100..149)), ..Layout::default() };
         let native = Packing::Native { is_big_endian: false };
-        let third = wanted(2, 3, native).pieces(&layout, &[]).unwrap();
+        let all = Starts::All;
+        let third = wanted(2, 3, native, &all).pieces(&layout).unwrap();
         assert_eq!((third.len(), &third[0]), (1, &(132..148)));
-        let error = wanted(0, 4, native).pieces(&layout, &[]).unwrap_err();
+        let error = wanted(0, 4, native, &all).pieces(&layout).unwrap_err();
         assert!(matches!(error, Error::Truncated { found_bytes: 49, expected_bytes: 64, .. }));
-        assert!(wanted(0, 1, Packing::Compressed(Codec::Jpeg)).pieces(&layout, &[]).is_err());
-        assert!(wanted(0, 1, native).pieces(&Layout::default(), &[]).is_err());
+        assert!(wanted(0, 1, Packing::Compressed(Codec::Jpeg), &all).pieces(&layout).is_err());
+        assert!(wanted(0, 1, native, &all).pieces(&Layout::default()).is_err());
     }
 
     #[test]

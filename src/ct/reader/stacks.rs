@@ -4,6 +4,7 @@
 //! in space (PS3.3 C.7.6.17). Indices of unknown meaning, such as times, which may differ from plane to plane, separate frames
 //! only where two lie at one place.
 
+use super::super::SAME_PLACE_MM;
 use super::super::series::Header;
 use crate::geom::Point3;
 use dicom_core::Tag;
@@ -41,9 +42,6 @@ const SEPARATING: [Tag; 10] = [
     tags::FRAME_TYPE,
     tags::KVP,
 ];
-
-/// Positions as near as this are one place, mm.
-const SAME_PLACE_MM: f64 = 0.01;
 
 /// Makes the identities of images differ where they belong to different stacks; `pointers` says what each index counts.
 pub(super) fn tell_apart(images: &mut [Header], dimensions: &[Dimensions], pointers: &[Option<Tag>]) {

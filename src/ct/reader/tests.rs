@@ -540,9 +540,11 @@ fn a_compressed_series_is_read() {
 /// The intensities of one file of the transfer syntax samples.
 fn sample(name: &str) -> Option<Result<Vec<f32>, Error>> {
     let path = real("5_dicom_transfer_syntaxes")?.join(name);
-    let header::Content::Images(headers) = header::read(&path).unwrap() else { panic!("{name} is an image") };
+    let header::Content::Images(headers) = header::read(&path, &Task::quiet()).unwrap() else {
+        panic!("{name} is an image")
+    };
     let mut plane = vec![0.0; headers[0].shape.columns * headers[0].shape.rows];
-    Some(pixels::read_plane(&headers[0], [false; 2], &mut plane).map(|_| plane))
+    Some(pixels::read_plane(&headers[0], &Inflated::default(), [false; 2], &mut plane).map(|_| plane))
 }
 
 #[test]

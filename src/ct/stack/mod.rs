@@ -8,20 +8,19 @@
 mod sideways;
 mod steps;
 
-use super::axes;
+use super::axes::{self, along};
 use super::encoding;
-use super::grouping::SAME_PLACE_MM;
 use super::series::{Header, Series, Shape};
 use super::shift::Shift;
 use super::traits::Origin;
-use super::{Error, Warning};
+use super::{Error, SAME_PLACE_MM, Warning};
 use crate::geom::{Point2, Point3, RigidTransform, Vector2, Vector3};
 use sideways::Sideways;
 pub(super) use steps::Gaps;
 use steps::Slab;
 
-/// Axes this near to the patient's are the patient's: over 500 mm that is 0.005 mm.
-const ALIGNED: f64 = 1e-5;
+/// Turns that misplace no pixel by more, as a share of its side, are not told: cosines of four decimals do at 500 pixels.
+const TURNED_PIXELS: f64 = 0.1;
 /// Longest side of a plane once the planes of a tilted stack are put beside each other.
 const LONGEST_SIDE: f64 = 16_384.0;
 
@@ -63,6 +62,7 @@ pub(super) fn arrange(series: &Series, gaps: impl Into<Gaps>) -> Result<Stack, E
     }
     warnings.extend(duplicates_warning(&duplicates));
     warnings.extend(order_warning(series, &images));
+    warnings.extend(turn_warning(series, &images));
     let mut sideways = judge(series, &images, &frame, &mut warnings)?;
     if let Sideways::Turned { lean, .. } = sideways {
         frame = frame.turned(lean);
@@ -148,18 +148,6 @@ impl Frame {
     }
 }
 
-/// Whether a direction is that axis (true) or its opposite (false).
-fn along(direction: Vector3, axis: Vector3) -> Option<bool> {
-    let is = |d: Vector3| (d - axis).abs().max() < ALIGNED;
-    if is(direction) {
-        Some(true)
-    } else if is(-direction) {
-        Some(false)
-    } else {
-        None
-    }
-}
-
 /// One image per place, ascending, and the others at the same places.
 fn order(series: &Series, frame: &Frame) -> (Vec<usize>, Vec<(usize, usize)>) {
     let headers = &series.images;
@@ -232,11 +220,11 @@ impl Grid {
     }
 }
 
-/// The middle value, the lower of the two middle ones of an even number.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+/// The middle value, the lower of the two middle ones of an even number; NaN of none.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
-    sorted[(sorted.len() - 1) / 2]
+    sorted.get(sorted.len().saturating_sub(1) / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Every second plane missing shows only against the distance that the headers state.
@@ -278,6 +266,27 @@ fn order_warning(series: &Series, images: &[usize]) -> Option<Warning> {
     let is_sorted = numbers.is_sorted() || numbers.iter().rev().is_sorted();
     let text = "the images' numbers do not follow their positions; the positions were used";
     (!is_sorted).then(|| Warning::new("ct.instance_order", text))
+}
+
+/// Images of one stack are taken to lie as its first one does: tells where that misplaces a pixel.
+fn turn_warning(series: &Series, images: &[usize]) -> Option<Warning> {
+    let shape = &series.images[0].shape;
+    // An image hangs on its first pixel: the one farthest from that is misplaced most.
+    let reach_mm = [shape.columns - 1, shape.rows - 1].map(|n| n as f64);
+    let off_mm = |&i: &usize| {
+        let other = &series.images[i].shape;
+        let off = |axis: usize| {
+            let reach_mm = reach_mm[axis] * shape.spacing_xy_mm[axis];
+            (other.axes[axis] - shape.axes[axis]).norm() * reach_mm
+        };
+        off(0) + off(1)
+    };
+    let most_mm = images.iter().map(off_mm).fold(0.0, f64::max);
+    let pixel_mm = shape.spacing_xy_mm[0].min(shape.spacing_xy_mm[1]);
+    let text = format!(
+        "the images are turned against each other by up to {most_mm:.3} mm at their far edges; all were taken to lie as the first one does"
+    );
+    (most_mm > TURNED_PIXELS * pixel_mm).then(|| Warning::new("ct.turned", text))
 }
 
 fn tilt_warning(angle_deg: f64) -> Warning {

@@ -54,6 +54,24 @@ fn duplicates_are_set_aside() {
 }
 
 #[test]
+fn images_turned_against_each_other_are_told_by_what_it_does_at_their_edges() {
+    let turned = |angle: f64| {
+        let mut series = series(&[0.0, 3.0, 6.0]);
+        for header in &mut series.images {
+            (header.shape.columns, header.shape.rows) = (513, 513);
+        }
+        let (sin, cos) = angle.sin_cos();
+        series.images[1].shape.axes = [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0)];
+        arrange(&series, false).unwrap().warnings
+    };
+    assert!(turned(1e-5).is_empty());
+    // 512 columns of 0.5 mm and as many rows of 0.8 mm, off by half a thousandth each.
+    let told = turned(5e-4);
+    assert_eq!(told[0].code, "ct.turned");
+    assert!(told[0].text.contains("by up to 0.333 mm at their far edges"), "{}", told[0].text);
+}
+
+#[test]
 fn one_plane_is_no_volume() {
     assert!(matches!(arrange(&series(&[1.0]), false), Err(Error::TooFewPlanes(1))));
     assert!(matches!(arrange(&series(&[1.0, 1.0]), false), Err(Error::TooFewPlanes(1))));

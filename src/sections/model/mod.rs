@@ -56,6 +56,24 @@ const LIKE_SIZE: f64 = 1.5;
 /// along the vessel.
 const FALL: i32 = 6;
 
+/// Waves around the longest contour are followed up to this many blurs a radian: the blur leaves exp(-1.6²/2), 28 %, of the last;
+/// and six in any case, which an oval with a dent has.
+const WAVE_BLURS: f64 = 1.6;
+const LEAST_WAVES: f64 = 6.0;
+/// Four points around a contour for each so many blurs of the longest: closer ones would measure the same; within 64 and 512.
+const POINT_BLURS: f64 = 2.4;
+const QUARTER_POINTS: [f64; 2] = [16.0, 128.0];
+/// Blur and wall may become this many times those that the edges told at first: beyond, something else is fitted.
+const OPTICS_LIMITS: [f64; 2] = [0.4, 2.5];
+/// A contour is moved along its rays; where these meet it at less than this cosine, a step would throw it too far.
+const LEAST_FACING: f64 = 0.3;
+/// Most of a step, standard deviations of the blur: farther the slope of the likelihood tells nothing.
+const STEP_BLURS: f64 = 2.0;
+/// A body with less than this share of the stack's contrast has levels that are not believed; the stack's are taken.
+const LEAST_CONTRAST: f64 = 0.3;
+/// From a median of absolute deviations to a standard deviation.
+const DEVIATION: f64 = 1.4826;
+
 /// What the fit starts from on one plane.
 #[derive(Debug, Clone)]
 pub(super) struct Start {
@@ -201,10 +219,13 @@ impl<'a> State<'a> {
         let longest = starts.iter().flat_map(|s| &s.contours).map(Contour::perimeter_mm).fold(0.0, f64::max);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let whole = |v: f64, low: f64, high: f64| v.ceil().clamp(low, high) as usize;
-        let n_waves = whole(1.6 * longest / (2.0 * PI * scan.optics.blur_mm), 6.0, MOST_WAVES as f64);
-        let circle = Circle::new(4 * whole(longest / (2.4 * scan.optics.blur_mm), 16.0, 128.0).max(n_waves));
+        let blur_mm = scan.optics.blur_mm;
+        let n_waves = whole(WAVE_BLURS * longest / (2.0 * PI * blur_mm), LEAST_WAVES, MOST_WAVES as f64);
+        let [least, most] = QUARTER_POINTS;
+        let circle = Circle::new(4 * whole(longest / (POINT_BLURS * blur_mm), least, most).max(n_waves));
         let optics = scan.optics;
-        let limits = [0.4, 2.5].map(|f| Optics { blur_mm: f * optics.blur_mm, wall_mm: f * optics.wall_mm });
+        let limits =
+            OPTICS_LIMITS.map(|f| Optics { blur_mm: f * optics.blur_mm, wall_mm: f * optics.wall_mm });
         let plane = |(start, view): (&Start, &Vec<Contour>)| Plane::new(start, view, &scan, &circle);
         let mut planes: Vec<Plane> = starts.iter().zip(views).map(plane).collect();
         align_centres(&mut planes, &circle);
@@ -308,9 +329,9 @@ impl<'a> State<'a> {
             let square = 2.0 * blur * blur + plane.view.pixel_blur_mm2() * 2.0 + smear * smear / 12.0;
             let shift = plane.view.at(blurred, points[j]) * (2.0 * PI * square).sqrt() / contrast;
             let [cos, sin] = self.circle.at(j);
-            let facing = (normals[j].x * cos + normals[j].y * sin).max(0.3);
+            let facing = (normals[j].x * cos + normals[j].y * sin).max(LEAST_FACING);
             let crowded = 1.0 + crowding(points[j], &others, blur);
-            outward * shift.clamp(-2.0 * blur, 2.0 * blur) / (facing * crowded)
+            outward * shift.clamp(-STEP_BLURS * blur, STEP_BLURS * blur) / (facing * crowded)
         };
         Some((0..points.len()).map(of).collect())
     }
@@ -325,7 +346,7 @@ impl<'a> State<'a> {
     fn learn(&mut self, findings: &[Finding], move_levels: bool) {
         let pooled = |of: fn(&Finding) -> &Vec<f64>| {
             let all = findings.iter().flat_map(|f| of(f).iter().copied()).collect();
-            1.4826 * super::fit::quantile(all, 0.5).unwrap_or(0.0)
+            DEVIATION * super::fit::quantile(all, 0.5).unwrap_or(0.0)
         };
         self.noise = [pooled(|f| &f.rough), pooled(|f| &f.smooth)];
         if !move_levels {
@@ -345,8 +366,9 @@ impl<'a> State<'a> {
             solved(levels::first_spread(&stack)).into_iter().flatten().collect();
         let levels = solved(levels::spread(&free, &stack));
         for (plane, found) in self.planes.iter_mut().zip(levels) {
-            let sound =
-                |(l, _): (Levels, [f64; 3])| if l.contrast() > 0.3 * stack.contrast() { l } else { stack };
+            let sound = |(l, _): (Levels, [f64; 3])| {
+                if l.contrast() > LEAST_CONTRAST * stack.contrast() { l } else { stack }
+            };
             let levels: Vec<Levels> = found.into_iter().map(sound).collect();
             let lift = |(new, old): (&Levels, &Levels)| new.half() - old.half();
             plane.lifted = levels.iter().zip(&plane.levels).map(lift).collect();

@@ -141,7 +141,8 @@ pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Res
             }
         }
     }
-    Err(refused.unwrap_or(Error::NoCandidate { planes: volume.dims[2] }))
+    let planes = super::planes_in_range(volume, params.z_mm)?.len();
+    Err(refused.unwrap_or(Error::NoCandidate { planes }))
 }
 
 /// Finds what looks like a vessel, the best first.

@@ -1,6 +1,7 @@
 //! Round sections linked over the planes, and how much they look like a vessel.
 
 use super::super::graph::root;
+use super::super::levels::median;
 use super::blobs::Blob;
 use std::collections::BTreeMap;
 
@@ -16,8 +17,33 @@ const LONG_DIAMETERS: f64 = 6.0;
 /// What a dark candidate counts against a bright one.
 const DARK: f64 = 0.4;
 /// From the first of these levels on, HU, a bright lumen is ever less likely one; at the second it holds undiluted
-/// contrast medium, or is bone or metal, and counts a quarter.
+/// contrast medium, or is bone or metal, and counts by so much less.
 const TOO_BRIGHT_HU: [f64; 2] = [600.0, 1000.0];
+const TOO_BRIGHT_COST: f64 = 0.75;
+/// How much of its ellipse a section fills where it may be anything, and from where on it is as round as a pixel grid shows an
+/// ellipse. Bones and gaps between organs lie below; a vessel cut lengthwise, or two that touch, between.
+const FILLED: [f64; 2] = [0.85, 0.97];
+/// By how much a section may reach beside its ellipse, of its radius, until it counts nothing: corners are bone's.
+const MOST_CORNERS: f64 = 0.15;
+/// A section less slender than this counts in full: a vessel that leans by 50 degrees.
+const ROUND: f64 = 0.6;
+/// An edge of so many standard deviations of the noise counts half: faint vessels stay, noise goes.
+const CLEAR_STEP: f64 = 8.0;
+/// So many sections a plane count in full; more are a bunch of airways, bone or veins.
+const CROWD: f64 = 3.0;
+/// What branching adds: less than any clear sign takes away.
+const BRANCHING: f64 = 1.1;
+/// How fast changes of size from plane to plane cost, against changes of course.
+const SWELL_COST: f64 = 3.0;
+/// One plane in so many must have several sections where a vessel branches: fewer are noise on its edge.
+const BRANCHED_SHARE: usize = 8;
+/// What the place of a seed costs at either end of the track against its middle.
+const END_COST: f64 = 0.5;
+/// A seed's section gains by its size up to so much over the typical one: beyond, it is where the vessel branches.
+const SEED_SIZE: f64 = 1.2;
+/// Tracks that share one section in so many are one vessel: those of two levels of grey run in each other over much more, those of
+/// two vessels that cross over less.
+const SHARED_SHARE: usize = 3;
 
 /// Sections that continue each other.
 #[derive(Debug, Clone)]
@@ -85,13 +111,12 @@ impl Track {
         let diameter_mm = 2.0 * self.radius_mm();
         let long = (length_mm / (LONG_DIAMETERS * diameter_mm)).min(1.0);
         let span = (length_mm / whole_mm).sqrt();
-        let fill = self
-            .mean(|b| ((b.fill - 0.85) / 0.12).clamp(0.0, 1.0) * (1.0 - b.corners / 0.15).clamp(0.0, 1.0));
-        let round = self.mean(|b| (b.round / 0.6).min(1.0));
-        let clear = self.mean(|b| b.step / (b.step + 8.0));
+        let fill = self.mean(|b| filled(b.fill) * (1.0 - b.corners / MOST_CORNERS).clamp(0.0, 1.0));
+        let round = self.mean(|b| (b.round / ROUND).min(1.0));
+        let clear = self.mean(|b| b.step / (b.step + CLEAR_STEP));
         let crowd = self.sections.len() as f64 / self.n_planes() as f64;
-        let single = (3.0 / crowd).min(1.0);
-        let branching = if self.branches() { 1.1 } else { 1.0 };
+        let single = (CROWD / crowd).min(1.0);
+        let branching = if self.branches() { BRANCHING } else { 1.0 };
         let polarity = if self.sign > 0.0 { self.likely_level() } else { DARK };
         let all = long * span * fill * round * clear * single * self.smooth() * size(diameter_mm);
         (all * branching * polarity).min(1.0)
@@ -109,7 +134,7 @@ impl Track {
             n += 1.0;
         }
         let n = n.max(1.0);
-        1.0 / (1.0 + bend / n) * (-3.0 * swell / n).exp()
+        1.0 / (1.0 + bend / n) * (-SWELL_COST * swell / n).exp()
     }
 
     /// The largest section of every plane.
@@ -140,21 +165,21 @@ impl Track {
 
     /// Of the median section.
     pub(super) fn radius_mm(&self) -> f64 {
-        median(self.sections.iter().map(|(_, b)| b.radius_mm).collect())
+        median(self.sections.iter().map(|(_, b)| b.radius_mm).collect()).unwrap_or(0.0)
     }
 
     /// How likely a bright lumen has this level.
     fn likely_level(&self) -> f64 {
-        let level_hu = median(self.sections.iter().map(|(_, b)| b.level_hu).collect());
+        let level_hu = median(self.sections.iter().map(|(_, b)| b.level_hu).collect()).unwrap_or(0.0);
         let [first, last] = TOO_BRIGHT_HU;
-        1.0 - 0.75 * ((level_hu - first) / (last - first)).clamp(0.0, 1.0)
+        1.0 - TOO_BRIGHT_COST * ((level_hu - first) / (last - first)).clamp(0.0, 1.0)
     }
 
     /// Whether some planes have one section and a good part of them two or more.
     pub(super) fn branches(&self) -> bool {
         let several = self.sections.chunk_by(|a, b| a.0 == b.0).filter(|c| c.len() > 1).count();
         let n = self.n_planes();
-        8 * several >= n && several < n
+        BRANCHED_SHARE * several >= n && several < n
     }
 
     /// The section to grow from: round, of full size, with a clear edge, away from the ends.
@@ -163,8 +188,8 @@ impl Track {
         let (middle, half) = (0.5 * (first + last) as f64, (0.5 * (last - first) as f64).max(1.0));
         let typical_mm = self.radius_mm();
         let worth = |(k, b): &(usize, Blob)| {
-            let central = 1.0 - 0.5 * (*k as f64 - middle).abs() / half;
-            b.fill * b.round * (b.radius_mm / typical_mm).min(1.2) * central
+            let central = 1.0 - END_COST * (*k as f64 - middle).abs() / half;
+            b.fill * b.round * (b.radius_mm / typical_mm).min(SEED_SIZE) * central
         };
         let best = self.sections.iter().max_by(|a, b| worth(a).total_cmp(&worth(b)));
         *best.expect("a track has sections in several planes")
@@ -194,7 +219,7 @@ impl Track {
         Some(Self { score, ..whole })
     }
 
-    /// Whether two tracks run in each other over a third of the shorter one, or more.
+    /// Whether two tracks run in each other over a good part of the shorter one.
     pub(super) fn is_same_vessel(&self, other: &Self) -> bool {
         let (a, b) = if self.sections.len() >= other.sections.len() { (self, other) } else { (other, self) };
         let inside = |(k, p): &&(usize, Blob)| {
@@ -204,16 +229,17 @@ impl Track {
                 .take_while(|(l, _)| l == k)
                 .any(|(_, q)| (p.x_mm - q.x_mm).hypot(p.y_mm - q.y_mm) < p.radius_mm.max(q.radius_mm))
         };
-        3 * b.sections.iter().filter(inside).count() >= b.sections.len()
+        SHARED_SHARE * b.sections.iter().filter(inside).count() >= b.sections.len()
     }
+}
+
+/// How well a section fills its ellipse, 0 to 1.
+fn filled(fill: f64) -> f64 {
+    let [least, full] = FILLED;
+    ((fill - least) / (full - least)).clamp(0.0, 1.0)
 }
 
 /// Vessels that are printed: from 2 to 30 mm, less likely down to 1 and up to 50 mm.
 fn size(diameter_mm: f64) -> f64 {
     (diameter_mm - 1.0).clamp(0.0, 1.0) * ((50.0 - diameter_mm) / 20.0).clamp(0.0, 1.0)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

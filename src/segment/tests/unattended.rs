@@ -23,7 +23,7 @@ fn disc(x: f64, y: f64, cx: f64, r: f64) -> bool {
     (x - cx).hypot(y - 20.0) < r
 }
 
-fn leak_of(volume: &Volume) -> guard::Into {
+fn leak_of(volume: &Volume) -> Beyond {
     let seeded = params([20.0, 20.0, 8.0]);
     let window = Params { window_hu: Some([175.0, 2000.0]), ..seeded };
     let Err(Error::Leaks { plane, place, into, neck_mm, .. }) = run(volume, &window) else {
@@ -46,21 +46,18 @@ fn leak_of(volume: &Volume) -> guard::Into {
 
 #[test]
 fn a_vein_that_touches_through_a_neck_is_a_leak() {
-    assert_eq!(leak_of(&beside(2.0, 300.0, |x, y, _| disc(x, y, 36.0, 4.0))), guard::Into::Neighbour);
+    assert_eq!(leak_of(&beside(2.0, 300.0, |x, y, _| disc(x, y, 36.0, 4.0))), Beyond::Neighbour);
 }
 
 #[test]
 fn undiluted_contrast_medium_is_a_leak() {
-    assert!(matches!(
-        leak_of(&beside(2.0, 900.0, |x, y, _| disc(x, y, 36.0, 3.0))),
-        guard::Into::Brighter(_)
-    ));
+    assert!(matches!(leak_of(&beside(2.0, 900.0, |x, y, _| disc(x, y, 36.0, 3.0))), Beyond::Brighter(_)));
 }
 
 #[test]
 fn bone_is_a_leak() {
     let block = |x: f64, y: f64, _| (x - 42.0).abs() < 8.0 && (y - 20.0).abs() < 14.0;
-    assert!(matches!(leak_of(&beside(2.0, 300.0, block)), guard::Into::Larger(_)));
+    assert!(matches!(leak_of(&beside(2.0, 300.0, block)), Beyond::Larger(_)));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use lumenfab::app::settings::{CaseFile, Settings};
 use lumenfab::ct::SeriesChoice;
+use lumenfab::ct::codec::{Codec, Size};
 use lumenfab::ct::reader::{self, Options};
 use lumenfab::progress::Task;
 use lumenfab::ready;
@@ -36,6 +37,47 @@ pub fn as_ct(name: &str, bytes: &[u8]) {
     }
 }
 
+/// Reads the bytes as the two planes of a series: the second copy lies a little further, so that pixels are decoded.
+pub fn as_two_planes(bytes: &[u8]) {
+    let folder = written("planes", "IM0001.dcm", bytes);
+    let mut other = bytes.to_vec();
+    move_image(&mut other);
+    written("planes", "IM0002.dcm", &other);
+    let options =
+        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+    let _ = reader::load_with(&folder, &options, &Task::quiet());
+}
+
+/// Changes the last digit of ImagePositionPatient, where it stands in an explicit little-endian file.
+fn move_image(bytes: &mut [u8]) {
+    const POSITION: &[u8] = b"\x20\x00\x32\x00DS";
+    let Some(at) = bytes.windows(POSITION.len()).position(|w| w == POSITION).map(|at| at + POSITION.len()) else {
+        return;
+    };
+    let Some(length) = bytes.get(at..at + 2).map(|l| usize::from(u16::from_le_bytes([l[0], l[1]]))) else { return };
+    let Some(value) = bytes.get_mut(at + 2..at + 2 + length) else { return };
+    if let Some(digit) = value.iter_mut().rev().find(|b| b.is_ascii_digit()) {
+        *digit = b'0' + (*digit - b'0' + 3) % 10;
+    }
+}
+
+/// Decodes what follows two words for the image's columns and rows.
+pub fn as_pixels(codec: Codec, bytes: &[u8]) {
+    let [a, b, c, d, stream @ ..] = bytes else { return };
+    let side = |low: &u8, high: &u8| usize::from(u16::from_le_bytes([*low, *high])).clamp(1, 1024);
+    let size = Size { columns: side(a, b), rows: side(c, d) };
+    if let Ok(samples) = codec.decode(stream, size) {
+        assert_eq!(samples.words.len(), size.n_pixels());
+    }
+}
+
+/// Run lengths, of one byte a pixel or two.
+pub fn as_run_lengths(bytes: &[u8]) {
+    for bytes_per_pixel in [1, 2] {
+        as_pixels(Codec::Rle { bytes_per_pixel }, bytes);
+    }
+}
+
 /// Reads the bytes as an image file, and as a label map to contours.
 pub fn as_image(bytes: &[u8]) {
     let path = written("image", "input", bytes).join("input");
@@ -55,11 +97,13 @@ pub fn as_ready(bytes: &[u8]) {
     }
 }
 
-/// Reads the bytes as `sections.json`, and writes it again.
+/// Reads the bytes as `sections.json`, repairs the contours, and writes them again.
 pub fn as_sections(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     if let Ok(stack) = lumenfab::sections::format::from_json(text) {
         let _ = lumenfab::sections::format::to_json(&stack);
+        let (repaired, _) = lumenfab::topology::repaired(stack);
+        let _ = lumenfab::sections::format::to_json(&repaired);
     }
 }
 
@@ -75,8 +119,13 @@ pub fn as_case_file(bytes: &[u8]) {
 }
 
 /// All targets by name.
-pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+pub const TARGETS: [(&str, fn(&[u8])); 14] = [
     ("dicom", |bytes| as_ct("IM0001.dcm", bytes)),
+    ("planes", as_two_planes),
+    ("rle", as_run_lengths),
+    ("jpeg", |bytes| as_pixels(Codec::Jpeg, bytes)),
+    ("jpegls", |bytes| as_pixels(Codec::JpegLs, bytes)),
+    ("jpeg2000", |bytes| as_pixels(Codec::Jpeg2000, bytes)),
     ("dicomdir", |bytes| as_ct("DICOMDIR", bytes)),
     ("nifti", as_image),
     ("metaimage", as_image),

@@ -2,12 +2,13 @@
 //!
 //!     cargo run --release --bin seeds -- corpus [PATH/TO/SAMPLE.dcm]...
 //!
-//! Further DICOM samples, say one of every transfer syntax, become seeds of the target `dicom`.
+//! Further DICOM samples, say one of every transfer syntax, become seeds of the targets `dicom` and `planes`, and the compressed
+//! image in them one of its codec's.
 
-use dicom_core::value::{DataSetSequence, PrimitiveValue};
+use dicom_core::value::{DataSetSequence, PixelFragmentSequence, PrimitiveValue, Value};
 use dicom_core::{DataElement, Length, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
+use dicom_object::{FileMetaTableBuilder, InMemDicomObject, open_file};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use lumenfab::phantom::{self, Kind, Params};
@@ -50,8 +51,20 @@ fn main() -> Done {
         )?;
     }
     save("dicom", "phantom", &phantom_image()?)?;
+    save("planes", "phantom", &phantom_image()?)?;
+    for (target, size, stream) in streams()? {
+        save(target, "stream", &[&sides(size), &stream[..]].concat())?;
+        let syntax = SYNTAXES.iter().find(|s| s.1 == target).map_or(uids::RLE_LOSSLESS, |s| s.0);
+        let object = dicom(packed(size, &stream), uids::ENHANCED_CT_IMAGE_STORAGE, syntax)?;
+        save("dicom", &format!("enhanced-{target}"), &object)?;
+    }
     for sample in args {
-        save("dicom", &sample.file_name().unwrap_or_default().to_string_lossy(), &fs::read(&sample)?)?;
+        let (name, bytes) = (sample.file_name().unwrap_or_default().to_string_lossy(), fs::read(&sample)?);
+        save("dicom", &name, &bytes)?;
+        save("planes", &name, &bytes)?;
+        if let Some((target, stream)) = stream_of(&sample) {
+            save(target, &name, &stream)?;
+        }
     }
     save(
         "sections",
@@ -247,6 +260,76 @@ fn directory() -> InMemDicomObject {
         });
         put_items(o, tags::DIRECTORY_RECORD_SEQUENCE, vec![image]);
     })
+}
+
+/// Transfer syntaxes, and the targets that their streams go to.
+const SYNTAXES: [(&str, &str); 8] = [
+    (uids::RLE_LOSSLESS, "rle"),
+    (uids::JPEG_LOSSLESS_SV1, "jpeg"),
+    (uids::JPEG_LOSSLESS, "jpeg"),
+    (uids::JPEG_EXTENDED12_BIT, "jpeg"),
+    (uids::JPEG_BASELINE8_BIT, "jpeg"),
+    (uids::JPEGLS_LOSSLESS, "jpegls"),
+    (uids::JPEG2000_LOSSLESS, "jpeg2000"),
+    (uids::JPEG2000, "jpeg2000"),
+];
+
+/// A stream for every codec: its target, columns and rows, its bytes.
+fn streams() -> Result<Vec<(&'static str, [u16; 2], Vec<u8>)>, Box<dyn std::error::Error>> {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../golden/codec");
+    Ok(vec![
+        ("rle", [8, 8], run_lengths()),
+        ("jpeg", [8, 8], lossless_jpeg()),
+        ("jpegls", [37, 33], fs::read(golden.join("bits12_near0.jls"))?),
+        ("jpeg2000", [37, 33], fs::read(golden.join("bits12_unsigned.j2k"))?),
+    ])
+}
+
+fn sides([columns, rows]: [u16; 2]) -> [u8; 4] {
+    let ([a, b], [c, d]) = (columns.to_le_bytes(), rows.to_le_bytes());
+    [a, b, c, d]
+}
+
+/// 8 x 8 pixels of two bytes: a segment of literals and one that is a run.
+fn run_lengths() -> Vec<u8> {
+    let mut stream: Vec<u8> = [2, 64, 130_u32].into_iter().flat_map(u32::to_le_bytes).collect();
+    stream.resize(64, 0);
+    stream.push(63);
+    stream.extend(0..64);
+    stream.resize(130, 0);
+    stream.extend([193, 3]);
+    stream
+}
+
+/// 8 x 8 pixels that are all alike: one code of one bit.
+fn lossless_jpeg() -> Vec<u8> {
+    let frame = [0xff, 0xd8, 0xff, 0xc3, 0, 11, 12, 0, 8, 0, 8, 1, 1, 0x11, 0];
+    let table = [&[0xff, 0xc4, 0, 20, 0, 1][..], &[0; 16]].concat();
+    let scan = [&[0xff, 0xda, 0, 8, 1, 1, 0, 1, 0, 0][..], &[0; 8], &[0xff, 0xd9]].concat();
+    [&frame[..], &table, &scan].concat()
+}
+
+/// Two frames of one compressed image.
+fn packed([columns, rows]: [u16; 2], stream: &[u8]) -> InMemDicomObject {
+    let mut o = enhanced();
+    put(&mut o, tags::COLUMNS, VR::US, columns);
+    put(&mut o, tags::ROWS, VR::US, rows);
+    let mut fragment = stream.to_vec();
+    fragment.resize(fragment.len().next_multiple_of(2), 0);
+    let fragments = PixelFragmentSequence::new_fragments(vec![fragment; 2]);
+    o.put(DataElement::new(tags::PIXEL_DATA, VR::OB, Value::PixelSequence(fragments)));
+    o
+}
+
+/// The compressed image of a sample, and the target that it is for.
+fn stream_of(sample: &Path) -> Option<(&'static str, Vec<u8>)> {
+    let object = open_file(sample).ok()?;
+    let syntax = object.meta().transfer_syntax().trim_end_matches('\0');
+    let target = SYNTAXES.iter().find(|s| s.0 == syntax)?.1;
+    let side = |tag| object.get(tag)?.to_int::<u16>().ok();
+    let Value::PixelSequence(pixels) = object.get(tags::PIXEL_DATA)?.value() else { return None };
+    let size = [side(tags::COLUMNS)?, side(tags::ROWS)?];
+    Some((target, [&sides(size)[..], &pixels.fragments().concat()].concat()))
 }
 
 /// One plane of a phantom's series.
