@@ -10,6 +10,7 @@
 
 use super::critical::hessian;
 use super::event::{EventFault, EventSource};
+use super::grid::Jet;
 use super::slab::root;
 use super::sweep::Saddle;
 use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
@@ -100,18 +101,16 @@ impl Corners {
         (self.b - self.a).norm().min((self.q - self.p).norm())
     }
 
+    /// The sine of the angle at which that chord which grazes the curves most leaves the waist or reaches a leg.
+    pub(super) fn least_rise(&self, source: &dyn EventSource, saddle: &Saddle) -> f64 {
+        let rise = rise(source, saddle);
+        let Self { a, b, p, q } = *self;
+        rise(a, p).min(rise(b, p)).min(rise(a, q)).min(rise(b, q))
+    }
+
     /// The corners moved so that their chords graze the curves least.
     pub(super) fn turned(self, source: &dyn EventSource, saddle: &Saddle) -> Self {
-        let (waist, legs) = (source.slice(saddle.w_waist), source.slice(saddle.w_legs));
-        let sign = if saddle.opens { 1.0 } else { -1.0 };
-        let inward = |field: &dyn Fn(Point2) -> crate::solid::grid::Jet, p: Point2| {
-            -sign * field(p).slope.try_normalize(1e-12).unwrap_or_default()
-        };
-        // Sine of the angle at which a chord leaves the waist and reaches the leg, the smaller one.
-        let rise = |from: Point2, to: Point2| {
-            let chord = (to - from).try_normalize(1e-12).unwrap_or_default();
-            inward(&*waist, from).dot(&chord).min(inward(&*legs, to).dot(&chord))
-        };
+        let rise = rise(source, saddle);
         let mut all = self;
         let first = FIRST_REACH * (self.b - self.a).norm().max((self.q - self.p).norm());
         for halving in 0..HALVINGS {
@@ -129,6 +128,19 @@ impl Corners {
             all.q = best(q, saddle.w_legs, &saddle.legs[1], &|q| rise(a, q).min(rise(b, q)));
         }
         all
+    }
+}
+
+/// The sine of the angle at which a chord leaves the waist and reaches the leg, the smaller one.
+fn rise<'a>(source: &'a dyn EventSource, saddle: &Saddle) -> impl Fn(Point2, Point2) -> f64 + 'a {
+    let (waist, legs) = (source.slice(saddle.w_waist), source.slice(saddle.w_legs));
+    let sign = if saddle.opens { 1.0 } else { -1.0 };
+    let inward = move |field: &dyn Fn(Point2) -> Jet, p: Point2| {
+        -sign * field(p).slope.try_normalize(1e-12).unwrap_or_default()
+    };
+    move |from, to| {
+        let chord = (to - from).try_normalize(1e-12).unwrap_or_default();
+        inward(&*waist, from).dot(&chord).min(inward(&*legs, to).dot(&chord))
     }
 }
 

@@ -30,9 +30,12 @@ const NOTCH_SPACING: f64 = 0.02;
 const NOTCH_HALVINGS: usize = 8;
 
 /// Slabs are tried at these shares of the thickness asked for, until a saddle has no cell smaller than
-/// [`LEAST_AREA`] of the mean one, seen along z.
+/// [`LEAST_AREA`] of the mean one, seen along z, and its seams rise by [`LEAST_RISE`].
 const THINNESS: [f64; 6] = [1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
 const LEAST_AREA: f64 = 0.1;
+/// Sine of the angle at which chords leave the waist and reach the legs at least. Along a seam that grazes its ring the
+/// laterals' points run along the ring as the root of the height does, which no spline through their rows follows.
+const LEAST_RISE: f64 = 0.1;
 /// Intervals, each way, at which that is measured.
 const AREA_SAMPLES: usize = 16;
 /// Of a thinner slab neither side is thicker than this many times the other one; from that many times on it is made thinner.
@@ -101,8 +104,9 @@ fn cosine_spaced(n: usize) -> Vec<f64> {
 /// whether the source's w is z.
 ///
 /// Where the published corners make a saddle that all but folds (the surface is steep there, and a chord from the waist
-/// to a leg first leads down), corners are looked for from which all chords rise, those on the principal directions at
-/// the apex among them, and the slab is made thinner: the nearer to the apex, the more symmetric is the surface.
+/// to a leg first leads down) or seams that graze a ring, corners are looked for from which all chords rise, those on
+/// the principal directions at the apex among them, and the slab is made thinner: the nearer to the apex, the more
+/// symmetric is the surface.
 pub(super) fn build_slab(
     source: &dyn EventSource,
     saddle: &Saddle,
@@ -120,14 +124,14 @@ pub(super) fn build_slab(
         let others = [&turned as &dyn Fn() -> Option<Corners>, &principal];
         for corners in std::iter::once(published).chain(others.iter().filter_map(|f| f())) {
             let trial = view.trial(&thinner, corners, upward)?;
-            if best.as_ref().is_none_or(|(_, b)| trial.least_area > b.least_area) {
+            if best.as_ref().is_none_or(|(_, b)| trial.fitness > b.fitness) {
                 best = Some((thinner.clone(), trial));
             }
-            if best.as_ref().is_some_and(|(_, b)| b.least_area > LEAST_AREA) {
+            if best.as_ref().is_some_and(|(_, b)| b.fitness > 1.0) {
                 break;
             }
         }
-        if best.as_ref().is_some_and(|(_, b)| b.least_area > LEAST_AREA) {
+        if best.as_ref().is_some_and(|(_, b)| b.fitness > 1.0) {
             break;
         }
     }
@@ -235,8 +239,8 @@ struct Trial {
     corners: Corners,
     seams: Seams,
     patch: PatchSurface,
-    /// The smallest area of the saddle's grid cells, seen along z, by the mean one; negative where it folds.
-    least_area: f64,
+    /// More than 1 where neither the smallest area of the saddle's grid cells nor the rise of its seams is too little.
+    fitness: f64,
 }
 
 impl View<'_> {
@@ -258,8 +262,9 @@ impl View<'_> {
         let seams = Seams { ap: seam(0), bp: seam(1), aq: seam(2), bq: seam(3) };
         let sign = saddle.sign(upward);
         let patch = self.saddle(&seams, &heights, &cosine_spaced(ROWS), sign)?;
-        let least_area = least_area(&patch);
-        Ok(Trial { corners, seams, patch, least_area })
+        let rise = corners.least_rise(self.source, saddle) / LEAST_RISE;
+        let fitness = rise.min(least_area(&patch) / LEAST_AREA);
+        Ok(Trial { corners, seams, patch, fitness })
     }
 
     /// The slab round a saddle patch.
