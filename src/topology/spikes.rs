@@ -89,16 +89,19 @@ impl Ring {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::{Contour, Vector2};
+    use crate::geom::Contour;
+
+    const CENTRE: Point2 = Point2::new(0.3, -2.0);
 
     fn circle(n: usize) -> Vec<Point2> {
-        Contour::circle(Point2::new(0.3, -2.0), 10.0, n).points
+        Contour::circle(CENTRE, 10.0, n).points
     }
 
     /// The outline with a spike of several points at every `step`-th of its points.
     fn spiked(points: &[Point2], step: usize) -> Vec<Point2> {
         let spike = |(i, &p): (usize, &Point2)| {
-            let out = Vector2::new(0.3, 0.2) * (1.0 + (i % 7) as f64);
+            // Square to the outline: along an edge, nobody could tell the spike from it.
+            let out = (p - CENTRE) * (0.1 + 0.05 * (i % 7) as f64);
             if i.is_multiple_of(step) { vec![p, p + out * 0.4, p + out, p + out * 0.7, p] } else { vec![p] }
         };
         points.iter().enumerate().flat_map(spike).collect()
