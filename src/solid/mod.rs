@@ -27,6 +27,7 @@ mod mend;
 mod neck;
 mod skin;
 mod slab;
+mod spacing;
 mod sweep;
 mod tangent;
 mod tip;
