@@ -27,6 +27,7 @@ mod mend;
 mod neck;
 mod skin;
 mod slab;
+mod sound;
 mod spacing;
 mod sweep;
 mod tangent;
