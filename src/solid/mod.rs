@@ -148,6 +148,18 @@ pub enum Error {
     /// Sections cannot be interpolated.
     #[error(transparent)]
     Spline(SplineError),
+    /// The skin does not run through a contour.
+    #[error(
+        "plane {plane} (z {z_mm} mm): the surface misses a contour by {off_mm:.4} mm where at most 0.001 mm are allowed: look for a contour with a sharp spike there, and smooth or redraw it"
+    )]
+    Missed {
+        /// Plane, counted from 0 as it was given.
+        plane: usize,
+        /// Height of the plane.
+        z_mm: f64,
+        /// How far the farthest of its points lies from the surface, mm.
+        off_mm: f64,
+    },
     /// A wall thickness that no printer and no vessel has.
     #[error("wall thickness is {0} mm: it must lie between 0.1 and 20 mm")]
     WallThickness(f64),
