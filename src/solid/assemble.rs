@@ -9,6 +9,7 @@ use super::event::{Beyond, EventFault, EventPlanes, EventSource, Plane, Slab};
 use super::lean::Leans;
 use super::neck;
 use super::skin::{Correspondence, End, Skin, Strand, skin};
+use super::sound::is_sound;
 use super::sweep::{Interval, Joint, LEGS_SIDE_MM, Onward, SLAB_SHARE, Swept, WAIST_SIDE_MM, sweep};
 use super::{Error, Place};
 use crate::ct::Warning;
@@ -320,12 +321,9 @@ impl Event {
             let outer = outer_heights(layout, [&lower, &upper], &planes, upward);
             sweep(&*source, &interval(&planes, outer, upward))
         };
-        let swept = try_on(recipe.source(&planes, sign), planes.clone())
-            .or_else(|error| {
-                let second = recipe.second_source(&planes);
-                if second.is_some() { try_on(second, planes).map_err(|_second| error) } else { Err(error) }
-            })
-            .map_err(fault)?;
+        let first = try_on(recipe.source(&planes, sign), planes.clone());
+        let swept = better(first, || try_on(Some(recipe.second_source(&planes)?), planes).ok());
+        let swept = swept.map_err(fault)?;
         Ok(Self { upward, lower, upper, swept, clearance_mm: 0.0 })
     }
 
@@ -368,6 +366,18 @@ impl Event {
             leans.push(joint.leans);
         }
     }
+}
+
+/// The first event if it is sound; else the second one if there is one, and if the first is no event at all or the second is
+/// sound.
+fn better(
+    first: Result<Swept, EventFault>,
+    second: impl FnOnce() -> Option<Swept>,
+) -> Result<Swept, EventFault> {
+    if first.as_ref().is_ok_and(is_sound) {
+        return first;
+    }
+    second().filter(|swept| first.is_err() || is_sound(swept)).map_or(first, Ok)
 }
 
 fn interval(planes: &EventPlanes, [below, above]: [Onward; 2], upward: bool) -> Interval<'_> {

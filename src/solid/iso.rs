@@ -12,6 +12,9 @@ const LEVELS: u32 = 4;
 /// The steepest that a field usually rises, per mm: 1 for a distance, a little more where several are combined. Where a
 /// contour turns out not to be closed it rises more steeply somewhere, and every cell is looked at.
 const STEEPEST: f64 = 1.5;
+/// Least cosine of the angle by which the zero turns in a step along it; a value that is on it.
+const STEP_TURN: f64 = 0.95;
+const ON_ZERO: f64 = 1e-6;
 /// A vertex nearer than this to the one before it, in steps, is left out.
 const LEAST_SPACING: f64 = 0.25;
 /// Steps along the longer side of what is searched, at most: memory stays bounded, and every edge has a number.
@@ -200,6 +203,26 @@ pub(super) fn project(field: &dyn Fn(Point2) -> Jet, start: Point2, most_mm: f64
     p
 }
 
+/// The zero ahead of a point of it, the inside to the left, by the longest step, halved down to the least one, in which it
+/// turns little; and that step. `None` where it is lost.
+pub(super) fn stepped(
+    field: &dyn Fn(Point2) -> Jet,
+    at: Point2,
+    forward: Vector2,
+    [longest_mm, least_mm]: [f64; 2],
+) -> Option<(Point2, f64)> {
+    let halved = std::iter::successors(Some(longest_mm), |step| Some(0.5 * step));
+    let mut steps = halved.take_while(|step| *step >= least_mm.min(longest_mm));
+    steps.find_map(|step_mm| {
+        let next = project(field, at + forward * step_mm, 0.5 * step_mm);
+        let jet = field(next);
+        let onward = jet.slope.try_normalize(1e-9).map(|s| Vector2::new(-s.y, s.x));
+        let is_straight = onward.is_some_and(|o| o.dot(&forward) > STEP_TURN);
+        let is_least = 0.5 * step_mm < least_mm;
+        (jet.value.abs() <= ON_ZERO && (is_straight || is_least)).then_some((next, step_mm))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -210,6 +233,28 @@ mod tests {
         let bounds = Bounds2 { min: Point2::new(-1.5, -1.5), max: Point2::new(1.5, 1.5) };
         let [found] = &contours(&disk, bounds, 1e-9)[..] else { panic!("one disk") };
         assert!((found.signed_area_mm2() - std::f64::consts::PI).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_zero_that_bends_sharply_is_followed_in_short_steps() {
+        // The upper left quadrant with its corner rounded by 5 micrometres.
+        let field = |p: Point2| {
+            let (x, y) = (p.x, -p.y);
+            let apart = (x - y).hypot(0.01);
+            let slope = Vector2::new(0.5 + 0.5 * (x - y) / apart, -0.5 + 0.5 * (x - y) / apart);
+            Jet { value: 0.5 * (x + y + apart), slope }
+        };
+        let start = project(&field, Point2::new(-1.0, 0.0), 0.1);
+        let (mut at, mut n, mut length_mm) = (start, 0, 0.0);
+        while at.y < 1.0 && n < 1000 {
+            let slope = field(at).slope.normalize();
+            let (next, step_mm) =
+                stepped(&field, at, Vector2::new(-slope.y, slope.x), [0.1, 1e-5]).expect("a way on");
+            assert!(field(next).value.abs() <= ON_ZERO && step_mm <= 0.1);
+            length_mm += (next - at).norm();
+            (at, n) = (next, n + 1);
+        }
+        assert!((length_mm - (at.y - start.x)).abs() < 0.02 && n < 100, "{length_mm} mm in {n} steps");
     }
 
     #[test]

@@ -29,6 +29,8 @@ mod neck;
 mod section;
 mod skin;
 mod slab;
+mod sound;
+mod spacing;
 mod stored;
 mod sweep;
 mod tangent;
@@ -155,6 +157,18 @@ pub enum Error {
         z_mm: [f64; 2],
         /// Why.
         fault: BranchFault,
+    },
+    /// The skin does not run through a contour.
+    #[error(
+        "plane {plane} (z {z_mm} mm): the surface misses a contour by {off_mm:.4} mm where at most 0.001 mm are allowed: look for a contour with a sharp spike there, and smooth or redraw it"
+    )]
+    Missed {
+        /// Plane, counted from 0 as it was given.
+        plane: usize,
+        /// Height of the plane.
+        z_mm: f64,
+        /// How far the farthest of its points lies from the surface, mm.
+        off_mm: f64,
     },
     /// A wall thickness that no printer and no vessel has.
     #[error("wall thickness is {0} mm: it must lie between 0.1 and 20 mm")]

@@ -5,22 +5,13 @@ use super::between::between;
 use super::event::{Crotch, Slab};
 use super::lean::{Leans, end_slopes};
 use super::mend::mended;
+use super::spacing::{LEAST_COMPUTED, Notch, Round, SECTION_POINTS, fractions};
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2};
 use crate::spline::{ClosedCurve, SectionCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Points round a tube's section. 128 at the waist cost a factor of four in accuracy; contours with sharper bends than
-/// these points can follow get twice as many, and twice that; more still where the looser tolerance asks for it.
-const SECTION_POINTS: [usize; 5] = [256, 512, 1024, 2048, 4096];
-/// How far a section may leave the closed spline through its contour, mm; and before the most points are spent.
-const SECTION_TOLERANCE_MM: f64 = 3e-4;
-const LOOSE_TOLERANCE_MM: f64 = 8e-4;
-/// Number of points beyond which the looser tolerance decides.
-const AMPLE_POINTS: usize = 1024;
-/// Most that points are closer in a notch than elsewhere.
-const MOST_DENSITY: f64 = 8.0;
 
 /// Which points of neighbouring sections of a tube are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -122,7 +113,8 @@ pub(super) fn skin(
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, Error> {
-    let loft = |strand: &Strand| tube(strand, &slabs, leans, correspondence);
+    let least = if is_measured { 0.0 } else { LEAST_COMPUTED };
+    let loft = |strand: &Strand| tube(strand, &slabs, leans, Points { correspondence, least });
     let lofted: Vec<Result<(Strand, Tube), Error>> =
         strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
     let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -178,13 +170,17 @@ pub enum BranchFault {
     Spline(#[from] SplineError),
 }
 
-fn tube(
-    strand: &Strand,
-    slabs: &[Slab],
-    leans: &[Leans],
+/// How points are set round the sections of a tube.
+#[derive(Debug, Clone, Copy)]
+struct Points {
     correspondence: Correspondence,
-) -> Result<Tube, Error> {
-    let surface = lofted(strand, slabs, leans, correspondence)
+    /// No closer than this part of the way round.
+    least: f64,
+}
+
+/// The tube through the sections of a strand.
+fn tube(strand: &Strand, slabs: &[Slab], leans: &[Leans], points: Points) -> Result<Tube, Error> {
+    let surface = lofted(strand, slabs, leans, points)
         .map_err(|fault| Error::Branch { z_mm: strand.z_range_mm(slabs), fault })?;
     Ok(Tube { surface, bottom: strand.bottom, top: strand.top })
 }
@@ -193,7 +189,7 @@ fn lofted(
     strand: &Strand,
     slabs: &[Slab],
     leans: &[Leans],
-    correspondence: Correspondence,
+    points: Points,
 ) -> Result<TubeSurface, BranchFault> {
     let curve = |(z_mm, contour): &GivenSection| {
         ClosedCurve::through(contour).ok_or(BranchFault::Degenerate { z_mm: *z_mm })
@@ -205,15 +201,13 @@ fn lofted(
         return Err(BranchFault::TooFew { found: curves.len() });
     }
     let z: Vec<f64> = strand.sections.iter().map(|s| s.0).collect();
-    let starts_mm = starts_mm(&curves, correspondence);
-    let last = curves.len() - 1;
-    let notches: Vec<Notch> = [(strand.bottom, 0), (strand.top, last)]
-        .into_iter()
-        .flat_map(|(end, k)| notches(end, slabs, &curves[k], starts_mm[k]))
-        .collect();
-    let fractions = fractions_for(&curves, &starts_mm, &notches);
-    let sections: Vec<Vec<Point2>> =
-        curves.par_iter().zip(&starts_mm).map(|(c, start)| placed(c, *start, &fractions)).collect();
+    let starts_mm = starts_mm(&curves, points.correspondence);
+    let rounds: Vec<Round<'_>> =
+        curves.iter().zip(starts_mm).map(|(curve, start_mm)| Round { curve, start_mm }).collect();
+    let ends = [(strand.bottom, &rounds[0]), (strand.top, &rounds[rounds.len() - 1])];
+    let notches: Vec<Notch> = ends.into_iter().flat_map(|(end, round)| notches(end, slabs, round)).collect();
+    let fractions = fractions(&rounds, &notches, points.least);
+    let sections: Vec<Vec<Point2>> = rounds.par_iter().map(|round| round.placed(&fractions)).collect();
     let mut seen: Vec<(f64, &[Point2])> = z.iter().copied().zip(sections.iter().map(Vec::as_slice)).collect();
     let bottom = end_slopes(strand.bottom, leans, &seen);
     seen.reverse();
@@ -221,44 +215,9 @@ fn lofted(
     Ok(TubeSurface::sloped(&z, &sections, [bottom.as_deref(), top.as_deref()])?)
 }
 
-/// The fewest points round the section, as fractions of the way round, with which the splines through them keep to all
-/// curves of a tube.
-fn fractions_for(curves: &[ClosedCurve], starts_mm: &[f64], notches: &[Notch]) -> Vec<f64> {
-    let most = SECTION_POINTS[SECTION_POINTS.len() - 1];
-    for n in SECTION_POINTS.into_iter().filter(|n| *n < most) {
-        let tolerance_mm = if n < AMPLE_POINTS { SECTION_TOLERANCE_MM } else { LOOSE_TOLERANCE_MM };
-        let fractions = fractions(notches, n);
-        let keeps =
-            |(curve, start_mm): (&ClosedCurve, &f64)| keeps_to(curve, *start_mm, &fractions, tolerance_mm);
-        if curves.par_iter().zip(starts_mm).all(keeps) {
-            return fractions;
-        }
-    }
-    fractions(notches, most)
-}
-
-/// Whether the closed spline through points of a curve stays near to it between them.
-fn keeps_to(curve: &ClosedCurve, start_mm: f64, fractions: &[f64], tolerance_mm: f64) -> bool {
-    let (n, whole) = (fractions.len(), curve.length_mm());
-    let points = placed(curve, start_mm, fractions);
-    let section = SectionCurve::through_points(&points);
-    (0..n).all(|i| {
-        let next = fractions.get(i + 1).copied().unwrap_or(1.0 + fractions[0]);
-        let off = section.at((i as f64 + 0.5) / n as f64)
-            - curve.at_length(start_mm + 0.5 * (fractions[i] + next) * whole);
-        // Along the curve the parameter may run as it likes.
-        let along = (points[(i + 1) % n] - points[i]).try_normalize(1e-12).unwrap_or_default();
-        off.perp(&along).abs() <= tolerance_mm
-    })
-}
-
-fn placed(curve: &ClosedCurve, start_mm: f64, fractions: &[f64]) -> Vec<Point2> {
-    fractions.iter().map(|f| curve.at_length(start_mm + f * curve.length_mm())).collect()
-}
-
 /// Where each curve of a tube starts, by arc length.
 fn starts_mm(curves: &[ClosedCurve], correspondence: Correspondence) -> Vec<f64> {
-    let n_points = SECTION_POINTS[0];
+    let n_points = SECTION_POINTS;
     let mut starts_mm: Vec<f64> = Vec::with_capacity(curves.len());
     let mut previous: Vec<Point2> = Vec::new();
     for curve in curves {
@@ -273,65 +232,14 @@ fn starts_mm(curves: &[ClosedCurve], correspondence: Correspondence) -> Vec<f64>
     starts_mm
 }
 
-/// A place on the end of a tube where its contour bends sharply: a corner of the patches that meet it.
-#[derive(Debug, Clone, Copy)]
-struct Notch {
-    /// Fraction of the way round at which it lies.
-    at: f64,
-    /// How much denser than elsewhere points are set in it.
-    density: f64,
-    /// Half its width as a fraction of the way round.
-    width: f64,
-}
-
 /// The notches on the section at the end of a tube. Points as far apart as elsewhere would round them off.
-fn notches(end: End, slabs: &[Slab], curve: &ClosedCurve, start_mm: f64) -> Vec<Notch> {
+fn notches(end: End, slabs: &[Slab], round: &Round<'_>) -> Vec<Notch> {
     let corners = match end {
         End::Cap => Vec::new(),
         End::Waist { slab } => slabs[slab].corners_at(0).to_vec(),
         End::Daughter { slab, side } => vec![slabs[slab].corners_at(1)[side]],
     };
-    let whole = curve.length_mm();
-    let spacing_mm = whole / SECTION_POINTS[0] as f64;
-    let notch = |corner: Point2| {
-        let n = 8 * SECTION_POINTS[0];
-        let at_mm = |i: usize| whole * i as f64 / n as f64;
-        let off = |i: &usize| (curve.at_length(at_mm(*i)) - corner).norm_squared();
-        let nearest_mm = at_mm((0..n).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0));
-        let h = 0.5 * spacing_mm;
-        let [before, here, after] = [-h, 0.0, h].map(|d| curve.at_length(nearest_mm + d).coords);
-        let curvature = ((before - here * 2.0 + after) / (h * h)).norm();
-        let density = (3.0 * spacing_mm * curvature).clamp(1.0, MOST_DENSITY);
-        let width = (3.5 / (curvature * whole).max(1e-9)).clamp(0.004, 0.03);
-        Notch { at: ((nearest_mm - start_mm) / whole).rem_euclid(1.0), density, width }
-    };
-    corners.into_iter().map(notch).collect()
-}
-
-/// Where the points of all sections of a tube are set, as fractions of the way round: evenly, but closer in the notches.
-fn fractions(notches: &[Notch], n_points: usize) -> Vec<f64> {
-    let passed = |s: f64| {
-        let one = |n: &Notch| {
-            // Its images in the turns before and after make the density periodic.
-            let turns = [-1.0, 0.0, 1.0].map(|k: f64| ((s - n.at - k) / n.width).atan());
-            (n.density - 1.0) * n.width * turns.iter().sum::<f64>()
-        };
-        s + notches.iter().map(one).sum::<f64>()
-    };
-    let (first, whole) = (passed(0.0), passed(1.0) - passed(0.0));
-    let place = |i: usize| {
-        let target = first + whole * i as f64 / n_points as f64;
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            if passed(middle) < target { low = middle } else { high = middle }
-        }
-        0.5 * (low + high)
-    };
-    if notches.is_empty() {
-        return (0..n_points).map(|i| i as f64 / n_points as f64).collect();
-    }
-    (0..n_points).map(place).collect()
+    corners.into_iter().map(|corner| Notch::at_corner(round, corner)).collect()
 }
 
 /// The published rule for the first section of a branch: start where x is least.
@@ -343,7 +251,7 @@ fn least_x_start(curve: &ClosedCurve, n_points: usize) -> f64 {
 
 /// The published rule for every further section: start at the point nearest to the start before.
 fn nearest_start(curve: &ClosedCurve, start: Point2) -> f64 {
-    let n = 4 * SECTION_POINTS[0];
+    let n = 4 * SECTION_POINTS;
     let step_mm = curve.length_mm() / n as f64;
     let off = |s: f64| (curve.at_length(s) - start).norm_squared();
     let nearest =

@@ -385,11 +385,7 @@ impl View<'_> {
                 polyline.push(arc.end);
                 return Some(polyline);
             }
-            let ahead = at + forward * step_mm;
-            let next = iso::project(&*field, ahead, 0.5 * step_mm);
-            if field(next).value.abs() > 1e-6 {
-                return None;
-            }
+            let (next, step_mm) = iso::stepped(&*field, at, forward, [step_mm, LEAST_TRACE * longest_mm])?;
             passed_mm += step_mm;
             at = next;
             polyline.push(at);

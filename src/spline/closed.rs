@@ -132,6 +132,11 @@ impl ClosedCurve {
         self.arc[self.points.len()]
     }
 
+    /// The points that it was made through, each with its arc length from the first one, mm.
+    pub fn given(&self) -> impl Iterator<Item = (f64, Point2)> + '_ {
+        self.arc.iter().copied().zip(self.points.iter().copied())
+    }
+
     /// The point at fraction `t` of piece `i`.
     fn at(&self, i: usize, t: f64) -> Point2 {
         let j = (i + 1) % self.points.len();

@@ -388,17 +388,28 @@ impl SectionCurve {
         let points = self.points();
         let distance = |i: &usize| (points[*i] - p).norm_squared();
         let start = (0..n).min_by(|i, j| distance(i).total_cmp(&distance(j))).unwrap_or(0);
-        let (mut u, step) = (start as f64 / n as f64, 1.0 / n as f64);
+        let u = self.foot(p, start as f64 / n as f64, 1e-15).rem_euclid(1.0);
+        if u < 1.0 { u } else { 0.0 }
+    }
+
+    /// The distance of a point from the curve near u, mm.
+    #[must_use]
+    pub fn distance_mm(&self, p: Point2, u: f64) -> f64 {
+        (p - self.at(self.foot(p, u, 1e-3 / self.len() as f64))).norm()
+    }
+
+    /// The parameter near `start` at which the curve is nearest to a point, by steps down to the least one.
+    fn foot(&self, p: Point2, start: f64, least_step: f64) -> f64 {
+        let (mut u, step) = (start, 1.0 / self.len() as f64);
         for _ in 0..20 {
             let (off, along) = (p - self.at(u), self.derivative_at(u));
             let by = (off.dot(&along) / along.norm_squared().max(1e-300)).clamp(-step, step);
             u += by;
-            if by.abs() < 1e-15 {
+            if by.abs() < least_step {
                 break;
             }
         }
-        let u = u.rem_euclid(1.0);
-        if u < 1.0 { u } else { 0.0 }
+        u
     }
 
     /// Largest second derivative with respect to u, mm: the second derivative of a cubic spline is linear between
