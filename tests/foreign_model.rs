@@ -101,7 +101,10 @@ fn what_cannot_be_printed_is_refused_in_one_line_and_nothing_is_written() {
     put("hole.stl", &stl(&facets[9..]));
     let large: Vec<Facet> = facets.iter().map(|f| f.map(|p| p.map(|c| 40.0 * c))).collect();
     put("large.stl", &stl(&large));
-    put("word.stl", "this is not a model of anything, but a text that is long enough to be one, as far as its bytes go");
+    put(
+        "word.stl",
+        "this is not a model of anything, but a text that is long enough to be one, as far as its bytes go",
+    );
     for (args, code, expected) in [
         (vec!["a.stl"], 2, "--out: found none"),
         (vec!["a.stl", "--out", "x", "--layer-mm", "0.9"], 1, "layer height 0.9 mm is out of range"),

@@ -5,8 +5,8 @@ use super::case::CaseError;
 use super::settings::SettingError;
 use super::volume_file::VolumeFileError;
 use crate::{
-    brep, ct, mesh, model, motion, phantom, preview, printer, profile, progress, ready, report, sections, segment, slice,
-    solid, toolpath, topology, view,
+    brep, ct, mesh, model, motion, phantom, preview, printer, profile, progress, ready, report, sections,
+    segment, slice, solid, toolpath, topology, view,
 };
 use std::path::PathBuf;
 

@@ -216,9 +216,10 @@ fn job(
         }
         // The built-in phantom is for whoever names nothing at all: a folder without a case is a slip.
         if !case::is_case(path) && patch.named_source().is_none() {
-            let problem = "is a folder without a case file (*.toml): name a case file, a case directory, or a folder \
+            let problem =
+                "is a folder without a case file (*.toml): name a case file, a case directory, or a folder \
                            of case files; to start from a CT: run --ct PATH --out DIR"
-                .into();
+                    .into();
             return Ok(Err(Error::CaseFile { path: path.to_owned(), problem }));
         }
         return Ok(Ok(Job { dir: path.to_owned(), parameters: patch }));
@@ -257,7 +258,8 @@ fn stage<'a>(
 fn segment(args: &SegmentArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     let (patch, out) = (args.ct.patch(), args.out.as_deref());
     if args.case.is_none() && out.is_none() {
-        let line = "--out: found neither it nor a case, expected --out CASE to start a case, or a case directory";
+        let line =
+            "--out: found neither it nor a case, expected --out CASE to start a case, or a case directory";
         return Ok(face.usage_error(line));
     }
     let mut session = match &args.case {
@@ -306,7 +308,8 @@ fn slice(args: &SliceArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         ("--orient", args.orient.is_some()),
     ];
     if let Some((flag, _)) = only_models.iter().find(|(_, given)| *given) {
-        let line = format!("{flag}: found it with a case, expected a model; a case takes it from its --profile");
+        let line =
+            format!("{flag}: found it with a case, expected a model; a case takes it from its --profile");
         return Ok(face.usage_error(&line));
     }
     let outcome = stage(&args.case, args.layer.patch(), context, |session| {

@@ -1,5 +1,5 @@
-use super::*;
 use super::testing::cuboid;
+use super::*;
 use crate::mesh::stl as writer;
 
 fn as_text(facets: &[Facet]) -> String {

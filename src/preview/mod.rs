@@ -125,7 +125,9 @@ fn runs(bead: &Bead) -> Vec<(f64, Vec<Point2>)> {
     let mut all: Vec<(f64, Vec<Point2>)> = Vec::new();
     for pair in bead.points.windows(2) {
         match all.last_mut() {
-            Some((width, points)) if (*width - pair[0].width_mm).abs() < SAME_WIDTH_MM => points.push(pair[1].at),
+            Some((width, points)) if (*width - pair[0].width_mm).abs() < SAME_WIDTH_MM => {
+                points.push(pair[1].at)
+            }
             _ => all.push((pair[0].width_mm, vec![pair[0].at, pair[1].at])),
         }
     }

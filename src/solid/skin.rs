@@ -8,10 +8,9 @@ use super::mend::mended;
 use super::spacing::{LEAST_COMPUTED, Notch, Round, SECTION_POINTS, fractions};
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2};
-use crate::spline::{ClosedCurve, SectionCurve, SplineError, TubeSurface};
+use crate::spline::{ClosedCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-
 
 /// Which points of neighbouring sections of a tube are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

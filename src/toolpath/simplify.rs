@@ -94,7 +94,8 @@ mod tests {
             let around = contour.points.iter().chain(contour.points.first());
             around.map(|p| Vector3::new(p.x, p.y, 0.0)).collect()
         };
-        let area = |points: &[Vector3]| 0.5 * points.windows(2).map(|p| p[0].xy().perp(&p[1].xy())).sum::<f64>();
+        let area =
+            |points: &[Vector3]| 0.5 * points.windows(2).map(|p| p[0].xy().perp(&p[1].xy())).sum::<f64>();
         let shorter = |points: &[Vector3], tolerance: f64| -> (Vec<usize>, Vec<Vector3>) {
             let kept = keep(points, tolerance);
             let shifts = area_keeping(points, &kept, true);
@@ -109,7 +110,8 @@ mod tests {
             let off = |p: &Vector3| ((p.xy() - Vector2::new(1.0, 2.0)).norm() - 3.0).abs();
             assert!(moved.iter().map(off).fold(0.0, f64::max) < 2e-3);
         }
-        let square = Contour::new([(0., 0.), (4., 0.), (4., 4.), (0., 4.)].map(|(x, y)| Point2::new(x, y)).into());
+        let square =
+            Contour::new([(0., 0.), (4., 0.), (4., 4.), (0., 4.)].map(|(x, y)| Point2::new(x, y)).into());
         let square = closed(&square.resampled(64));
         let (kept, moved) = shorter(&square, 1e-6);
         assert!(kept.iter().zip(&moved).all(|(&k, p)| square[k] == *p));

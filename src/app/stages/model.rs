@@ -54,7 +54,8 @@ pub struct SlicedModel {
 
 impl std::fmt::Display for SlicedModel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, bed_from_model_mm: [x, y, z] } = self;
+        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, bed_from_model_mm: [x, y, z] } =
+            self;
         write!(
             f,
             "{n_triangles} triangles, {n_layers} layers, {n_lines} lines, {} of printing, {:.2} m of filament; the model's \

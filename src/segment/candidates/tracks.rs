@@ -211,7 +211,8 @@ impl Track {
 
     /// Tracks of one vessel as one.
     pub(super) fn of_parts(parts: &[&Self], z_mm: &[f64]) -> Option<Self> {
-        let mut sections: Vec<(usize, Blob)> = parts.iter().flat_map(|t| t.sections.iter().copied()).collect();
+        let mut sections: Vec<(usize, Blob)> =
+            parts.iter().flat_map(|t| t.sections.iter().copied()).collect();
         sections.sort_by_key(|(k, _)| *k);
         let whole = Self::try_new(sections, z_mm, parts.first()?.sign)?;
         // A whole is no less a vessel than its best part.

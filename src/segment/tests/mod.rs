@@ -238,7 +238,10 @@ fn a_polarity_that_the_image_contradicts_is_refused() {
     let dark = Params { polarity: Polarity::Dark, ..params([8.0, 7.0, 1.0]) };
     for params in [dark.clone(), Params { window_hu: Some([200.0, 600.0]), ..dark }] {
         let refused = run(&disk(300.0), &params).unwrap_err();
-        assert!(matches!(refused, Error::OtherPolarity { asked: "dark", found: "brighter", .. }), "{refused}");
+        assert!(
+            matches!(refused, Error::OtherPolarity { asked: "dark", found: "brighter", .. }),
+            "{refused}"
+        );
     }
     let bright = Params { polarity: Polarity::Bright, ..params([8.0, 7.0, 1.0]) };
     assert!(run(&disk(300.0), &bright).is_ok());

@@ -114,8 +114,12 @@ impl<'a> Cutter<'a> {
         let segments: Vec<chain::Segment> =
             own.iter().map(|&t| self.segment(self.mesh.triangles[t as usize], slot.z_mid_mm)).collect();
         let chained = chain::chained(&segments);
-        let closed = chain::closed(chained, MOST_GAP_MM)
-            .map_err(|(gap_mm, at)| Error::OpenMesh { layer, z_mm: slot.z_mid_mm, gap_mm, at_mm: [at.x, at.y] })?;
+        let closed = chain::closed(chained, MOST_GAP_MM).map_err(|(gap_mm, at)| Error::OpenMesh {
+            layer,
+            z_mm: slot.z_mid_mm,
+            gap_mm,
+            at_mm: [at.x, at.y],
+        })?;
         let (material, is_united) = tidy::tidied(closed.contours);
         let lumen = holes(&material);
         let layer = Layer { slot, material, lumen };

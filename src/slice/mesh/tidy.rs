@@ -36,9 +36,8 @@ fn key(c: &Contour) -> (f64, f64, usize) {
 
 fn from_least_point(contour: &mut Contour) {
     let points = &mut contour.points;
-    let least = (0..points.len()).min_by(|&a, &b| {
-        points[a].x.total_cmp(&points[b].x).then(points[a].y.total_cmp(&points[b].y))
-    });
+    let least = (0..points.len())
+        .min_by(|&a, &b| points[a].x.total_cmp(&points[b].x).then(points[a].y.total_cmp(&points[b].y)));
     points.rotate_left(least.unwrap_or(0));
 }
 
