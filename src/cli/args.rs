@@ -574,7 +574,7 @@ mod tests {
         ] {
             assert_eq!(refused(&args), line, "{args:?}");
         }
-        for args in [vec!["export", "c"], vec!["runn"], vec!["run", "--wal-mm", "1"], vec!["segment"]] {
+        for args in [vec!["export", "c"], vec!["runn"], vec!["run", "--wal-mm", "1"], vec!["slice"]] {
             let line = refused(&args);
             assert!(!line.contains('\n') && line.ends_with("(see --help)"), "{line}");
         }

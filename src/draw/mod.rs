@@ -69,6 +69,12 @@ pub(crate) fn text_width(text: &str, unit: f32) -> f32 {
     text.chars().map(advance).sum::<f32>() * unit
 }
 
+/// Whether every character of a text is drawn.
+#[cfg(test)]
+pub(crate) fn is_drawn(text: &str) -> bool {
+    text.chars().all(|c| c == ' ' || !glyphs::strokes(c).is_empty())
+}
+
 fn advance(c: char) -> f32 {
     if c == ' ' { 0.55 * glyphs::ADVANCE } else { glyphs::ADVANCE }
 }

@@ -27,6 +27,7 @@ fn every_layer_has_a_picture_of_one_size_and_an_svg_of_its_beads() {
     };
     assert_eq!(size(&previews[0]), size(&previews[1]));
     assert!(previews[1].svg.contains("<title>layer 1  z 0.40 mm  CT plane 7</title>"));
+    assert!(draw::is_drawn(&caption(1, &paths.layers[1])));
     let n_external = previews[0].svg.matches("data-type=\"External perimeter\"").count();
     assert!(n_external >= 2, "{n_external}");
     assert_eq!(of_layers(&paths, &Task::quiet()).unwrap(), previews);

@@ -201,7 +201,7 @@ mod tests {
             assert_eq!(from_json(&text).unwrap_err().to_string(), message, "{text}");
         }
         let nan = from_json(&document(r#"{"z_mm":NaN,"contours":[]}"#)).unwrap_err().to_string();
-        assert_eq!(nan, "plane 0: found NaN or Infinity, expected \"z_mm\": a height in mm");
+        assert_eq!(nan, "plane 1: found NaN or Infinity, expected \"z_mm\": a height in mm");
         let broken = from_json("{]").unwrap_err().to_string();
         assert!(broken.starts_with("not a sections document: ") && broken.contains("line 1"), "{broken}");
     }
