@@ -12,7 +12,7 @@ mod field;
 use field::{Branch, Course, Hole, Tree};
 use lumenfab::brep::{self, Brep};
 use lumenfab::geom::{Contour, Point2, RigidTransform, SegmentIndex, Vector2};
-use lumenfab::mesh::{SkinChoice, Tessellation, TriMesh, fit_for_files, tessellate};
+use lumenfab::mesh::{SkinChoice, Tessellation, TriMesh, fit_for_files, parted};
 use lumenfab::progress::Task;
 use lumenfab::sections::format::to_json;
 use lumenfab::sections::{PlaneSections, SectionStack};
@@ -177,10 +177,11 @@ fn solid_of(case: &Case, stack: &SectionStack) -> Result<Solid, String> {
     Ok(solid)
 }
 
-/// A mesh as a file holds it: closed, and meeting itself nowhere.
+/// A mesh as a file holds it: closed, and meeting itself nowhere. Where it does not keep the deflection `export` says so
+/// and by how much: that is no fault of the solid.
 fn mesh_of(solid: &Solid) -> Result<TriMesh, String> {
     let how = Tessellation::within(0.05, SkinChoice::All);
-    let mesh = tessellate(solid, &how, &Task::quiet()).map_err(|e| e.to_string())?;
+    let mesh = parted(solid, &how, &Task::quiet()).map_err(|e| e.to_string())?.mesh;
     fit_for_files(&mesh, &Task::quiet()).map_err(|e| e.to_string())
 }
 
@@ -221,9 +222,8 @@ fn trees() -> std::ops::Range<u32> {
     part.unwrap_or_else(|| 0..asked.parse().unwrap_or(40))
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 39 of the sample of 40 do. What is still
-/// refused is, most often, an outer skin whose crotch is not located; else an event whose field has more critical points
-/// than the event asks for.
+/// How many of a hundred trees must become valid solids. The aim is 99; 38 of the sample of 40 do (all of the first 40
+/// that are drawn without a seed). What is still refused are outer skins of loops, whose wall closes over what is between.
 const LEAST_VALID_PERCENT: usize = 95;
 
 /// Draws always the same trees, or those of the seed that `PROPTEST_RNG_SEED` names.
