@@ -14,8 +14,10 @@ use serde::Serialize;
 
 /// Samples of the surface along a median edge of the mesh.
 const SAMPLES_AN_EDGE: f64 = 4.0;
-/// Most samples in one direction of a face.
+/// Most samples in one direction of a face, and about how many on all of a mesh: rows of slender triangles have short edges
+/// one way only, and samples that close both ways take hours.
 const MOST: f64 = 20_000.0;
+const MOST_OF_ALL: f64 = 8e6;
 /// Intervals into which what lies between two sections of a tube, a whole turn and a side of a patch are parted to
 /// measure lengths.
 const PARTS_A_SECTION: usize = 8;
@@ -100,7 +102,7 @@ pub(super) fn farthest(
     if mesh.triangles.is_empty() {
         return Ok(Deviation { mm: f64::INFINITY, at: Point3::origin() });
     }
-    let spacing_mm = quantile(&mut shape(mesh).0, 0.5) / SAMPLES_AN_EDGE;
+    let spacing_mm = spacing_mm(mesh);
     let outer = solid.outer.as_ref().filter(|_| skin == SkinChoice::All);
     let bvh = Bvh::of(mesh);
     let off = |p: Point3| Deviation { mm: distance(&bvh, mesh, p, deflection_mm), at: p };
@@ -122,6 +124,12 @@ pub(super) fn farthest(
 fn distance(bvh: &Bvh, mesh: &TriMesh, p: Point3, deflection_mm: f64) -> f64 {
     let near = bvh.nearest(mesh, p, 2.0 * deflection_mm).or_else(|| bvh.nearest(mesh, p, f64::INFINITY));
     near.map_or(f64::INFINITY, |n| n.distance_mm)
+}
+
+/// How far apart the samples are that tell what a mesh is worth.
+fn spacing_mm(mesh: &TriMesh) -> f64 {
+    let fine_mm = quantile(&mut shape(mesh).0, 0.5) / SAMPLES_AN_EDGE;
+    fine_mm.max((mesh.area_mm2() / MOST_OF_ALL).sqrt())
 }
 
 /// Lengths of all edges, mm, and the smallest angle of each triangle, degrees.

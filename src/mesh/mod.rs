@@ -190,6 +190,15 @@ impl TriMesh {
         six_fold / 6.0
     }
 
+    /// Area of all triangles, mm².
+    fn area_mm2(&self) -> f64 {
+        let doubled = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| self.vertices[i as usize]);
+            (b - a).cross(&(c - a)).norm()
+        };
+        0.5 * self.triangles.iter().map(doubled).sum::<f64>()
+    }
+
     /// The mesh as a file of 32-bit floats holds it: vertices that fall together there are one.
     #[must_use]
     pub fn in_single_precision(&self) -> Self {

@@ -21,6 +21,9 @@ const LEAST_SAMPLE_STEP_MM: f64 = 0.1;
 /// How far apart the points of neighbouring rings may lie, in their distance, before further rings are put between them;
 /// and how many steps are made of one at most.
 const MOST_APART: f64 = 1.5;
+/// How far the normal may turn between neighbouring rings, radians, before further rings are put between them: what juts
+/// out between two planes is thinner than rings are apart.
+const MOST_TURN: f64 = 0.5;
 const MOST_BETWEEN: f64 = 16.0;
 /// Every how many of a section's points is a column where they are close enough.
 const COLUMN_STRIDE: usize = 2;
@@ -160,16 +163,24 @@ fn closer(
     let rings: Vec<Vec<Oriented>> = heights.par_iter().map(|&z| ring(z)).collect();
     let further = |k: usize| -> Vec<(f64, Vec<Oriented>)> {
         let Some(before) = k.checked_sub(1) else { return Vec::new() };
-        let apart = rings[before].iter().zip(&rings[k]).map(|(a, b)| (b.0 - a.0).norm()).fold(0.0, f64::max);
-        let share = apart / most_mm;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
-        let n = if share > MOST_APART { share.ceil().min(MOST_BETWEEN) as usize } else { 1 };
+        let n = steps_between(&rings[before], &rings[k], most_mm);
         let (from, to) = (heights[before], heights[k]);
         (1..n).map(|i| from + (to - from) * i as f64 / n as f64).map(|z| (z, ring(z))).collect()
     };
     let between: Vec<_> = (0..heights.len()).into_par_iter().map(further).collect();
     let given = heights.iter().copied().zip(rings);
     between.into_iter().zip(given).flat_map(|(further, given)| further.into_iter().chain([given])).unzip()
+}
+
+/// In how many steps one goes from a ring to the next.
+fn steps_between(a: &[Oriented], b: &[Oriented], most_mm: f64) -> usize {
+    let apart_mm = a.iter().zip(b).map(|(a, b)| (b.0 - a.0).norm()).fold(0.0, f64::max);
+    let turn = a.iter().zip(b).map(|(a, b)| a.1.angle(&b.1)).fold(0.0, f64::max);
+    let (share, turns) = (apart_mm / most_mm, turn / MOST_TURN);
+    let asked = if share > MOST_APART { share.max(turns) } else { turns };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
+    let n = asked.ceil().clamp(1.0, MOST_BETWEEN) as usize;
+    n
 }
 
 /// Every `stride`-th point round a tube at z with its outward normal, beyond its ends along the end tangents.

@@ -451,7 +451,17 @@ impl<'a> Wall<'a> {
                 found.push(trace::contour(&self.tracer().outline(p, z)?));
             }
         }
-        Some(outermost(found))
+        let outlines = outermost(found);
+        self.hold_lumen(&outlines, z).then_some(outlines)
+    }
+
+    /// Whether the lumen at z lies in the outlines: two that were taken for one another lie in neither.
+    fn hold_lumen(&self, outlines: &[Contour], z: f64) -> bool {
+        let cut = self.lumen.tubes.iter().map(|tube| tube.surface.net()).filter(|net| {
+            let [low, high] = net.z_range_mm();
+            low < z && z < high
+        });
+        cut.map(|net| net.at(0.0, z).xy()).all(|p| outlines.iter().any(|c| c.contains(p)))
     }
 
     /// Whether a point of the raw parallel surface is on the skin.

@@ -18,7 +18,7 @@ const LEAST_TURN: f64 = 0.02;
 /// Turn over one step beyond which the step is halved, cosine; and how often.
 const MOST_TURN_COS: f64 = 0.8;
 const MOST_HALVINGS: u32 = 5;
-/// How much nearer than t, in t, another sheet may seem where it is not: the feet's accuracy.
+/// How much nearer or farther than t, in t, the surface may seem where it is not: the feet's accuracy.
 const CLEAR: f64 = 5e-4;
 /// How far beyond a corner a vertex may lie that was set before it was noticed, in steps.
 const PASSED: f64 = 0.3;
@@ -213,8 +213,9 @@ impl Tracer<'_> {
         let (p, next) = self.settle(last.p + direction * step, z, Some(own.at))?;
         let bends_little = direction.dot(&along(&next)) > MOST_TURN_COS;
         let forward = (p - last.p).dot(&direction) > 0.5 * step && (p - last.p).norm() < 1.5 * step;
-        let nearest = || self.feet.foot(at_height(p, z)).distance_mm;
-        (bends_little && forward && nearest() > self.wall_mm * (1.0 - CLEAR)).then(|| Vertex::smooth(p, next))
+        // Nearer is another sheet; farther than a foot of one's own the surface never is: that one is none.
+        let is_own = || (self.feet.foot(at_height(p, z)).distance_mm / self.wall_mm - 1.0).abs() < CLEAR;
+        (bends_little && forward && is_own()).then(|| Vertex::smooth(p, next))
     }
 
     /// A corner between the last vertex and a point ahead of it. The other sheet is the one on which that point
