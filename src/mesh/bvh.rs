@@ -141,6 +141,16 @@ impl Bvh {
     /// The point of a mesh (that the hierarchy was made of) nearest to p, unless all are `within_mm` or farther away, or there are no
     /// triangles.
     pub(super) fn nearest(&self, mesh: &TriMesh, p: Point3, within_mm: f64) -> Option<Nearest> {
+        self.nearer(mesh, p, within_mm, false)
+    }
+
+    /// Whether a point of the mesh is nearer to p than this.
+    pub(super) fn is_within(&self, mesh: &TriMesh, p: Point3, mm: f64) -> bool {
+        self.nearer(mesh, p, mm, true).is_some()
+    }
+
+    /// The nearest point of all that are nearer than `within_mm`, or the first one found.
+    fn nearer(&self, mesh: &TriMesh, p: Point3, within_mm: f64, any_will_do: bool) -> Option<Nearest> {
         let mut best = Nearest { distance_mm: within_mm, triangle: 0, at: p };
         let mut is_found = false;
         let top = self.levels.len() - 1;
@@ -148,22 +158,16 @@ impl Bvh {
         let mut stack = [(0, 0, 0.0); 64];
         stack[0] = (top, 0, root.distance_mm(p));
         let mut n = 1;
-        while n > 0 {
+        while n > 0 && !(is_found && any_will_do) {
             n -= 1;
             let (level, node, distance_mm) = stack[n];
             if distance_mm >= best.distance_mm {
                 continue;
             }
             if level == 0 {
-                for place in self.leaf(node) {
-                    let triangle = self.order[place];
-                    let at =
-                        nearest_on(&mesh.triangles[triangle as usize].map(|v| mesh.vertices[v as usize]), p);
-                    let distance_mm = (at - p).norm();
-                    if distance_mm < best.distance_mm {
-                        best = Nearest { distance_mm, triangle, at };
-                        is_found = true;
-                    }
+                let found = self.nearest_in(mesh, node, p);
+                if found.distance_mm < best.distance_mm {
+                    (best, is_found) = (found, true);
                 }
                 continue;
             }
@@ -182,6 +186,17 @@ impl Bvh {
             }
         }
         is_found.then_some(best)
+    }
+
+    /// The nearest point of a leaf's triangles.
+    fn nearest_in(&self, mesh: &TriMesh, leaf: usize, p: Point3) -> Nearest {
+        let on = |place: usize| {
+            let triangle = self.order[place];
+            let at = nearest_on(&mesh.triangles[triangle as usize].map(|v| mesh.vertices[v as usize]), p);
+            Nearest { distance_mm: (at - p).norm(), triangle, at }
+        };
+        let none = Nearest { distance_mm: f64::INFINITY, triangle: 0, at: p };
+        self.leaf(leaf).map(on).fold(none, |a, b| if b.distance_mm < a.distance_mm { b } else { a })
     }
 }
 
@@ -269,6 +284,7 @@ mod tests {
                 (nearest_on(&corners(&mesh.triangles[found.triangle as usize]), p) - found.at).norm() < 1e-12
             );
             assert_eq!(bvh.nearest(&mesh, p, 0.9 * expected), None);
+            assert!(bvh.is_within(&mesh, p, 1.1 * expected) && !bvh.is_within(&mesh, p, 0.9 * expected));
         }
     }
 }

@@ -11,13 +11,14 @@ use crate::solid::{Crotch, Skin, SkinChoice, Slab, Solid, Tube};
 use crate::spline::PatchSurface;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Samples of the surface along a median edge of the mesh.
 const SAMPLES_AN_EDGE: f64 = 4.0;
 /// Most samples in one direction of a face, and about how many on all of a mesh: rows of slender triangles have short edges
 /// one way only, and samples that close both ways take hours.
 const MOST: f64 = 20_000.0;
-const MOST_OF_ALL: f64 = 8e6;
+const MOST_OF_ALL: f64 = 4e6;
 /// Intervals into which what lies between two sections of a tube, a whole turn and a side of a patch are parted to
 /// measure lengths.
 const PARTS_A_SECTION: usize = 8;
@@ -105,7 +106,13 @@ pub(super) fn farthest(
     let spacing_mm = spacing_mm(mesh);
     let outer = solid.outer.as_ref().filter(|_| skin == SkinChoice::All);
     let bvh = Bvh::of(mesh);
-    let off = |p: Point3| Deviation { mm: distance(&bvh, mesh, p, deflection_mm), at: p };
+    let most = Most::default();
+    let off = |p: Point3| {
+        // What is nearer than the farthest so far need not be known.
+        let mm = if bvh.is_within(mesh, p, most.mm()) { 0.0 } else { distance(&bvh, mesh, p, deflection_mm) };
+        most.raise(mm);
+        Deviation { mm, at: p }
+    };
     let mut found = Deviation { mm: 0.0, at: Point3::origin() };
     for face in std::iter::once(&solid.lumen).chain(outer).flat_map(|skin| faces(skin, spacing_mm)) {
         let row = |i: usize| {
@@ -118,6 +125,20 @@ pub(super) fn farthest(
         }
     }
     Ok(found)
+}
+
+/// The greatest of lengths seen by several threads. The bits of floats that are not negative are in their order.
+#[derive(Default)]
+struct Most(AtomicU64);
+
+impl Most {
+    fn mm(&self) -> f64 {
+        f64::from_bits(self.0.load(Ordering::Relaxed))
+    }
+
+    fn raise(&self, mm: f64) {
+        self.0.fetch_max(mm.max(0.0).to_bits(), Ordering::Relaxed);
+    }
 }
 
 /// Distance of a point to the mesh; the first try looks no farther than the mesh should be.
