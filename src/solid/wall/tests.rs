@@ -110,6 +110,27 @@ fn the_wall_is_as_thick_as_asked_elsewhere() {
     assert_thickness(&phantom(Kind::Tube), 1.0, [30.0, 50.0], "tube");
 }
 
+/// A tube of which one contour juts out on one side, by more than planes are apart.
+fn with_a_fin(out_mm: f64) -> SectionStack {
+    let radius = |k: u32, phi: f64| if k == 8 { 6.0 + out_mm * (-(phi / 0.35).powi(2)).exp() } else { 6.0 };
+    let contour = |k: u32| {
+        let phi = |i: u32| std::f64::consts::TAU * (f64::from(i) / 128.0 - 0.5);
+        let at = |phi: f64| Point2::new(radius(k, phi) * phi.cos(), radius(k, phi) * phi.sin());
+        Contour::new((0..128).map(|i| at(phi(i))).collect())
+    };
+    stack((0..17).map(|k| PlaneSections { z_mm: 0.88 * f64::from(k), contours: vec![contour(k)] }).collect())
+}
+
+#[test]
+fn the_outer_skin_goes_round_what_juts_out_on_one_plane() {
+    for out_mm in [0.8, 1.3, 1.8] {
+        let solid = with_wall(&with_a_fin(out_mm), 1.0);
+        assert_eq!(solid.outer.as_ref().unwrap().tubes.len(), 1, "{out_mm} mm");
+        let [least, most] = thickness(&solid, 1.0, [4.0, 10.0]);
+        assert!(least > 0.9 && most < 1.1, "{out_mm} mm: {least} .. {most}");
+    }
+}
+
 #[test]
 fn walls_of_branches_that_nearly_touch_fuse_and_part_again() {
     let solid = with_wall(&near_touching(), 1.0);
