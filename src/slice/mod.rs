@@ -9,15 +9,17 @@
 //!
 //! [`slice_mesh`] does the same for a mesh that another program made, in equal layers.
 
+mod area;
 mod grid;
 mod mesh;
+mod tidy;
 
 pub use grid::{GridParams, grid};
 pub use mesh::{MeshLayers, slice_mesh};
 
-use crate::geom::Region;
+use crate::geom::{Contour, Region};
 use crate::progress::{Cancelled, Task};
-use crate::solid::Sectioned;
+use crate::solid::{CrossSection, Sectioned};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -208,8 +210,8 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
 }
 
-/// Cuts the body at the middle of each layer of the grid; chords of the sections stay within
-/// `tolerance_mm` of the surface.
+/// Cuts the body at the middle of each layer of the grid. Outlines stay within `tolerance_mm` of the surface, as much on
+/// the one side of it as on the other: they enclose what the sections do.
 ///
 /// A middle that lies a little outside the body (the body ends within the layer) is cut at the body's end.
 ///
@@ -244,12 +246,24 @@ pub fn slice_solid(
 fn cut(body: &dyn Sectioned, layer: usize, slot: LayerSlot, tolerance_mm: f64) -> Result<Layer, Error> {
     let [bottom, top] = body.z_range_mm();
     let z_mm = slot.z_mid_mm.max(bottom).min(top);
-    let section = body.section(z_mm, tolerance_mm);
-    let material = section.material();
+    let CrossSection { outer, lumen } = body.section(z_mm, tolerance_mm);
+    let section = CrossSection { outer: kept(&outer, tolerance_mm), lumen: kept(&lumen, tolerance_mm) };
+    let material = material(&section);
     if material.is_empty() {
         return Err(Error::EmptyLayer { layer, z_mm });
     }
     Ok(Layer { slot, material, lumen: section.lumen })
+}
+
+fn kept(region: &Region, tolerance_mm: f64) -> Region {
+    Region::new(region.contours.iter().map(|c| area::kept(c, tolerance_mm)).collect())
+}
+
+/// What is to be filled; a boolean operation only where outlines cross.
+fn material(section: &CrossSection) -> Region {
+    let holes = section.lumen.contours.iter().map(Contour::reversed);
+    let contours: Vec<Contour> = section.outer.contours.iter().cloned().chain(holes).collect();
+    if tidy::is_sound(&contours) { Region::new(contours) } else { section.material() }
 }
 
 #[cfg(test)]

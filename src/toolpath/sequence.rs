@@ -23,6 +23,9 @@ const MOST_GAP: f64 = 0.25;
 /// Largest change of width from one segment to the next before the segment is divided, mm.
 const WIDTH_STEP_MM: f64 = 0.012;
 
+/// The grid in which places on the bed are written, mm.
+const GRID_MM: f64 = 1e-3;
+
 /// Beads and the travels that lead to them.
 #[derive(Debug, Default)]
 pub(super) struct Sequence {
@@ -145,9 +148,15 @@ fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
     vertices
 }
 
-/// Widths of segments from widths at vertices; segments along which the width changes much are divided.
+/// Widths of segments from widths at vertices; segments along which the width changes much are divided. All points lie on
+/// the grid in which places are written: were only the written ones rounded, the length of a short segment would not be
+/// the one that its filament is meant for, and the bead would be too wide or too narrow by more than it is misplaced.
 pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
     let mut points: Vec<BeadPoint> = Vec::with_capacity(vertices.len());
+    let mut push = |point: BeadPoint| match points.last_mut() {
+        Some(last) if last.at == point.at => last.width_mm = point.width_mm,
+        _ => points.push(point),
+    };
     for pair in vertices.windows(2) {
         let (a, b) = (pair[0], pair[1]);
         let change = b.width_mm - a.width_mm;
@@ -157,14 +166,20 @@ pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let n = (change.abs() / WIDTH_STEP_MM).ceil().clamp(1.0, (length / 0.05).max(1.0)) as usize;
-        points.extend((0..n).map(|i| BeadPoint {
-            at: a.at + (b.at - a.at) * (i as f64 / n as f64),
-            width_mm: a.width_mm + change * (i as f64 + 0.5) / n as f64,
-        }));
+        (0..n).for_each(|i| {
+            push(BeadPoint {
+                at: on_grid(a.at + (b.at - a.at) * (i as f64 / n as f64)),
+                width_mm: a.width_mm + change * (i as f64 + 0.5) / n as f64,
+            });
+        });
     }
     let width_mm = points.last().map_or(vertices[0].width_mm, |p| p.width_mm);
-    points.push(BeadPoint { at: vertices[vertices.len() - 1].at, width_mm });
+    points.push(BeadPoint { at: on_grid(vertices[vertices.len() - 1].at), width_mm });
     points
+}
+
+fn on_grid(p: Point2) -> Point2 {
+    p.map(|c| (c / GRID_MM).round() * GRID_MM)
 }
 
 /// The path with as few vertices as keep centre line and edges within the tolerance, and enclosing the same area.

@@ -163,8 +163,8 @@ impl Probe<'_> {
         let mut contact = None;
         // The radius falls quickly; the bound only guards against rounding.
         for _ in 0..40 {
-            let foot = self.index.nearest(p + inward * radius);
-            if foot.distance_mm < radius - TOUCH_MM {
+            let nearer = self.index.nearest_within(p + inward * radius, (radius - TOUCH_MM).max(0.0));
+            if let Some(foot) = nearer {
                 let way = foot.point - p;
                 let towards = 2.0 * inward.dot(&way);
                 let smaller = way.norm_squared() / towards;
