@@ -21,7 +21,7 @@ const SHORTEST_LEAD_MM: f64 = 0.03;
 /// Most of its width by which a loop stops short of its begin: its ends are round and still meet.
 const MOST_GAP: f64 = 0.25;
 /// Largest change of width from one segment to the next before the segment is divided, mm.
-const WIDTH_STEP_MM: f64 = 0.012;
+const WIDTH_STEP_MM: f64 = 0.006;
 
 /// The grid in which places on the bed are written, mm.
 const GRID_MM: f64 = 1e-3;
@@ -229,8 +229,21 @@ mod tests {
         let mut line = vertices(&[(0., 0.), (1., 0.)]);
         line[1].width_mm = 0.6;
         let points = bead_points(&line);
-        assert_eq!(points.len(), 10);
+        let steps = points[..points.len() - 1].windows(2).map(|p| p[1].width_mm - p[0].width_mm);
+        assert!(steps.into_iter().all(|step| step > 0.0 && step <= WIDTH_STEP_MM + 1e-12));
         let volume: f64 = points.windows(2).map(|p| p[0].width_mm * (p[1].at - p[0].at).norm()).sum();
-        assert!((volume - 0.55).abs() < 1e-12);
+        // The grid moves each step by half of its spacing at most.
+        assert!((volume - 0.55).abs() < 0.1 * GRID_MM, "{volume}");
+    }
+
+    #[test]
+    fn points_lie_on_the_grid_they_are_written_in() {
+        let line = vertices(&[(0.12305, 7.0), (0.12311, 7.0), (3.45678, -1.23456)]);
+        let points = bead_points(&line);
+        // The second one would be written in the place of the first.
+        assert_eq!(points.len(), 2);
+        for c in points.iter().flat_map(|p| [p.at.x, p.at.y]) {
+            assert!(((c / GRID_MM).round() * GRID_MM - c).abs() < 1e-12, "{c}");
+        }
     }
 }

@@ -336,9 +336,13 @@ fn specks_are_left_out_and_reported() {
 #[test]
 fn both_skins_agree_where_one_bead_fills_the_wall() {
     // Eccentric so that half of the ring is too thin for two beads.
-    for (inner, wall, shift) in
-        [(0.8, 0.629_150_095_450_770_9, 0.051_119_931), (3.0, 0.63, 0.08), (5.0, 0.66, 0.2)]
-    {
+    for (inner, wall, shift) in [
+        (0.8, 0.629_150_095_450_770_9, 0.051_119_931),
+        (3.0, 0.63, 0.08),
+        (5.0, 0.66, 0.2),
+        (1.473_309_853, 2.547_810_376, 0.228_964_361),
+        (4.13, 2.53, 0.2416),
+    ] {
         let cover = ring_cover(inner, wall, shift);
         assert!(
             cover.iou > 0.96 && (cover.volume_ratio - 1.0).abs() < 0.03,
