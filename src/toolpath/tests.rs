@@ -266,17 +266,66 @@ fn compensations_move_the_outline_by_what_they_say() {
         (outer.signed_area_mm2() / std::f64::consts::PI).sqrt()
     };
     let plain = reference();
-    let mut changed = plain.clone();
-    changed.print.hole_compensation_mm = 0.1;
-    assert!((lumen_radius(&changed, 1) - lumen_radius(&plain, 1) - 0.1).abs() < 2e-3);
-    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-4);
-    let mut changed = plain.clone();
-    changed.print.first_layer_compensation_mm = 0.1;
-    assert!((outer_radius(&changed, 0) - outer_radius(&plain, 0) + 0.1).abs() < 2e-3);
-    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-9);
-    let mut changed = plain.clone();
-    changed.filament.shrinkage_percent = 2.0;
-    assert!((outer_radius(&changed, 1) * 0.98 - outer_radius(&plain, 1)).abs() < 1e-6);
+    let with = |change: &dyn Fn(&mut Profile)| {
+        let mut changed = plain.clone();
+        change(&mut changed);
+        changed
+    };
+    let moved = |changed: &Profile, layer: usize| {
+        let by = |radius: &dyn Fn(&Profile, usize) -> f64| radius(changed, layer) - radius(&plain, layer);
+        [by(&lumen_radius), by(&outer_radius)]
+    };
+    let assert_moved = |changed: &Profile, layer: usize, expected: [f64; 2]| {
+        let found = moved(changed, layer);
+        let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 2e-3, "layer {layer}: {found:?}, expected {expected:?}");
+    };
+    for by in [0.1, -0.07] {
+        let holes = with(&|p| p.print.hole_compensation_mm = by);
+        assert_moved(&holes, 0, [by, 0.0]);
+        assert_moved(&holes, 1, [by, 0.0]);
+        let first = with(&|p| p.print.first_layer_compensation_mm = by);
+        assert_moved(&first, 0, [by, -by]);
+        assert_eq!(moved(&first, 1), [0.0, 0.0]);
+    }
+    let shrinking = with(&|p| p.filament.shrinkage_percent = 2.0);
+    for radius in [&lumen_radius as &dyn Fn(&Profile, usize) -> f64, &outer_radius] {
+        assert!((radius(&shrinking, 1) * 0.98 - radius(&plain, 1)).abs() < 1e-6);
+    }
+}
+
+/// Where the printed edges of the lumen and of the outer skin lie in a layer of an upright tube on the middle of the bed.
+fn printed_radii(layer: &LayerPaths) -> [f64; 2] {
+    let beads = layer.beads.iter().filter(|b| b.kind == BeadKind::ExternalPerimeter);
+    // Without the lead-in and what is beside it.
+    let inner = |b: &Bead| b.points[2..b.points.len() - 2].to_vec();
+    let points: Vec<BeadPoint> = beads.flat_map(inner).collect();
+    let at = |p: &BeadPoint| (p.at - Point2::new(100.0, 100.0)).norm();
+    [
+        points.iter().map(|p| at(p) - p.width_mm / 2.0).fold(f64::INFINITY, f64::min),
+        points.iter().map(|p| at(p) + p.width_mm / 2.0).fold(0.0, f64::max),
+    ]
+}
+
+#[test]
+fn compensations_move_the_printed_edges_as_they_move_the_outlines() {
+    let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.4]);
+    let printed = |change: &dyn Fn(&mut Profile), layer: usize| {
+        let mut profile = reference();
+        change(&mut profile);
+        printed_radii(&planned(&body, &profile).paths.layers[layer])
+    };
+    for (change, layer, expected) in [
+        (&(|_: &mut Profile| ()) as &dyn Fn(&mut Profile), 1, [3.0, 4.0]),
+        (&|p| p.print.hole_compensation_mm = 0.1, 1, [3.1, 4.0]),
+        (&|p| p.print.first_layer_compensation_mm = 0.1, 0, [3.1, 3.9]),
+        (&|p| p.print.first_layer_compensation_mm = 0.1, 1, [3.0, 4.0]),
+        (&|p| p.filament.shrinkage_percent = 2.0, 1, [3.0 / 0.98, 4.0 / 0.98]),
+    ] {
+        let found = printed(change, layer);
+        let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 4e-3, "{found:?}, expected {expected:?}");
+    }
 }
 
 #[test]
