@@ -240,6 +240,16 @@ fn travels_stay_in_the_wall_of_a_single_tube() {
 }
 
 #[test]
+fn travels_leave_the_material_only_between_islands() {
+    let planned = planned(&Tubes::merging([0.0, 20.0]), &reference());
+    for layer in &planned.paths.layers {
+        let leaving = layer.travels.iter().filter(|t| t.leaves_material).count();
+        assert!(leaving <= layer.material.islands().len() - 1, "z {}: {leaving}", layer.z_mm);
+    }
+    assert!(planned.paths.layers.iter().any(|l| l.material.islands().len() == 2));
+}
+
+#[test]
 fn loops_at_the_lumen_begin_inside_the_wall() {
     let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 3.0]), &reference());
     for layer in &planned.paths.layers {
