@@ -78,18 +78,47 @@ fn a_model_becomes_a_job_of_its_volume_only_moved_onto_the_bed() {
 }
 
 #[test]
-fn the_order_of_triangles_and_the_number_of_threads_do_not_matter() {
+fn ten_runs_on_one_thread_and_two_with_the_triangles_in_any_order_give_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
-    let facets = tube(2.0, 3.0, 2.0, 48);
-    let shuffled: Vec<Facet> = facets.iter().rev().map(|&[a, b, c]| [c, a, b]).collect();
-    fs::write(dir.path().join("a.stl"), stl(&facets)).unwrap();
-    fs::write(dir.path().join("b.stl"), stl(&shuffled)).unwrap();
-    let job = |name: &str, out: &str| {
-        let (code, _, stderr) = slice(&dir, &[name, "--out", out]);
-        assert_eq!(code, Some(0), "{stderr}");
-        fs::read(dir.path().join(out)).unwrap()
+    let mut facets = tube(2.0, 3.0, 2.0, 48);
+    let job = |name: &str, n_threads: usize| {
+        let output = Command::new(env!("CARGO_BIN_EXE_lumenfab"))
+            .args(["slice", name, "--out", "a.gcode"])
+            .current_dir(dir.path())
+            .env("XDG_STATE_HOME", dir.path().join("state"))
+            .env("RAYON_NUM_THREADS", n_threads.to_string())
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        fs::read(dir.path().join("a.gcode")).unwrap()
     };
-    assert_eq!(job("a.stl", "a.gcode"), job("b.stl", "b.gcode"));
+    let mut jobs = Vec::new();
+    for run in 0..10 {
+        let name = format!("{run}.stl");
+        fs::write(dir.path().join(&name), stl(&facets)).unwrap();
+        jobs.push(job(&name, 1 + run % 2));
+        // Every triangle comes elsewhere, and begins with another corner.
+        facets.rotate_left(37);
+        facets.swap(run, 100);
+        facets.iter_mut().for_each(|f| f.rotate_left(1));
+    }
+    assert!(jobs.iter().all(|j| *j == jobs[0]));
+}
+
+#[test]
+fn a_mesh_that_is_inside_out_or_goes_through_itself_is_printed_and_the_operator_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let facets = tube(3.0, 4.0, 1.0, 64);
+    let inverted: Vec<Facet> = facets.iter().map(|&[a, b, c]| [a, c, b]).collect();
+    let beside = facets.iter().map(|f| f.map(|[x, y, z]| [x + 7.5, y, z]));
+    let through: Vec<Facet> = facets.iter().copied().chain(beside).collect();
+    for (name, facets, expected) in
+        [("in.stl", inverted, "turned inside out"), ("through.stl", through, "was united")]
+    {
+        fs::write(dir.path().join(name), stl(&facets)).unwrap();
+        let (code, _, stderr) = slice(&dir, &[name, "--out", "a.gcode"]);
+        assert!(code == Some(0) && stderr.contains(expected), "{name}: {stderr}");
+    }
 }
 
 #[test]
@@ -101,6 +130,7 @@ fn what_cannot_be_printed_is_refused_in_one_line_and_nothing_is_written() {
     put("hole.stl", &stl(&facets[9..]));
     let large: Vec<Facet> = facets.iter().map(|f| f.map(|p| p.map(|c| 40.0 * c))).collect();
     put("large.stl", &stl(&large));
+    put("thin.stl", &stl(&tube(3.9, 4.0, 1.0, 64)));
     put(
         "word.stl",
         "this is not a model of anything, but a text that is long enough to be one, as far as its bytes go",
@@ -111,6 +141,7 @@ fn what_cannot_be_printed_is_refused_in_one_line_and_nothing_is_written() {
         (vec!["a.stl", "--out", "x", "--orient", "w,90"], 2, "AXIS,DEG: x, y or z"),
         (vec!["hole.stl", "--out", "x"], 1, "the mesh has a hole: in layer 0 at z 5.10 mm"),
         (vec!["large.stl", "--out", "x"], 1, "the part is 320.0 x 320.0 x 160.0 mm, the build space"),
+        (vec!["thin.stl", "--out", "x"], 1, "mm thin in layer 0 at z 5.10 mm"),
         (vec!["word.stl", "--out", "x"], 1, "word.stl: it is no STL"),
         (vec!["absent.stl", "--out", "x"], 1, "cannot read absent.stl"),
     ] {

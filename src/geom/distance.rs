@@ -109,8 +109,20 @@ impl SegmentIndex {
     /// The nearest point of the contours.
     #[must_use]
     pub fn nearest(&self, p: Point2) -> Foot {
-        let mut best2 = f64::INFINITY;
-        let mut found = (self.segments[0], self.segments[0].a);
+        let first = self.segments[0];
+        self.nearest_within(p, f64::INFINITY).unwrap_or_else(|| Foot {
+            point: first.a,
+            distance_mm: f64::INFINITY,
+            contour_idx: first.contour_idx as usize,
+            edge_idx: first.edge_idx as usize,
+        })
+    }
+
+    /// The nearest point of the contours if it is nearer than `most_mm`: the nearer, the cheaper.
+    #[must_use]
+    pub fn nearest_within(&self, p: Point2, most_mm: f64) -> Option<Foot> {
+        let mut best2 = most_mm * most_mm;
+        let mut found = None;
         // Depth of the tree of 2^32 edges: the stack holds one sibling a level.
         let mut stack = [(0usize, 0.0f64); 40];
         stack[0] = (1, self.boxes[1].distance2(p));
@@ -127,7 +139,7 @@ impl SegmentIndex {
                     let d2 = (foot - p).norm_squared();
                     if d2 < best2 {
                         best2 = d2;
-                        found = (*s, foot);
+                        found = Some((s, foot));
                     }
                 }
                 continue;
@@ -138,12 +150,12 @@ impl SegmentIndex {
             stack[depth + 1] = children[usize::from(!first_is_nearer)];
             depth += 2;
         }
-        Foot {
-            point: found.1,
+        found.map(|(segment, point)| Foot {
+            point,
             distance_mm: best2.sqrt(),
-            contour_idx: found.0.contour_idx as usize,
-            edge_idx: found.0.edge_idx as usize,
-        }
+            contour_idx: segment.contour_idx as usize,
+            edge_idx: segment.edge_idx as usize,
+        })
     }
 
     /// Distance to the nearest contour, mm: negative inside, positive outside (crossing rule over all contours).
@@ -209,6 +221,9 @@ mod tests {
             let index = SegmentIndex::try_new(&contours).unwrap();
             let p = Point2::new(x, y);
             prop_assert!((index.signed_distance_mm(p) - brute_force(&contours, p)).abs() < 1e-9);
+            let nearest = index.nearest(p);
+            prop_assert_eq!(index.nearest_within(p, nearest.distance_mm + 1e-9), Some(nearest));
+            prop_assert_eq!(index.nearest_within(p, nearest.distance_mm - 1e-9), None);
         }
     }
 }

@@ -37,6 +37,13 @@ impl Region {
         combine(contours, &[], OverlayRule::Subject, FillRule::EvenOdd)
     }
 
+    /// The region around which directed contours wind more often counter-clockwise than clockwise: where a hole reaches
+    /// beyond the contour around it, nothing is left, and nothing is added outside.
+    #[must_use]
+    pub fn from_winding(contours: &[Contour]) -> Self {
+        combine(contours, &[], OverlayRule::Subject, FillRule::Positive)
+    }
+
     /// Whether the region holds no point.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -179,6 +186,18 @@ mod tests {
         let sum = a.union(&b).area_mm2() + a.intersection(&b).area_mm2();
         assert!((sum - a.area_mm2() - b.area_mm2()).abs() < 1e-4);
         assert!((a.difference(&b).area_mm2() - a.area_mm2() + a.intersection(&b).area_mm2()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_hole_that_reaches_beyond_its_contour_adds_nothing() {
+        let hole = |x: f64, radius_mm: f64| disk(x, radius_mm).contours[0].reversed();
+        let outer = || disk(0.0, 2.0).contours[0].clone();
+        let crescent = Region::from_winding(&[outer(), hole(1.5, 1.0)]);
+        assert!((crescent.area_mm2() - disk(0.0, 2.0).difference(&disk(1.5, 1.0)).area_mm2()).abs() < 1e-4);
+        assert!(Region::from_winding(&[outer(), hole(0.0, 2.001)]).is_empty());
+        // A body in the hole is another one.
+        let nested = Region::from_winding(&[outer(), hole(0.0, 1.5), disk(0.0, 0.5).contours[0].clone()]);
+        assert_eq!((nested.contours.len(), nested.islands().len()), (3, 2));
     }
 
     #[test]

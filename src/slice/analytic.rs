@@ -3,7 +3,7 @@
 use crate::geom::{Contour, Point2, Region};
 use crate::solid::{CrossSection, Sectioned};
 
-/// A straight tube whose every horizontal section is a circle.
+/// A straight tube, or a cone, whose every horizontal section is a circle.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tube {
     pub(crate) x: f64,
@@ -12,15 +12,17 @@ pub(crate) struct Tube {
     pub(crate) radius: f64,
     /// Shift of the centre per mm of height.
     pub(crate) slope: [f64; 2],
+    /// Growth of the radius per mm of height.
+    pub(crate) flare: f64,
 }
 
 impl Tube {
     pub(crate) fn upright(x: f64, radius: f64) -> Self {
-        Self { x, y: 0.0, radius, slope: [0.0, 0.0] }
+        Self { x, y: 0.0, radius, slope: [0.0, 0.0], flare: 0.0 }
     }
 
     fn disk(&self, z: f64, grown: f64, tolerance_mm: f64) -> Region {
-        let radius = self.radius + grown;
+        let radius = self.radius + self.flare * z + grown;
         let step = 2.0 * (1.0 - tolerance_mm / radius).acos();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few hundred")]
         let n = (std::f64::consts::TAU / step).ceil() as usize;
@@ -44,7 +46,7 @@ impl Tubes {
 
     /// Two tubes that lean towards each other and become one.
     pub(crate) fn merging(z_range_mm: [f64; 2]) -> Self {
-        let at = |side: f64| Tube { x: side * 5.2, y: 0.0, radius: 2.6, slope: [-side * 0.22, 0.05] };
+        let at = |side: f64| Tube { slope: [-side * 0.22, 0.05], ..Tube::upright(side * 5.2, 2.6) };
         Self::new(vec![at(-1.0), at(1.0)], 1.0, z_range_mm)
     }
 

@@ -10,7 +10,7 @@
 use super::BeadKind;
 use super::flow::BeadModel;
 use super::skin::{Contact, Sample, Skin, Skins};
-use crate::geom::{Contour, Point2, Region};
+use crate::geom::{Contour, Point2, Region, Vector2};
 
 /// What a change of the bead count costs, mm of skin at double the wanted width.
 const FLIP_COST: f64 = 0.3;
@@ -18,8 +18,11 @@ const FLIP_COST: f64 = 0.3;
 const OUTSIDE_COST: f64 = 100.0;
 /// A bead may come this much nearer to the skin than half its width at a trimmed corner, mm.
 const TRIM_MM: f64 = 2e-3;
-/// How far the ends of inner beads are drawn back, in widths (by trial: the volume is right there to 0.2 %).
-const END_GAP: f64 = 0.2;
+/// How far the ends of inner beads are drawn back, in widths: the round end then reaches to where the bead has its place.
+const END_GAP: f64 = 0.5;
+/// How far the loops around the rest reach beyond the middle of a wall that beads fill, mm: more than the two sides of it
+/// disagree about where the middle is.
+const CLOSED_MM: f64 = 0.02;
 /// Thin material shorter than this, seen from each side, is the edge of a wedge, mm.
 const LONGEST_EDGE_MM: f64 = 0.6;
 /// A run of single beads shorter than this is printed with two, mm, and the other way round.
@@ -258,7 +261,9 @@ impl Filler<'_> {
         } else {
             depth <= s.depth_mm + TRIM_MM
         };
-        fits.then_some(Vertex { at, width_mm: pitch + overlap, room_mm: pitch / 2.0 })
+        let width_mm = pitch + overlap;
+        let at = if s.sharp && level == 0 { at - into_corner(s.inward, width_mm) } else { at };
+        fits.then_some(Vertex { at, width_mm, room_mm: pitch / 2.0 })
     }
 
     /// Beads along the middle of thin walls, each laid by one of the two skins.
@@ -296,12 +301,13 @@ impl Filler<'_> {
         let depth = self.params.raster_depth_mm();
         let inner = |(skin, ways): (&Skin, &Vec<Way>)| {
             let under = |(s, &w): (&Sample, &Way)| {
-                // Never beyond the medial axis: the loops of two skins then only meet, and do not cross.
-                s.at + s.inward * if w == Way::Raster { depth.min(s.depth_mm) } else { s.depth_mm }
+                // Not far beyond the medial axis, but so far that loops which meet there leave nothing between them.
+                let most = s.depth_mm + CLOSED_MM;
+                s.at + s.inward * if w == Way::Raster { depth.min(most) } else { most }
             };
             Contour::new(skin.samples.iter().zip(ways).map(under).collect())
         };
-        Region::from_even_odd(&self.skins.skins.iter().zip(ways).map(inner).collect::<Vec<_>>())
+        Region::from_winding(&self.skins.skins.iter().zip(ways).map(inner).collect::<Vec<_>>())
     }
 
     fn thin(&self) -> Option<Thin> {
@@ -319,6 +325,14 @@ impl Filler<'_> {
         let share = thin_mm / length(&mut all());
         Some(Thin { at: worst.at, thickness_mm: 2.0 * worst.depth_mm, share })
     }
+}
+
+/// How far the outermost bead is led back out at a sharp corner of the skin, whose mitre (of length 1 / cos of half the
+/// turn) this is. A round bead leaves the corner's tip empty; led into it, it misses the tip by as much as it then bulges
+/// out of the sides: the largest deviation is the least.
+fn into_corner(mitre: Vector2, width_mm: f64) -> Vector2 {
+    let length = mitre.norm();
+    mitre * ((length - 1.0) * width_mm / 2.0 / (length + 1.0))
 }
 
 /// Keeps a path unless it is shorter than it is wide.
@@ -426,6 +440,16 @@ mod tests {
         assert_eq!(walk[10], 0);
         assert!(walk[20..35].iter().all(|&s| s == 1));
         assert!(walk[..20].iter().chain(&walk[35..]).all(|&s| s == 0));
+    }
+
+    #[test]
+    fn a_bead_misses_the_tip_of_a_corner_by_as_much_as_it_bulges_beside_it() {
+        for half_turn in [0.3f64, std::f64::consts::FRAC_PI_4] {
+            let (radius, mitre) = (0.2, 1.0 / half_turn.cos());
+            let out_mm = into_corner(Vector2::new(mitre, 0.0), 2.0 * radius).x;
+            let missed_mm = radius * (mitre - 1.0) - out_mm;
+            assert!((missed_mm - out_mm * half_turn.cos()).abs() < 1e-12 && missed_mm > 0.0);
+        }
     }
 
     #[test]

@@ -15,12 +15,13 @@
 //!
 //! Not done: supports, floors and roofs of sparse fill, bridges, arcs.
 //!
-//! Layers are filled in parallel and put in order one after the other, so the result is the same on any
-//! number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
+//! Layers are filled in parallel, some at a time, while those before them are put in order one after the
+//! other: the result is the same on any number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
 
 mod adhesion;
 mod fill;
 mod flow;
+mod order;
 mod place;
 mod raster;
 mod sequence;
@@ -37,6 +38,7 @@ use crate::profile::{BeadShape, Profile};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
+use order::Order;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use skin::Skins;
@@ -120,6 +122,9 @@ pub struct Toolpaths {
 pub const TOLERANCE_MM: f64 = 1e-3;
 /// Outlines are thinned to this before anything else, mm.
 const OUTLINE_TOLERANCE_MM: f64 = 1e-4;
+/// Layers that are filled while those before them are put in order: enough for any number of threads, few enough that
+/// what is known of them until then takes little memory.
+const LAYERS_AT_ONCE: usize = 64;
 /// Material below this share of a bead's square is dust from boolean operations, not a feature.
 const DUST_SHARE: f64 = 1e-3;
 /// Share of a layer's skins from which on a wall that is too thin makes the job impossible.
@@ -197,27 +202,28 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let placement = place::place(layers, profile)?;
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
-    let drafts: Vec<Result<Draft, Error>> = layers
-        .par_iter()
-        .enumerate()
-        .map(|(idx, layer)| {
-            task.check()?;
-            let (material, lumen) = placement.layer(layer, idx == 0, profile);
-            let draft = draft(idx, layer.slot, material, lumen, profile);
-            task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            draft
-        })
-        .collect();
-    // Of several faulty layers always the lowest is reported.
-    let mut drafts = drafts.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
-    let mut warnings = warnings(&drafts);
-    if let Some(first) = drafts.first_mut() {
-        let (loops, warning) = adhesion::loops(&first.material, profile, &first.params);
-        first.adhesion = loops;
-        warnings.extend(warning);
+    let draft_at = |idx: usize| {
+        task.check()?;
+        let layer = &layers[idx];
+        let (material, lumen) = placement.layer(layer, idx == 0, profile);
+        let draft = draft(idx, layer.slot, material, lumen, profile);
+        task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+        draft
+    };
+    let mut order = Order::default();
+    let mut drafts = Vec::new();
+    for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
+        let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
+        let fill = || numbers.into_par_iter().map(draft_at).collect::<Vec<_>>();
+        let (filled, ordered) = rayon::join(fill, || order.add(std::mem::take(&mut drafts), profile, task));
+        ordered?;
+        // Of several faulty layers always the lowest is reported.
+        drafts = filled.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
     }
-    let layers = in_order(drafts, task)?;
-    Ok(Planned { paths: Toolpaths { bed_from_stack: placement.bed_from_stack, layers }, warnings })
+    order.add(drafts, profile, task)?;
+    let warnings = order.warnings();
+    let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, layers: order.paths };
+    Ok(Planned { paths, warnings })
 }
 
 /// A layer whose beads are not yet in order.
@@ -226,7 +232,6 @@ struct Draft {
     material: Region,
     lumen: Region,
     params: FillParams,
-    adhesion: Vec<Path>,
     paths: Vec<Path>,
     net: Option<travel::Net>,
     thin: Option<Thin>,
@@ -242,17 +247,8 @@ fn draft(
 ) -> Result<Draft, Error> {
     let params = fill_params(profile, slot.height_mm);
     let material = without_dust(material, params.width_mm);
-    let mut draft = Draft {
-        slot,
-        material,
-        lumen,
-        params,
-        adhesion: vec![],
-        paths: vec![],
-        net: None,
-        thin: None,
-        lost: vec![],
-    };
+    let mut draft =
+        Draft { slot, material, lumen, params, paths: vec![], net: None, thin: None, lost: vec![] };
     let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
         return Ok(draft);
     };
@@ -294,68 +290,6 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
 fn without_dust(region: Region, width_mm: f64) -> Region {
     let least = DUST_SHARE * width_mm * width_mm;
     Region::new(region.contours.into_iter().filter(|c| c.signed_area_mm2().abs() > least).collect())
-}
-
-/// Puts the beads in order, layer by layer, because each begins where the one below ended.
-fn in_order(drafts: Vec<Draft>, task: &Task<'_>) -> Result<Vec<LayerPaths>, Error> {
-    let mut at = None;
-    let mut z_mm = 0.0;
-    let mut layers = Vec::with_capacity(drafts.len());
-    for (idx, draft) in drafts.into_iter().enumerate() {
-        task.check()?;
-        z_mm += draft.slot.height_mm;
-        let mut beads = Vec::new();
-        let mut travels = Vec::new();
-        for path in &draft.adhesion {
-            let mut vertices = path.vertices.clone();
-            vertices.push(vertices[0]);
-            at = Some(vertices[0].at);
-            beads.push(Bead { kind: path.kind, points: sequence::bead_points(&vertices) });
-            travels.push(Travel { via: Vec::new(), leaves_material: true });
-        }
-        if let Some(net) = &draft.net {
-            let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, at);
-            at = sequence.at;
-            beads.extend(sequence.beads);
-            travels.extend(sequence.travels);
-        }
-        let Draft { slot, material, lumen, .. } = draft;
-        layers.push(LayerPaths { slot, z_mm, beads, travels, material, lumen });
-    }
-    Ok(layers)
-}
-
-fn warnings(drafts: &[Draft]) -> Vec<Warning> {
-    let z = |d: &Draft| d.slot.z_mid_mm;
-    let thin: Vec<(f64, Thin)> = drafts.iter().filter_map(|d| Some((z(d), d.thin?))).collect();
-    let worst = thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
-    let thin_walls = worst.map(|(z_mm, t)| {
-        Warning::new(
-            "toolpath.thin_wall",
-            format!(
-                "material thinner than the thinnest bead in {} layers, worst {:.3} mm at z {z_mm:.2} mm \
-             (x {:.2}, y {:.2} on the bed): printed too thick there, or not at all below half a bead",
-                thin.len(),
-                t.thickness_mm,
-                t.at.x,
-                t.at.y
-            ),
-        )
-    });
-    let lost: Vec<(f64, Point2)> = drafts.iter().flat_map(|d| d.lost.iter().map(|&p| (z(d), p))).collect();
-    let lost_features = lost.first().map(|(z_mm, p)| {
-        Warning::new(
-            "toolpath.lost_feature",
-            format!(
-                "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm \
-             (x {:.2}, y {:.2} on the bed)",
-                lost.len(),
-                p.x,
-                p.y
-            ),
-        )
-    });
-    thin_walls.into_iter().chain(lost_features).collect()
 }
 
 /// Refuses settings that would make nonsense of the plan.

@@ -21,7 +21,10 @@ const SHORTEST_LEAD_MM: f64 = 0.03;
 /// Most of its width by which a loop stops short of its begin: its ends are round and still meet.
 const MOST_GAP: f64 = 0.25;
 /// Largest change of width from one segment to the next before the segment is divided, mm.
-const WIDTH_STEP_MM: f64 = 0.012;
+const WIDTH_STEP_MM: f64 = 0.006;
+
+/// The grid in which places on the bed are written, mm.
+const GRID_MM: f64 = 1e-3;
 
 /// Beads and the travels that lead to them.
 #[derive(Debug, Default)]
@@ -145,9 +148,15 @@ fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
     vertices
 }
 
-/// Widths of segments from widths at vertices; segments along which the width changes much are divided.
+/// Widths of segments from widths at vertices; segments along which the width changes much are divided. All points lie on
+/// the grid in which places are written: were only the written ones rounded, the length of a short segment would not be
+/// the one that its filament is meant for, and the bead would be too wide or too narrow by more than it is misplaced.
 pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
     let mut points: Vec<BeadPoint> = Vec::with_capacity(vertices.len());
+    let mut push = |point: BeadPoint| match points.last_mut() {
+        Some(last) if last.at == point.at => last.width_mm = point.width_mm,
+        _ => points.push(point),
+    };
     for pair in vertices.windows(2) {
         let (a, b) = (pair[0], pair[1]);
         let change = b.width_mm - a.width_mm;
@@ -157,14 +166,20 @@ pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let n = (change.abs() / WIDTH_STEP_MM).ceil().clamp(1.0, (length / 0.05).max(1.0)) as usize;
-        points.extend((0..n).map(|i| BeadPoint {
-            at: a.at + (b.at - a.at) * (i as f64 / n as f64),
-            width_mm: a.width_mm + change * (i as f64 + 0.5) / n as f64,
-        }));
+        (0..n).for_each(|i| {
+            push(BeadPoint {
+                at: on_grid(a.at + (b.at - a.at) * (i as f64 / n as f64)),
+                width_mm: a.width_mm + change * (i as f64 + 0.5) / n as f64,
+            });
+        });
     }
     let width_mm = points.last().map_or(vertices[0].width_mm, |p| p.width_mm);
-    points.push(BeadPoint { at: vertices[vertices.len() - 1].at, width_mm });
+    points.push(BeadPoint { at: on_grid(vertices[vertices.len() - 1].at), width_mm });
     points
+}
+
+fn on_grid(p: Point2) -> Point2 {
+    p.map(|c| (c / GRID_MM).round() * GRID_MM)
 }
 
 /// The path with as few vertices as keep centre line and edges within the tolerance, and enclosing the same area.
@@ -214,8 +229,21 @@ mod tests {
         let mut line = vertices(&[(0., 0.), (1., 0.)]);
         line[1].width_mm = 0.6;
         let points = bead_points(&line);
-        assert_eq!(points.len(), 10);
+        let steps = points[..points.len() - 1].windows(2).map(|p| p[1].width_mm - p[0].width_mm);
+        assert!(steps.into_iter().all(|step| step > 0.0 && step <= WIDTH_STEP_MM + 1e-12));
         let volume: f64 = points.windows(2).map(|p| p[0].width_mm * (p[1].at - p[0].at).norm()).sum();
-        assert!((volume - 0.55).abs() < 1e-12);
+        // The grid moves each step by half of its spacing at most.
+        assert!((volume - 0.55).abs() < 0.1 * GRID_MM, "{volume}");
+    }
+
+    #[test]
+    fn points_lie_on_the_grid_they_are_written_in() {
+        let line = vertices(&[(0.12305, 7.0), (0.12311, 7.0), (3.45678, -1.23456)]);
+        let points = bead_points(&line);
+        // The second one would be written in the place of the first.
+        assert_eq!(points.len(), 2);
+        for c in points.iter().flat_map(|p| [p.at.x, p.at.y]) {
+            assert!(((c / GRID_MM).round() * GRID_MM - c).abs() < 1e-12, "{c}");
+        }
     }
 }

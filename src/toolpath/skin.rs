@@ -16,6 +16,10 @@ use crate::geom::{Contour, Point2, Region, SegmentIndex, Vector2};
 
 /// Longest piece of a skin, mm: depth is sampled once a piece.
 const PIECE_MM: f64 = 0.3;
+/// Pieces between which the depth changes by more than this are halved, down to the shortest piece, mm: under the facets
+/// of a coarse mesh, where an even wall is deeper in the middle of each.
+const DEPTH_STEP_MM: f64 = 2e-3;
+const SHORTEST_PIECE_MM: f64 = 0.07;
 /// A corner that turns by more than this is sharp, rad (20 degrees): it is mitred or fanned, not smoothed
 /// over.
 const SHARP_RAD: f64 = 0.35;
@@ -104,6 +108,14 @@ struct Piece {
     ball: Ball,
 }
 
+/// An edge of an outline with its direction.
+struct Edge {
+    a: Point2,
+    along: Vector2,
+    length_mm: f64,
+    edge_idx: usize,
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Ball {
     radius_mm: f64,
@@ -132,29 +144,41 @@ impl Probe<'_> {
     }
 
     fn pieces(&self, contour: &Contour) -> Vec<Piece> {
-        let mut pieces = Vec::with_capacity(2 * contour.len());
-        let mut guess = self.cap_mm;
+        let mut pieces: Vec<Piece> = Vec::with_capacity(2 * contour.len());
         for (edge_idx, (a, b)) in contour.edges().enumerate() {
             let length = (b - a).norm();
             if length <= 0.0 {
                 continue;
             }
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a bed's size at most"
-            )]
-            let n = ((length / PIECE_MM).ceil() as usize).max(1);
-            let along = (b - a) / length;
-            for i in 0..n {
-                let from = a + (b - a) * (i as f64 / n as f64);
-                let length_mm = length / n as f64;
-                let ball = self.ball(from + along * (length_mm / 2.0), left_of(along), guess);
-                guess = ball.radius_mm;
-                pieces.push(Piece { from, along, length_mm, edge_idx, ball });
+            let edge = Edge { a, along: (b - a) / length, length_mm: length, edge_idx };
+            let mut longest_mm = PIECE_MM;
+            loop {
+                let begin = pieces.len();
+                self.divide(&edge, longest_mm, &mut pieces);
+                let beside = &pieces[begin.saturating_sub(1)..];
+                let step = |p: &[Piece]| (p[0].ball.radius_mm - p[1].ball.radius_mm).abs();
+                longest_mm /= 2.0;
+                if longest_mm < SHORTEST_PIECE_MM || beside.windows(2).all(|p| step(p) < DEPTH_STEP_MM) {
+                    break;
+                }
+                pieces.truncate(begin);
             }
         }
         pieces
+    }
+
+    /// Appends an edge in equal pieces.
+    fn divide(&self, edge: &Edge, longest_mm: f64, pieces: &mut Vec<Piece>) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a bed's size at most")]
+        let n = ((edge.length_mm / longest_mm).ceil() as usize).max(1);
+        let length_mm = edge.length_mm / n as f64;
+        for i in 0..n {
+            let from = edge.a + edge.along * (i as f64 * length_mm);
+            let guess_mm = pieces.last().map_or(self.cap_mm, |p| p.ball.radius_mm);
+            let middle = from + edge.along * (length_mm / 2.0);
+            let ball = self.ball(middle, left_of(edge.along), guess_mm);
+            pieces.push(Piece { from, along: edge.along, length_mm, edge_idx: edge.edge_idx, ball });
+        }
     }
 
     /// The largest ball that touches the skin at `p` from inside. `guess_mm`: the neighbour's radius.
@@ -163,8 +187,8 @@ impl Probe<'_> {
         let mut contact = None;
         // The radius falls quickly; the bound only guards against rounding.
         for _ in 0..40 {
-            let foot = self.index.nearest(p + inward * radius);
-            if foot.distance_mm < radius - TOUCH_MM {
+            let nearer = self.index.nearest_within(p + inward * radius, (radius - TOUCH_MM).max(0.0));
+            if let Some(foot) = nearer {
                 let way = foot.point - p;
                 let towards = 2.0 * inward.dot(&way);
                 let smaller = way.norm_squared() / towards;

@@ -240,6 +240,16 @@ fn travels_stay_in_the_wall_of_a_single_tube() {
 }
 
 #[test]
+fn travels_leave_the_material_only_between_islands() {
+    let planned = planned(&Tubes::merging([0.0, 20.0]), &reference());
+    for layer in &planned.paths.layers {
+        let leaving = layer.travels.iter().filter(|t| t.leaves_material).count();
+        assert!(leaving <= layer.material.islands().len() - 1, "z {}: {leaving}", layer.z_mm);
+    }
+    assert!(planned.paths.layers.iter().any(|l| l.material.islands().len() == 2));
+}
+
+#[test]
 fn loops_at_the_lumen_begin_inside_the_wall() {
     let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 3.0]), &reference());
     for layer in &planned.paths.layers {
@@ -266,17 +276,66 @@ fn compensations_move_the_outline_by_what_they_say() {
         (outer.signed_area_mm2() / std::f64::consts::PI).sqrt()
     };
     let plain = reference();
-    let mut changed = plain.clone();
-    changed.print.hole_compensation_mm = 0.1;
-    assert!((lumen_radius(&changed, 1) - lumen_radius(&plain, 1) - 0.1).abs() < 2e-3);
-    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-4);
-    let mut changed = plain.clone();
-    changed.print.first_layer_compensation_mm = 0.1;
-    assert!((outer_radius(&changed, 0) - outer_radius(&plain, 0) + 0.1).abs() < 2e-3);
-    assert!((outer_radius(&changed, 1) - outer_radius(&plain, 1)).abs() < 1e-9);
-    let mut changed = plain.clone();
-    changed.filament.shrinkage_percent = 2.0;
-    assert!((outer_radius(&changed, 1) * 0.98 - outer_radius(&plain, 1)).abs() < 1e-6);
+    let with = |change: &dyn Fn(&mut Profile)| {
+        let mut changed = plain.clone();
+        change(&mut changed);
+        changed
+    };
+    let moved = |changed: &Profile, layer: usize| {
+        let by = |radius: &dyn Fn(&Profile, usize) -> f64| radius(changed, layer) - radius(&plain, layer);
+        [by(&lumen_radius), by(&outer_radius)]
+    };
+    let assert_moved = |changed: &Profile, layer: usize, expected: [f64; 2]| {
+        let found = moved(changed, layer);
+        let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 2e-3, "layer {layer}: {found:?}, expected {expected:?}");
+    };
+    for by in [0.1, -0.07] {
+        let holes = with(&|p| p.print.hole_compensation_mm = by);
+        assert_moved(&holes, 0, [by, 0.0]);
+        assert_moved(&holes, 1, [by, 0.0]);
+        let first = with(&|p| p.print.first_layer_compensation_mm = by);
+        assert_moved(&first, 0, [by, -by]);
+        assert_eq!(moved(&first, 1), [0.0, 0.0]);
+    }
+    let shrinking = with(&|p| p.filament.shrinkage_percent = 2.0);
+    for radius in [&lumen_radius as &dyn Fn(&Profile, usize) -> f64, &outer_radius] {
+        assert!((radius(&shrinking, 1) * 0.98 - radius(&plain, 1)).abs() < 1e-6);
+    }
+}
+
+/// Where the printed edges of the lumen and of the outer skin lie in a layer of an upright tube on the middle of the bed.
+fn printed_radii(layer: &LayerPaths) -> [f64; 2] {
+    let beads = layer.beads.iter().filter(|b| b.kind == BeadKind::ExternalPerimeter);
+    // Without the lead-in and what is beside it.
+    let inner = |b: &Bead| b.points[2..b.points.len() - 2].to_vec();
+    let points: Vec<BeadPoint> = beads.flat_map(inner).collect();
+    let at = |p: &BeadPoint| (p.at - Point2::new(100.0, 100.0)).norm();
+    [
+        points.iter().map(|p| at(p) - p.width_mm / 2.0).fold(f64::INFINITY, f64::min),
+        points.iter().map(|p| at(p) + p.width_mm / 2.0).fold(0.0, f64::max),
+    ]
+}
+
+#[test]
+fn compensations_move_the_printed_edges_as_they_move_the_outlines() {
+    let body = Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.4]);
+    let printed = |change: &dyn Fn(&mut Profile), layer: usize| {
+        let mut profile = reference();
+        change(&mut profile);
+        printed_radii(&planned(&body, &profile).paths.layers[layer])
+    };
+    for (change, layer, expected) in [
+        (&(|_: &mut Profile| ()) as &dyn Fn(&mut Profile), 1, [3.0, 4.0]),
+        (&|p| p.print.hole_compensation_mm = 0.1, 1, [3.1, 4.0]),
+        (&|p| p.print.first_layer_compensation_mm = 0.1, 0, [3.1, 3.9]),
+        (&|p| p.print.first_layer_compensation_mm = 0.1, 1, [3.0, 4.0]),
+        (&|p| p.filament.shrinkage_percent = 2.0, 1, [3.0 / 0.98, 4.0 / 0.98]),
+    ] {
+        let found = printed(change, layer);
+        let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 4e-3, "{found:?}, expected {expected:?}");
+    }
 }
 
 #[test]
@@ -336,9 +395,13 @@ fn specks_are_left_out_and_reported() {
 #[test]
 fn both_skins_agree_where_one_bead_fills_the_wall() {
     // Eccentric so that half of the ring is too thin for two beads.
-    for (inner, wall, shift) in
-        [(0.8, 0.629_150_095_450_770_9, 0.051_119_931), (3.0, 0.63, 0.08), (5.0, 0.66, 0.2)]
-    {
+    for (inner, wall, shift) in [
+        (0.8, 0.629_150_095_450_770_9, 0.051_119_931),
+        (3.0, 0.63, 0.08),
+        (5.0, 0.66, 0.2),
+        (1.473_309_853, 2.547_810_376, 0.228_964_361),
+        (4.13, 2.53, 0.2416),
+    ] {
         let cover = ring_cover(inner, wall, shift);
         assert!(
             cover.iou > 0.96 && (cover.volume_ratio - 1.0).abs() < 0.03,

@@ -24,9 +24,9 @@ pub(crate) const JOB_FILE: &str = "job.gcode";
 /// Layers against CT planes.
 pub(crate) const LAYERS_FILE: &str = "layers.json";
 
-/// How far a layer's outline may be from the solid's section, mm. Chords lie on the inner side of every bend: of a wall of
-/// 1 mm, both of its skins, this takes less than a thousandth.
-const OUTLINE_TOLERANCE_MM: f64 = 0.0003;
+/// How far a layer's outline may be from the solid's section, mm: by as much on the one side as on the other, so that areas
+/// are kept; the moves are then as long as the wire and the planner can take.
+const OUTLINE_TOLERANCE_MM: f64 = 0.003;
 
 /// Layers and toolpaths of a job.
 pub(crate) struct Sliced {

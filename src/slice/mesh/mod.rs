@@ -6,15 +6,14 @@
 //! computed from its lower-numbered vertex: both triangles find the same bits.
 //!
 //! Small defects: ends that lie within [`MOST_GAP_MM`] of each other are joined; bodies that overlap, touch, lie in each
-//! other or face inward are united by winding number, in the layers where that is so ([`tidy`]).
+//! other or face inward are united by winding number, in the layers where that is so (`tidy`).
 //!
 //! The layers are cut in parallel, each from the list of triangles that reach it. Cost: O(triangles + crossings), and a
 //! sort of each layer's edges.
 
 mod chain;
-mod tidy;
 
-use super::{Error, GridParams, Layer, LayerGrid, LayerSlot, grid};
+use super::{Error, GridParams, Layer, LayerGrid, LayerSlot, grid, tidy};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Point3, Region};
 use crate::mesh::TriMesh;

@@ -16,10 +16,15 @@ pub(super) fn tidied(mut contours: Vec<Contour>) -> (Region, bool) {
     // What comes of them does not depend on which edge of the mesh came first.
     contours.iter_mut().for_each(from_least_point);
     contours.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
-    if is_nested(&contours) && !do_cross(&contours) {
+    if is_sound(&contours) {
         return (Region::new(contours), false);
     }
     (Region::union_all([&Region::new(contours)]), true)
+}
+
+/// Whether outlines are those of a region: by turns outer ones and holes, none crossing.
+pub(super) fn is_sound(contours: &[Contour]) -> bool {
+    is_nested(contours) && !do_cross(contours)
 }
 
 /// A plane through a vertex meets all of its edges in one point.

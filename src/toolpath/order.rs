@@ -1,0 +1,106 @@
+//! The beads of all layers in the order in which they are printed, and what the operator should know of them.
+
+use super::fill::Thin;
+use super::travel::Travel;
+use super::{Bead, Draft, LayerPaths, adhesion, sequence};
+use crate::ct::Warning;
+use crate::geom::Point2;
+use crate::profile::Profile;
+use crate::progress::{Cancelled, Task};
+
+/// Layers whose beads are in order, each begun where the one below ended.
+#[derive(Default)]
+pub(super) struct Order {
+    pub(super) paths: Vec<LayerPaths>,
+    /// Where the nozzle is.
+    at: Option<Point2>,
+    z_mm: f64,
+    /// Walls that are too thin, and features that no bead covers, with the heights of their layers in the stack.
+    thin: Vec<(f64, Thin)>,
+    lost: Vec<(f64, Point2)>,
+    adhesion: Option<Warning>,
+}
+
+impl Order {
+    /// Puts the next layers in order.
+    pub(super) fn add(
+        &mut self,
+        drafts: Vec<Draft>,
+        profile: &Profile,
+        task: &Task<'_>,
+    ) -> Result<(), Cancelled> {
+        for draft in drafts {
+            task.check()?;
+            self.layer(draft, profile);
+        }
+        Ok(())
+    }
+
+    fn layer(&mut self, draft: Draft, profile: &Profile) {
+        let idx = self.paths.len();
+        self.z_mm += draft.slot.height_mm;
+        self.thin.extend(draft.thin.map(|t| (draft.slot.z_mid_mm, t)));
+        self.lost.extend(draft.lost.iter().map(|&p| (draft.slot.z_mid_mm, p)));
+        let mut beads = Vec::new();
+        let mut travels = Vec::new();
+        if idx == 0 {
+            self.hold_down(&draft, profile, &mut beads, &mut travels);
+        }
+        if let Some(net) = &draft.net {
+            let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, self.at);
+            self.at = sequence.at;
+            beads.extend(sequence.beads);
+            travels.extend(sequence.travels);
+        }
+        let Draft { slot, material, lumen, .. } = draft;
+        self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
+    }
+
+    /// Skirt and brim.
+    fn hold_down(
+        &mut self,
+        draft: &Draft,
+        profile: &Profile,
+        beads: &mut Vec<Bead>,
+        travels: &mut Vec<Travel>,
+    ) {
+        let (loops, warning) = adhesion::loops(&draft.material, profile, &draft.params);
+        self.adhesion = warning;
+        for path in &loops {
+            let mut vertices = path.vertices.clone();
+            vertices.push(vertices[0]);
+            self.at = Some(vertices[0].at);
+            beads.push(Bead { kind: path.kind, points: sequence::bead_points(&vertices) });
+            travels.push(Travel { via: Vec::new(), leaves_material: true });
+        }
+    }
+
+    /// What the operator should know of all layers.
+    pub(super) fn warnings(&self) -> Vec<Warning> {
+        [self.thin_walls(), self.lost_features(), self.adhesion.clone()].into_iter().flatten().collect()
+    }
+
+    fn thin_walls(&self) -> Option<Warning> {
+        let worst = self.thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
+        let (z_mm, Thin { at, thickness_mm, .. }) = worst?;
+        let text = format!(
+            "material thinner than the thinnest bead in {} layers, worst {thickness_mm:.3} mm at z {z_mm:.2} mm (x {:.2}, y {:.2} \
+             on the bed): printed too thick there, or not at all below half a bead",
+            self.thin.len(),
+            at.x,
+            at.y
+        );
+        Some(Warning::new("toolpath.thin_wall", text))
+    }
+
+    fn lost_features(&self) -> Option<Warning> {
+        let (z_mm, at) = self.lost.first()?;
+        let text = format!(
+            "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed)",
+            self.lost.len(),
+            at.x,
+            at.y
+        );
+        Some(Warning::new("toolpath.lost_feature", text))
+    }
+}
