@@ -32,7 +32,7 @@ fn job_text(profile: &Profile, n_layers: u32, n_sides: u32) -> String {
         }
     }
     text.push('\n');
-    text + &profile.end_gcode().join("\n")
+    text + &profile.end_gcode(0.2 * f64::from(n_layers)).join("\n")
 }
 
 /// Not a test: this very program, started by the tests as the simulator (what stands behind `--` is for it).

@@ -103,7 +103,7 @@ pub fn slice_model(
     let sliced = slice::slice_mesh(&model.mesh, &params, &task)?;
     let planned = toolpath::plan(&sliced.layers, &profile, &task)?;
     let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
-    let header = gcode::Header { settings: format!("{:?}", (layer_mm, perimeters, infill_percent, turn)) };
+    let header = gcode::Header { thumbnails: Vec::new(), settings: format!("{:?}", (layer_mm, perimeters, infill_percent, turn)) };
     let text = gcode::write(&planned.paths, &profile, &header);
     let estimate = motion::estimate(&text, &profile, &task)?;
     atomic::write_export(out, text.as_bytes())?;

@@ -60,7 +60,7 @@ impl Session<'_> {
         self.require(Stage::Solid)?;
         let profile = self.profile()?;
         // Written into the job, so that a printout can be traced to what it was made from.
-        let header = gcode::Header { settings: format!("{:?}", self.made_from(Stage::Slice)?) };
+        let header = gcode::Header { thumbnails: Vec::new(), settings: format!("{:?}", self.made_from(Stage::Slice)?) };
         self.stage(Stage::Slice, |session, task| session.write_job(&profile, &header, task))
     }
 
