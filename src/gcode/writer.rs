@@ -157,6 +157,7 @@ impl<'a> Job<'a> {
         let straight = Travel::default();
         for (i, bead) in layer.beads.iter().enumerate() {
             let travel = layer.travels.get(i).unwrap_or(&straight);
+            // A column without what it holds up is of no use.
             self.label(bead.kind != BeadKind::SkirtBrim);
             self.travel(bead.points[0].at, travel, z);
             self.bead(bead);
@@ -425,6 +426,7 @@ fn speed(kind: BeadKind, profile: &Profile, is_first_layer: bool) -> f64 {
         BeadKind::ExternalPerimeter => print.external_perimeter_mm_s,
         BeadKind::Perimeter => print.perimeter_mm_s,
         BeadKind::InternalInfill | BeadKind::SolidInfill => print.infill_mm_s,
+        BeadKind::SupportMaterial | BeadKind::SupportInterface => print.perimeter_mm_s,
         BeadKind::SkirtBrim => print.first_layer_mm_s,
     };
     if is_first_layer { print.first_layer_mm_s.min(speed) } else { speed }

@@ -508,6 +508,16 @@ pub enum BeadShape {
     Stadium,
 }
 
+/// What holds overhangs up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SupportStyle {
+    /// Nothing.
+    None,
+    /// Columns that break away.
+    Column,
+}
+
 /// How to print. Speeds mm/s, lengths mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -552,6 +562,18 @@ pub struct PrintSettings {
     pub skirt_distance_mm: f64,
     /// Width of the brim, mm; 0: none.
     pub brim_mm: f64,
+    /// A part higher than so many times the width that it stands on gets a brim, or a wider one; 0: never.
+    pub brim_slenderness: f64,
+    /// What holds overhangs up.
+    pub support: SupportStyle,
+    /// Walls that lean farther from the vertical are held up, degrees.
+    pub support_overhang_deg: f64,
+    /// Air between supports and part, sideways, mm.
+    pub support_gap_mm: f64,
+    /// Fill of supports, percent.
+    pub support_percent: f64,
+    /// Whether supports may stand in the lumen: they have to be taken out again.
+    pub support_in_lumen: bool,
     /// Move of a contour at the lumen against hole shrinkage, mm, into the wall positive.
     pub hole_compensation_mm: f64,
     /// Move of the first layer's outline against its spread, mm, inward positive.

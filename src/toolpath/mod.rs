@@ -13,7 +13,9 @@
 //!
 //! Outline, spacing and flow follow one bead model ([`BeadModel`]).
 //!
-//! Not done: supports, floors and roofs of sparse fill, bridges, arcs.
+//! - Columns under overhangs, where the profile asks for supports.
+//!
+//! Not done: rafts, floors and roofs of sparse fill, bridges.
 //!
 //! Layers are filled in parallel and put in order one after the other, so the result is the same on any
 //! number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
@@ -26,6 +28,7 @@ mod raster;
 mod sequence;
 mod simplify;
 mod skin;
+mod supports;
 mod travel;
 
 pub use flow::BeadModel;
@@ -33,7 +36,7 @@ pub use travel::Travel;
 
 use crate::ct::Warning;
 use crate::geom::{Point2, Region, RigidTransform};
-use crate::profile::{BeadShape, Profile};
+use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
@@ -55,6 +58,10 @@ pub enum BeadKind {
     SolidInfill,
     /// Loops around the part that prime the nozzle or hold the part down.
     SkirtBrim,
+    /// What holds overhangs up.
+    SupportMaterial,
+    /// Its uppermost layers.
+    SupportInterface,
 }
 
 impl BeadKind {
@@ -67,7 +74,15 @@ impl BeadKind {
             Self::InternalInfill => "Internal infill",
             Self::SolidInfill => "Solid infill",
             Self::SkirtBrim => "Skirt/Brim",
+            Self::SupportMaterial => "Support material",
+            Self::SupportInterface => "Support material interface",
         }
+    }
+
+    /// Whether it belongs to the part: all else is taken away after the print.
+    #[must_use]
+    pub const fn is_part(self) -> bool {
+        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface)
     }
 }
 
@@ -211,13 +226,28 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     // Of several faulty layers always the lowest is reported.
     let mut drafts = drafts.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
     let mut warnings = warnings(&drafts);
+    let on_bed = support(&mut drafts, profile);
+    let height_mm: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
     if let Some(first) = drafts.first_mut() {
-        let (loops, warning) = adhesion::loops(&first.material, profile, &first.params);
+        let (loops, warning) = adhesion::loops(&first.material, &on_bed, height_mm, profile, &first.params);
         first.adhesion = loops;
         warnings.extend(warning);
     }
     let layers = in_order(drafts, task)?;
     Ok(Planned { paths: Toolpaths { bed_from_stack: placement.bed_from_stack, layers }, warnings })
+}
+
+/// Plans the supports; gives what of them stands on the bed.
+fn support(drafts: &mut [Draft], profile: &Profile) -> Region {
+    if profile.print.support == SupportStyle::None {
+        return Region::default();
+    }
+    let slabs: Vec<supports::Slab<'_>> = drafts.iter().map(Draft::slab).collect();
+    let columns = supports::columns(&slabs, profile);
+    drafts.par_iter_mut().zip(&columns).enumerate().for_each(|(idx, (draft, column))| {
+        draft.supports = column.paths(idx, &draft.params, profile);
+    });
+    columns.first().map(supports::Support::area).unwrap_or_default()
 }
 
 /// A layer whose beads are not yet in order.
@@ -227,10 +257,17 @@ struct Draft {
     lumen: Region,
     params: FillParams,
     adhesion: Vec<Path>,
+    supports: Vec<Path>,
     paths: Vec<Path>,
     net: Option<travel::Net>,
     thin: Option<Thin>,
     lost: Vec<Point2>,
+}
+
+impl Draft {
+    const fn slab(&self) -> supports::Slab<'_> {
+        supports::Slab { material: &self.material, lumen: &self.lumen, height_mm: self.slot.height_mm }
+    }
 }
 
 fn draft(
@@ -248,6 +285,7 @@ fn draft(
         lumen,
         params,
         adhesion: vec![],
+        supports: vec![],
         paths: vec![],
         net: None,
         thin: None,
@@ -313,6 +351,10 @@ fn in_order(drafts: Vec<Draft>, task: &Task<'_>) -> Result<Vec<LayerPaths>, Erro
             beads.push(Bead { kind: path.kind, points: sequence::bead_points(&vertices) });
             travels.push(Travel { via: Vec::new(), leaves_material: true });
         }
+        let around = sequence::around(draft.supports, draft.net.as_ref(), at);
+        at = around.at;
+        beads.extend(around.beads);
+        travels.extend(around.travels);
         if let Some(net) = &draft.net {
             let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, at);
             at = sequence.at;
