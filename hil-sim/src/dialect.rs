@@ -217,7 +217,9 @@ impl Dialect {
         match self.family {
             Family::Marlin | Family::Repetier => "echo: cold extrusion prevented",
             Family::Klipper => "!! Extrude below minimum temp",
-            Family::RepRapFirmware => "Warning: Tool 0 was not driven because its heater temperatures were not high enough",
+            Family::RepRapFirmware => {
+                "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
+            }
             Family::Smoothie => "error: extruder is too cold",
         }
     }
@@ -443,7 +445,16 @@ pub static SMOOTHIE: Dialect = Dialect {
                Smoothieware/Smoothieware, FIRMWARE_VERSION:edge (hil-sim)",
     capabilities: &[],
     halted: &["!!"],
-    codes: &[(b'M', 17), (b'M', 92), (b'M', 203), (b'M', 205), (b'M', 302), (b'M', 500), (b'M', 503), (b'M', 999)],
+    codes: &[
+        (b'M', 17),
+        (b'M', 92),
+        (b'M', 203),
+        (b'M', 205),
+        (b'M', 302),
+        (b'M', 500),
+        (b'M', 503),
+        (b'M', 999),
+    ],
     words: &[],
     arcs: Some(ArcRule { deviation_mm: 0.01, ..ArcRule::of_length(5.0) }),
 };

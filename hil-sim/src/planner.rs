@@ -303,9 +303,7 @@ fn junction2(last: &Block, next: &Block, limits: &Limits) -> f64 {
     let nominal = next.nominal.min(last.nominal);
     match limits.cornering {
         Cornering::Deviation(deviation) => deviation_speed2(last, next, deviation).min(nominal * nominal),
-        Cornering::Jerk { .. } => {
-            jerk_speed(last.direction, next.direction, limits).min(nominal).powi(2)
-        }
+        Cornering::Jerk { .. } => jerk_speed(last.direction, next.direction, limits).min(nominal).powi(2),
         Cornering::SquareCorner(speed) => square_corner_speed2(last, next, speed).min(nominal * nominal),
     }
 }
@@ -380,8 +378,7 @@ fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block
     }
     let (mut nominal, mut acceleration) = (speed, wanted);
     let travels = delta[3].abs() <= 1e-12;
-    let strongest =
-        limits.travel_max_acceleration.filter(|_| travels).unwrap_or(limits.max_acceleration);
+    let strongest = limits.travel_max_acceleration.filter(|_| travels).unwrap_or(limits.max_acceleration);
     for ((d, max_speed), max_acceleration) in delta.iter().zip(limits.max_speed).zip(strongest) {
         let share = d.abs() / length;
         if share > 0.0 {
@@ -479,6 +476,40 @@ mod tests {
             2.0 * ((100.0 - v2.sqrt()) / 1500.0 + 100.0 / 1500.0 + (50.0 - ramp(v2) - ramp(0.0)) / 100.0);
         assert!((time / expected - 1.0).abs() < 1e-9, "{time} {expected}");
         assert_eq!(done.len(), 2);
+    }
+
+    /// Time of two moves of 50 mm with a right angle between them, taken at `corner` mm/s, begun and ended at `rest`.
+    fn right_angle_s(cornering: Cornering) -> f64 {
+        let limits = Limits { cornering, ..LIMITS };
+        let mut planner = Planner::new(16);
+        planner.push(0.0, [[0.0; 4], [50.0, 0.0, 0.0, 0.0]], 100.0, &limits);
+        planner.push(0.0, [[50.0, 0.0, 0.0, 0.0], [50.0, 50.0, 0.0, 0.0]], 100.0, &limits);
+        planner.release(0.0);
+        while planner.depth() > 0 {
+            planner.start();
+            planner.finish();
+        }
+        planner.free_s
+    }
+
+    fn expected_s(rest: f64, corner: f64) -> f64 {
+        let (v, a) = (100.0_f64, LIMITS.travel_acceleration);
+        let ramps = 2.0f64.mul_add(v * v, -rest * rest - corner * corner) / (2.0 * a);
+        2.0 * ((2.0 * v - rest - corner) / a + (50.0 - ramps) / v)
+    }
+
+    #[test]
+    fn every_rule_of_corners_takes_a_right_angle_at_its_own_speed() {
+        let jerk = |planar, rest_share| Cornering::Jerk { axes: [8.0; 4], eased: true, planar, rest_share };
+        for (cornering, rest, corner) in [
+            (jerk(false, 1.0), 8.0, 8.0),
+            (jerk(false, 0.0), 0.0, 8.0),
+            (jerk(true, 0.5), 4.0, 8.0 / 2.0_f64.sqrt()),
+            (Cornering::SquareCorner(5.0), 0.0, 5.0),
+        ] {
+            let (time, expected) = (right_angle_s(cornering), expected_s(rest, corner));
+            assert!((time / expected - 1.0).abs() < 1e-9, "{cornering:?}: {time} {expected}");
+        }
     }
 
     #[test]

@@ -180,7 +180,12 @@ const PROFILES: [Profile; 9] = [
         max_acceleration_mm_s2: [2500.0, 2500.0, 100.0, 3000.0],
         print_acceleration_mm_s2: 1500.0,
         travel_acceleration_mm_s2: 2500.0,
-        cornering: Cornering::Jerk { axes: [9.0, 9.0, 0.5, 5.0], eased: false, planar: false, rest_share: 0.0 },
+        cornering: Cornering::Jerk {
+            axes: [9.0, 9.0, 0.5, 5.0],
+            eased: false,
+            planar: false,
+            rest_share: 0.0,
+        },
         rx_ring_bytes: 1024,
         command_slots: 8,
         planner_blocks: 40,
@@ -197,7 +202,12 @@ const PROFILES: [Profile; 9] = [
         travel_acceleration_mm_s2: 1e9,
         retract_acceleration_mm_s2: 1e9,
         travel_max_acceleration_mm_s2: Some([1500.0, 1500.0, 100.0, 4000.0]),
-        cornering: Cornering::Jerk { axes: [20.0, 20.0, 0.3, 20.0], eased: false, planar: true, rest_share: 0.5 },
+        cornering: Cornering::Jerk {
+            axes: [20.0, 20.0, 0.3, 20.0],
+            eased: false,
+            planar: true,
+            rest_share: 0.5,
+        },
         ..MARLIN_MACHINE
     },
     Profile {
@@ -231,12 +241,7 @@ const PROFILES: [Profile; 9] = [
         bead_shape: BeadShape::Rectangle,
         ..MARLIN_MACHINE
     },
-    Profile {
-        name: "abs-enclosed",
-        bed_mm: [254.0, 254.0, 305.0],
-        ambient_c: 45.0,
-        ..MARLIN_MACHINE
-    },
+    Profile { name: "abs-enclosed", bed_mm: [254.0, 254.0, 305.0], ambient_c: 45.0, ..MARLIN_MACHINE },
 ];
 
 impl Profile {

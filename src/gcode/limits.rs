@@ -55,10 +55,7 @@ pub(super) fn lines(profile: &Profile) -> Vec<String> {
 
 /// Highest accelerations and speeds of the axes, the speeds in so many times mm/s.
 fn axis_limits(machine: &Machine, speed_unit: f64) -> Vec<String> {
-    vec![
-        axes("M201", machine.max_acceleration_mm_s2, 1.0),
-        axes("M203", machine.max_speed_mm_s, speed_unit),
-    ]
+    vec![axes("M201", machine.max_acceleration_mm_s2, 1.0), axes("M203", machine.max_speed_mm_s, speed_unit)]
 }
 
 /// The accelerations of the axes where those of the plane are also those of the move.

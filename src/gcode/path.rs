@@ -1,9 +1,10 @@
 //! A bead's centre line to the moves that draw it: arcs where the firmware has them, straight segments where not, none of
 //! them denser than wire and planner take.
 //!
-//! - Where the profile says so, a run of segments of one width that lies on a circle becomes an arc through its two ends. The
-//!   circle is the best one through both ends (least squares over vertices and middles of the segments). It is taken where
-//!   every vertex and every middle is within the profile's tolerance of it, less what the firmware's own chords leave it by.
+//! - Where the profile says so, a run of segments that lies on a circle becomes an arc through its two ends. The circle is the
+//!   best one through both ends (least squares over vertices and middles of the segments). It is taken where every vertex and
+//!   every middle is within the profile's tolerance of it, less what the firmware's own chords leave it by, and less what the
+//!   bead's edges move because an arc has one width.
 //! - Segments that would take less than the planner's least time are joined while what is left out lies within the
 //!   tolerance.
 //! - Where segments are still too dense, the run is driven slower.
@@ -46,8 +47,6 @@ const FEWEST_SEGMENTS: usize = 4;
 const MOST_TURN_RAD: f64 = 1.5 * PI;
 /// Larger radii are straight lines to a planner, mm.
 const LARGEST_RADIUS_MM: f64 = 500.0;
-/// Segments of an arc differ in width by less than this, mm: their flow is one.
-const SAME_WIDTH_MM: f64 = 1e-6;
 
 /// The moves along `points` at `speed_mm_s`.
 pub(super) fn pieces(
@@ -77,9 +76,7 @@ pub(super) fn pieces(
 fn piece(run: &[BeadPoint], arc: Option<Arc>, model: BeadModel, speed_mm_s: f64) -> Piece {
     let segment = |pair: &[BeadPoint]| (pair[1].at - pair[0].at).norm() * model.area_mm2(pair[0].width_mm);
     let (begin, to) = (run[0].at, run[run.len() - 1].at);
-    let length_mm = arc.map_or((to - begin).norm(), |arc| {
-        (begin - arc.centre).norm() * turn(begin, to, arc)
-    });
+    let length_mm = arc.map_or((to - begin).norm(), |arc| (begin - arc.centre).norm() * turn(begin, to, arc));
     Piece { to, mm3: run.windows(2).map(segment).sum(), length_mm, arc, speed_mm_s }
 }
 
@@ -99,15 +96,19 @@ fn joined(points: &[BeadPoint], from: usize, shortest_mm: f64, tolerance_mm: f64
         let b = points[to + 1].at;
         let inside = &points[from + 1..=to];
         let near = inside.iter().all(|p| distance_mm(p.at, a, b) <= tolerance_mm);
-        let widths = points[from..=to].iter().map(|p| p.width_mm);
-        let spread = widths.clone().fold(0.0, f64::max) - widths.fold(f64::INFINITY, f64::min);
-        // Both edges move by half of it.
-        if !near || spread / 2.0 > tolerance_mm {
+        // Both edges move by half of the spread.
+        if !near || width_spread_mm(&points[from..=to]) / 2.0 > tolerance_mm {
             break;
         }
         to += 1;
     }
     to
+}
+
+/// By how much the widths of segments differ at most, mm.
+fn width_spread_mm(segments: &[BeadPoint]) -> f64 {
+    let widths = segments.iter().map(|p| p.width_mm);
+    widths.clone().fold(0.0, f64::max) - widths.fold(f64::INFINITY, f64::min)
 }
 
 fn distance_mm(p: Point2, a: Point2, b: Point2) -> f64 {
@@ -118,9 +119,7 @@ fn distance_mm(p: Point2, a: Point2, b: Point2) -> f64 {
 
 /// The longest arc that begins at `from`, found by doubling, then by bisection.
 fn longest_arc(points: &[BeadPoint], from: usize, profile: &Profile) -> Option<(usize, Arc)> {
-    let width = points[from].width_mm;
-    let same = points[from..points.len() - 1].iter().take_while(|p| (p.width_mm - width).abs() < SAME_WIDTH_MM);
-    let last = from + same.count();
+    let last = points.len() - 1;
     let fit = |to: usize| fit(&points[from..=to], profile);
     let mut good = (from + FEWEST_SEGMENTS, fit_at(from + FEWEST_SEGMENTS, last, &fit)?);
     let mut bad = last + 1;
@@ -172,7 +171,8 @@ fn fit(run: &[BeadPoint], profile: &Profile) -> Option<Arc> {
     // On a straight line there is no centre.
     let centre = on_grid(middle + normal * (ab / bb.max(1e-18)));
     let radius = (begin - centre).norm();
-    let room_mm = profile.print.tolerance_mm - firmware_deviation_mm(radius, profile);
+    let by_width_mm = width_spread_mm(&run[..run.len() - 1]) / 2.0;
+    let room_mm = profile.print.tolerance_mm - firmware_deviation_mm(radius, profile) - by_width_mm;
     let is_round = radius < LARGEST_RADIUS_MM && room_mm > 0.0;
     let off = |p: &Point2| ((p - centre).norm() - radius).abs();
     if !is_round || off(&end) > room_mm || samples.iter().any(|p| off(p) > room_mm) {

@@ -48,9 +48,8 @@ fn sampled(begin: Point2, pieces: &[Piece]) -> Vec<Point2> {
 }
 
 fn farthest_from_line(points: &[Point2], line: &[BeadPoint]) -> f64 {
-    let distance = |p: &Point2| {
-        line.windows(2).map(|l| distance_mm(*p, l[0].at, l[1].at)).fold(f64::INFINITY, f64::min)
-    };
+    let distance =
+        |p: &Point2| line.windows(2).map(|l| distance_mm(*p, l[0].at, l[1].at)).fold(f64::INFINITY, f64::min);
     points.iter().map(distance).fold(0.0, f64::max)
 }
 
@@ -111,7 +110,9 @@ fn dense_segments_are_joined_within_the_tolerance_and_the_rest_driven_slower() {
     profile.print.tolerance_mm = 0.004;
     let made = pieces(&bend, model(), 30.0, &profile);
     assert!(made.len() < 30, "{}", made.len());
-    assert!(farthest_from_line(&bend.iter().map(|p| p.at).collect::<Vec<_>>(), &as_line(bend[0], &made)) <= 0.004);
+    assert!(
+        farthest_from_line(&bend.iter().map(|p| p.at).collect::<Vec<_>>(), &as_line(bend[0], &made)) <= 0.004
+    );
     let rate = made[8].speed_mm_s / made[8].length_mm;
     assert!(rate < 110.0, "{rate} moves a second");
     // A long segment is left alone.

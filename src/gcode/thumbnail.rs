@@ -22,7 +22,8 @@ impl Thumbnail {
     pub(super) fn lines(&self) -> Vec<String> {
         let text = base64(&self.png);
         let Self { width_px, height_px, .. } = self;
-        let mut lines = vec![";".to_owned(), format!("; thumbnail begin {width_px}x{height_px} {}", text.len())];
+        let mut lines =
+            vec![";".to_owned(), format!("; thumbnail begin {width_px}x{height_px} {}", text.len())];
         let mut rest = text.as_str();
         while !rest.is_empty() {
             let (line, after) = rest.split_at(LINE_CHARS.min(rest.len()));

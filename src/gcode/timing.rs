@@ -68,7 +68,11 @@ fn progress(text: &mut String, elapsed_s: f64, total_s: f64, profile: &Profile) 
     };
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped at zero, and no print takes ages")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped at zero, and no print takes ages"
+)]
 const fn whole(value: f64) -> u64 {
     value.max(0.0) as u64
 }

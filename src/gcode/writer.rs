@@ -241,7 +241,8 @@ impl<'a> Job<'a> {
         let mut way = std::mem::take(&mut self.back);
         let forth: Vec<[i64; 2]> = way.iter().rev().skip(1).copied().chain([end]).collect();
         way.extend(forth);
-        let lengths: Vec<f64> = [end].iter().chain(&way).zip(&way).map(|(a, b)| distance_mm(*a, *b)).collect();
+        let lengths: Vec<f64> =
+            [end].iter().chain(&way).zip(&way).map(|(a, b)| distance_mm(*a, *b)).collect();
         let length: f64 = lengths.iter().sum();
         if length < SHORTEST_WIPE_MM {
             return 0.0;
@@ -647,7 +648,8 @@ mod tests {
     fn other_settings_give_another_hash_and_the_same_ones_the_same_bytes() {
         assert_eq!(text(), text());
         let profile = profile::builtin("reference").unwrap();
-        let other = write(&job(), &profile, &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
+        let other =
+            write(&job(), &profile, &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
         assert_ne!(text().lines().nth(1), other.lines().nth(1));
     }
 }

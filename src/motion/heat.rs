@@ -37,7 +37,8 @@ impl Heaters {
     pub(super) fn pass(&mut self, seconds: f64) {
         for heater in &mut self.0 {
             let warmer = heater.at_c + heater.rate_k_s * seconds;
-            heater.at_c = if heater.target_c > heater.at_c { warmer.min(heater.target_c) } else { heater.at_c };
+            heater.at_c =
+                if heater.target_c > heater.at_c { warmer.min(heater.target_c) } else { heater.at_c };
         }
     }
 }

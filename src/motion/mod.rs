@@ -62,7 +62,9 @@ pub enum Error {
         source: reader::Error,
     },
     /// A move that the model does not know.
-    #[error("line {line}: {command} is not supported by the estimate; expected straight moves (G0, G1) or arcs (G2, G3)")]
+    #[error(
+        "line {line}: {command} is not supported by the estimate; expected straight moves (G0, G1) or arcs (G2, G3)"
+    )]
     Unsupported {
         /// The line, counted from 1.
         line: usize,
@@ -70,7 +72,9 @@ pub enum Error {
         command: String,
     },
     /// An arc without a centre.
-    #[error("line {line}: {command} has no centre; expected I, J or both, or a radius R that reaches the end")]
+    #[error(
+        "line {line}: {command} has no centre; expected I, J or both, or a radius R that reaches the end"
+    )]
     Arc {
         /// The line, counted from 1.
         line: usize,
@@ -466,7 +470,8 @@ mod tests {
     #[test]
     fn homing_and_warming_up_take_what_the_profile_says() {
         let profile = machine();
-        let e = estimate("M140 S60\nM104 S200\nG28\nM190 S60\nM109 S200\nM109 S200", &profile, &Task::quiet());
+        let e =
+            estimate("M140 S60\nM104 S200\nG28\nM190 S60\nM109 S200\nM109 S200", &profile, &Task::quiet());
         let warm_s = |to: f64, rate: f64| (to - heat::ROOM_C) / rate + heat::SETTLING_S;
         let slower = warm_s(60.0, profile.machine.heating_k_s[1]);
         assert!(slower > warm_s(200.0, profile.machine.heating_k_s[0]));
@@ -479,7 +484,8 @@ mod tests {
         let e = estimate(&text, &machine(), &Task::quiet()).unwrap();
         assert_eq!(e.marks.len(), 100);
         assert_eq!((e.marks[0].line, e.marks[0].elapsed_s), (1, 0.0));
-        let wrong = e.marks.iter().zip(0..).find(|(m, n)| (m.elapsed_s / e.total_s * 100.0).floor() as i32 != *n);
+        let wrong =
+            e.marks.iter().zip(0..).find(|(m, n)| (m.elapsed_s / e.total_s * 100.0).floor() as i32 != *n);
         assert_eq!(wrong, None);
     }
 
@@ -487,7 +493,8 @@ mod tests {
     fn an_arc_takes_as_long_as_its_way_and_uses_all_its_filament() {
         let gcode = "G90\nM83\nG0 X110 Y100 F6000\nG4 S0.001\nG3 X90 Y100 I-10 E2 F1200";
         let e = estimate(gcode, &machine(), &Task::quiet()).unwrap();
-        let straight = estimate("G90\nM83\nG0 X110 Y100 F6000\nG4 S0.001\n", &machine(), &Task::quiet()).unwrap();
+        let straight =
+            estimate("G90\nM83\nG0 X110 Y100 F6000\nG4 S0.001\n", &machine(), &Task::quiet()).unwrap();
         let expected = std::f64::consts::PI * 10.0 / 20.0;
         let took = e.total_s - straight.total_s;
         assert!((took / expected - 1.0).abs() < 0.02, "{took} {expected}");

@@ -94,7 +94,8 @@ impl Scene {
     /// Fills an outline at a height, row by row.
     fn fill(&mut self, outline: &[Vec<[f64; 2]>], z_mm: f64) {
         let away = outline.iter().flatten().map(|p| p[1]);
-        let (near, far) = (away.clone().fold(f64::INFINITY, f64::min), away.fold(f64::NEG_INFINITY, f64::max));
+        let (near, far) =
+            (away.clone().fold(f64::INFINITY, f64::min), away.fold(f64::NEG_INFINITY, f64::max));
         if !near.is_finite() {
             return;
         }
@@ -108,15 +109,21 @@ impl Scene {
             crossings.clear();
             for contour in outline {
                 let ends = contour.iter().zip(contour.iter().cycle().skip(1));
-                crossings.extend(ends.filter(|(a, b)| (a[1] > away) != (b[1] > away)).map(|(a, b)| {
-                    a[0] + (b[0] - a[0]) * (away - a[1]) / (b[1] - a[1])
-                }));
+                crossings.extend(
+                    ends.filter(|(a, b)| (a[1] > away) != (b[1] > away))
+                        .map(|(a, b)| a[0] + (b[0] - a[0]) * (away - a[1]) / (b[1] - a[1])),
+                );
             }
             crossings.sort_by(f64::total_cmp);
             for span in crossings.chunks_exact(2) {
                 let column = |right: f64| (right - self.middle[0]) * self.px_per_mm + self.n as f64 / 2.0;
                 let (from, to) = (whole(column(span[0]).round()), whole(column(span[1]).round()).min(self.n));
-                for pixel in self.depth.get_mut(row * self.n + from.min(self.n)..row * self.n + to).into_iter().flatten() {
+                for pixel in self
+                    .depth
+                    .get_mut(row * self.n + from.min(self.n)..row * self.n + to)
+                    .into_iter()
+                    .flatten()
+                {
                     *pixel = pixel.min(depth);
                 }
             }
@@ -134,9 +141,8 @@ impl Scene {
         let mut canvas = Pixmap::new(pixels, pixels).expect("8 to 2048 pixels");
         for (i, pixel) in canvas.pixels_mut().iter_mut().enumerate() {
             let (row, column) = (i / side * FINER, i % side * FINER);
-            let lights: Vec<f64> = (0..FINER * FINER)
-                .filter_map(|k| self.light(row + k / FINER, column + k % FINER))
-                .collect();
+            let lights: Vec<f64> =
+                (0..FINER * FINER).filter_map(|k| self.light(row + k / FINER, column + k % FINER)).collect();
             let share = 1.0 / (FINER * FINER) as f64;
             let light: f64 = lights.iter().sum::<f64>() * share;
             let free = 1.0 - lights.len() as f64 * share;
@@ -152,7 +158,11 @@ impl Scene {
         let slope = |before: Option<f64>, after: Option<f64>| {
             let steps = [before.map(|d| here - d), after.map(|d| d - here)];
             // The gentler one: the other may be an edge.
-            let gentler = steps.into_iter().flatten().filter(|s| s.is_finite()).min_by(|a, b| a.abs().total_cmp(&b.abs()));
+            let gentler = steps
+                .into_iter()
+                .flatten()
+                .filter(|s| s.is_finite())
+                .min_by(|a, b| a.abs().total_cmp(&b.abs()));
             gentler.unwrap_or(0.0) * self.px_per_mm / REACH as f64
         };
         let beside = |by: usize, sign: bool| if sign { Some(column + by) } else { column.checked_sub(by) };
@@ -197,7 +207,11 @@ fn thinned(points: impl Iterator<Item = [f64; 2]>, step: f64) -> Vec<[f64; 2]> {
     kept
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "negative and huge values go to the ends")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "negative and huge values go to the ends"
+)]
 const fn whole(value: f64) -> usize {
     value as usize
 }

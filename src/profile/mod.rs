@@ -171,10 +171,7 @@ fn with_bases(text: &str, file: &str) -> Result<Layers, Error> {
 }
 
 /// What the firmware must know for the profile to be of use.
-fn check_dialect(
-    profile: &Profile,
-    fail: &dyn Fn(&str, String) -> Result<(), Error>,
-) -> Result<(), Error> {
+fn check_dialect(profile: &Profile, fail: &dyn Fn(&str, String) -> Result<(), Error>) -> Result<(), Error> {
     let Firmware { dialect, object_labels, .. } = profile.firmware;
     let cornerings = dialect.cornerings();
     if !cornerings.contains(&profile.machine.cornering) {

@@ -53,7 +53,11 @@ const fn whole(min: u32, max: u32) -> Kind {
 pub(super) const FIELDS: &[Field] = &[
     field("name", "", Kind::Text),
     field("description", "", Kind::Text),
-    field("firmware.dialect", "", Kind::Choice(&["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie"])),
+    field(
+        "firmware.dialect",
+        "",
+        Kind::Choice(&["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie"]),
+    ),
     field("firmware.baud", "baud", whole(1200, 4_000_000)),
     field("firmware.line_numbers", "", Kind::Flag),
     field("firmware.resend_style", "", Kind::Choice(&["resend", "rs"])),

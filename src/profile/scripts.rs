@@ -3,7 +3,8 @@
 use super::Profile;
 
 /// The names that may stand in braces.
-pub(super) const PLACEHOLDERS: &[&str] = &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm", "park_z_mm"];
+pub(super) const PLACEHOLDERS: &[&str] =
+    &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm", "park_z_mm"];
 
 /// How far above the part the nozzle is parked, mm.
 const PARK_ABOVE_MM: f64 = 5.0;

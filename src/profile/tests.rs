@@ -56,7 +56,9 @@ fn the_reference_machine_adds_nothing_to_the_part() {
     assert_eq!((p.filament.flow_percent, p.filament.shrinkage_percent), (100.0, 0.0));
     assert_eq!((p.print.hole_compensation_mm, p.print.first_layer_compensation_mm), (0.0, 0.0));
     assert_eq!(p.firmware.dialect, Dialect::Marlin);
-    assert!(!p.firmware.arcs && p.print.wipe_mm == 0.0 && p.filament.fan_least_percent == p.filament.fan_percent);
+    assert!(
+        !p.firmware.arcs && p.print.wipe_mm == 0.0 && p.filament.fan_least_percent == p.filament.fan_percent
+    );
 }
 
 #[test]
@@ -102,7 +104,11 @@ fn each_kind_of_wrong_value_is_refused() {
         ("travel_mm_s = 150", "travel_mm_s = 900", "at most 500 mm/s"),
         ("safe = [\"M104 S0\", \"M140 S0\", \"M107\"]", "safe = []", "switch the heaters off"),
         ("\"M107\",\n    \"G90\"", "\"M107 ; fan\",\n    \"G90\"", "without line breaks or comments"),
-        ("cornering = \"junction-deviation\"", "cornering = \"square-corner\"", "expected \"junction-deviation\" or \"jerk\" with"),
+        (
+            "cornering = \"junction-deviation\"",
+            "cornering = \"square-corner\"",
+            "expected \"junction-deviation\" or \"jerk\" with",
+        ),
         ("object_labels = \"m486\"", "object_labels = \"exclude-object\"", "expected m486 or none with"),
         ("\"G28\"", "\"G28 {speed}\"", "{speed} in \"G28 {speed}\""),
         ("\"G28\"", "\"G28 {bed_c\"", "expected one of {hotend_c}"),

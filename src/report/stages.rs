@@ -221,8 +221,7 @@ fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &RigidTransfor
         points: bead.points.iter().map(|p| moved_point(p.at, back)).collect(),
         widths_mm: bead.points.iter().map(|p| p.width_mm).take(bead.points.len().max(2) - 1).collect(),
     };
-    let (around, part): (Vec<&Bead>, Vec<&Bead>) =
-        paths.beads.iter().partition(|b| !b.kind.is_part());
+    let (around, part): (Vec<&Bead>, Vec<&Bead>) = paths.beads.iter().partition(|b| !b.kind.is_part());
     let part = strokes::union(&part.into_iter().map(stroke).collect::<Vec<_>>());
     let deposited = strokes::union(recorded);
     let areas = if around.is_empty() {

@@ -23,7 +23,8 @@ pub(super) fn loops(
 ) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outlines = material.contours.iter().chain(&supports.contours).filter(|c| c.is_ccw()).cloned().collect();
+    let outlines =
+        material.contours.iter().chain(&supports.contours).filter(|c| c.is_ccw()).cloned().collect();
     let outline = Region::union_all([&Region::new(outlines)]);
     let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]

@@ -92,7 +92,8 @@ pub(super) fn columns(slabs: &[Slab<'_>], profile: &Profile) -> Vec<Support> {
         if !carried.is_empty() {
             // What stands on the part goes no further down.
             carried = carried.difference(&here);
-            supports[idx] = cut(&carried, &here, &above, idx.checked_sub(1).map(|i| filled(&slabs[i])), &fresh, profile);
+            supports[idx] =
+                cut(&carried, &here, &above, idx.checked_sub(1).map(|i| filled(&slabs[i])), &fresh, profile);
         }
         let overhang = idx.checked_sub(1).map(|below| overhang(&slabs[idx], &filled(&slabs[below]), profile));
         fresh.push_front(overhang.unwrap_or_default());

@@ -71,8 +71,8 @@ impl Printer {
 
     /// A firmware that has stopped answers nothing but the order to start again.
     fn refuse_when_halted(&mut self, command: &Command<'_>) -> Outcome {
-        let restarts = command.text.starts_with(b"FIRMWARE_RESTART")
-            || command.letter == b'M' && command.code == 999;
+        let restarts =
+            command.text.starts_with(b"FIRMWARE_RESTART") || command.letter == b'M' && command.code == 999;
         if restarts {
             if self.profile.dialect.family == Family::Klipper {
                 self.say("// Klipper state: Disconnect");
@@ -80,7 +80,11 @@ impl Printer {
             self.reset();
             return Outcome::Done;
         }
-        self.say(if self.profile.dialect.family == Family::Klipper { "!! Shutdown due to M112 command" } else { "!!" });
+        self.say(if self.profile.dialect.family == Family::Klipper {
+            "!! Shutdown due to M112 command"
+        } else {
+            "!!"
+        });
         Outcome::Done
     }
 
@@ -122,7 +126,23 @@ impl Printer {
         match command.code {
             0 | 1 => return self.pause(command),
             // Handled elsewhere, or of no effect here: motors on, print timer, progress, debug flags, message, time-outs.
-            17 | 31 | 73 | 75..=77 | 85 | 108 | 111 | 117 | 300 | 301 | 304 | 408 | 486 | 501 | 502 | 876 | 999 => {}
+            17
+            | 31
+            | 73
+            | 75..=77
+            | 85
+            | 108
+            | 111
+            | 117
+            | 300
+            | 301
+            | 304
+            | 408
+            | 486
+            | 501
+            | 502
+            | 876
+            | 999 => {}
             18 | 84 => return Outcome::Wait(Wait::Drain(After::MotorsOff)),
             82 => self.motion.relative[3] = false,
             83 => self.motion.relative[3] = true,

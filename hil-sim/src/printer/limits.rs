@@ -87,8 +87,7 @@ fn set_jerk(command: &Command<'_>, limits: &mut Limits, unit: f64) {
 }
 
 fn set_deviation(value: Option<f64>, limits: &mut Limits) {
-    if let (Some(mm), Cornering::Deviation(deviation)) =
-        (value.filter(|&mm| mm > 0.0), &mut limits.cornering)
+    if let (Some(mm), Cornering::Deviation(deviation)) = (value.filter(|&mm| mm > 0.0), &mut limits.cornering)
     {
         *deviation = mm;
     }

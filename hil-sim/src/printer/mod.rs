@@ -492,12 +492,14 @@ impl Printer {
         if self.record_commands {
             self.events.push(Event::Command { t_s: self.now_s, text: text.clone() });
         }
+        let was = self.life;
         if !self.profile.dialect.emergency_parser
             && let Some(order) = early_order(&text)
         {
             self.emergency(order);
         }
-        if self.listens() {
+        // The order that has stopped it is done.
+        if self.listens() && self.life == was {
             self.queue.push_back(text);
             self.strike_spurious_resend();
         }

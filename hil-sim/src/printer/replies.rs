@@ -77,9 +77,9 @@ impl Printer {
         let [target, bed_target] = [hotend.target_c, bed.target_c];
         let [power, bed_power] = [hotend.power(t), bed.power(t)];
         match self.profile.dialect.family {
-            Family::Marlin | Family::Repetier => format!(
-                " T:{now:.2} /{target:.2} B:{bed_now:.2} /{bed_target:.2} @:{power} B@:{bed_power}"
-            ),
+            Family::Marlin | Family::Repetier => {
+                format!(" T:{now:.2} /{target:.2} B:{bed_now:.2} /{bed_target:.2} @:{power} B@:{bed_power}")
+            }
             Family::Klipper => format!(" B:{bed_now:.1} /{bed_target:.1} T0:{now:.1} /{target:.1}"),
             Family::RepRapFirmware => {
                 format!(" T0:{now:.1} /{target:.1} B:{bed_now:.1} /{bed_target:.1}")

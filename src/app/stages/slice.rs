@@ -94,12 +94,7 @@ impl Session<'_> {
         Ok(profile::load::by_name(&self.settings().profile)?)
     }
 
-    fn write_job(
-        &mut self,
-        profile: &Profile,
-        settings: String,
-        task: &Task<'_>,
-    ) -> Result<Made, Error> {
+    fn write_job(&mut self, profile: &Profile, settings: String, task: &Task<'_>) -> Result<Made, Error> {
         let warnings = self.plan(profile, task)?;
         self.note(Stage::Slice, "writing G-code");
         let sliced = self.held.sliced.as_ref().expect("planned just now");
