@@ -32,7 +32,7 @@ fn job_text(profile: &Profile, n_layers: u32, n_sides: u32) -> String {
         }
     }
     text.push('\n');
-    text + &profile.end_gcode().join("\n")
+    text + &profile.end_gcode(0.2 * f64::from(n_layers)).join("\n")
 }
 
 /// Not a test: this very program, started by the tests as the simulator (what stands behind `--` is for it).
@@ -47,6 +47,7 @@ fn simulator_process() {
 }
 
 struct Case {
+    profile: &'static str,
     n_layers: u32,
     faults: Vec<String>,
     baud: Option<u32>,
@@ -56,23 +57,23 @@ struct Case {
 
 impl Case {
     fn with(fault: &str) -> Self {
-        Self { n_layers: 40, faults: vec![fault.to_owned()], baud: None, narrow: false }
+        Self { profile: PROFILE, n_layers: 40, faults: vec![fault.to_owned()], baud: None, narrow: false }
     }
 
     fn clean() -> Self {
-        Self { n_layers: 40, faults: Vec::new(), baud: None, narrow: false }
+        Self { profile: PROFILE, n_layers: 40, faults: Vec::new(), baud: None, narrow: false }
     }
 
     /// Prints; what came of it, and the record of deposition.
     async fn print(self) -> (Result<Printed, Error>, Vec<PrintEvent>, String) {
-        let profile = profile::builtin(PROFILE).unwrap();
+        let profile = profile::builtin(self.profile).unwrap();
         let job =
             Job::from_text(job_text(&profile, self.n_layers, 64), "ring.gcode", &profile.firmware).unwrap();
         let record = tempfile::tempdir().unwrap();
         let options = Options {
             program: std::env::current_exe().unwrap(),
             leading_args: ["simulator_process", "--exact", "--nocapture", "--"].map(Into::into).to_vec(),
-            profile: PROFILE.to_owned(),
+            profile: self.profile.to_owned(),
             record_dir: Some(record.path().to_owned()),
             faults: self.faults.clone(),
             baud: self.baud,
@@ -137,6 +138,17 @@ async fn a_clean_print_deposits_every_segment_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn every_profile_is_printed_over_a_port_on_its_own_firmware() {
+    for profile in profile::builtin_names() {
+        let (result, _, beads) = Case { profile, n_layers: 3, ..Case::clean() }.print().await;
+        let printed = result.unwrap_or_else(|e| panic!("{profile}: {e}"));
+        println!("{profile}: {:?}", printed.stats);
+        assert_eq!(beads.lines().count(), 1 + 3 * 64, "{profile}");
+        assert_eq!(printed.stats.n_resends, 0, "{profile}: {:?}", printed.stats);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn how_many_lines_are_in_flight_leaves_no_trace_in_the_record() {
     let (result, _, wide) = Case::clean().print().await;
     result.unwrap();
@@ -177,6 +189,7 @@ async fn a_throttled_wire_is_printed_over_just_as_well() {
     let (result, _, clean) = Case { n_layers: 4, ..Case::clean() }.print().await;
     result.unwrap();
     let slow = Case {
+        profile: PROFILE,
         n_layers: 4,
         baud: Some(115_200),
         faults: vec!["bit-error:rate=0.02".to_owned()],

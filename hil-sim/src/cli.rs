@@ -66,7 +66,8 @@ struct ReplayArgs {
 
 #[derive(Debug, Args)]
 struct RunArgs {
-    /// Machine: marlin, marlin1, reference, abs-enclosed [default: marlin]
+    /// Machine: marlin, marlin1, klipper, reprapfirmware, repetier, smoothie, prusa-mk3s, reference, abs-enclosed
+    /// [default: marlin]
     #[arg(long, value_name = "NAME")]
     profile: Option<String>,
     /// Path that becomes a symbolic link to the terminal (removed in the end)

@@ -196,7 +196,8 @@ mod tests {
         print_acceleration: 1000.0,
         retract_acceleration: 1000.0,
         travel_acceleration: 1000.0,
-        junction_deviation: 0.013,
+        travel_max_acceleration: None,
+        cornering: crate::planner::Cornering::Deviation(0.013),
     };
 
     /// Drives through `points` and gives what each move left.

@@ -14,6 +14,31 @@ use std::collections::VecDeque;
 /// X, Y, Z, E.
 pub type Position = [f64; 4];
 
+/// How fast the machine may go round a corner.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cornering {
+    /// So fast that a circle which leaves the corner by this, mm, could be driven at the moves' acceleration; every run
+    /// begins and ends at rest.
+    Deviation(f64),
+    /// So fast that no axis changes its speed by more than this at once, mm/s.
+    Jerk {
+        /// X, Y, Z, E.
+        axes: [f64; 4],
+        /// An axis that turns back counts the larger of its two speeds, not their sum.
+        eased: bool,
+        /// X and Y are measured together, as one vector.
+        planar: bool,
+        /// Share of it by which a run may begin and end with a jump.
+        rest_share: f64,
+    },
+    /// A right angle at this speed, mm/s; others by the junction deviation that follows from it, along X, Y, Z alone, and
+    /// no faster than round a circle that touches both moves within their nearer halves (Klipper).
+    SquareCorner(f64),
+}
+
+/// Change of the extruder's speed that Klipper allows at once, mm/s.
+const KLIPPER_EXTRUDER_STEP: f64 = 1.0;
+
 /// Limits of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
@@ -21,14 +46,16 @@ pub struct Limits {
     pub max_speed: [f64; 4],
     /// Strongest per axis.
     pub max_acceleration: [f64; 4],
+    /// The same for moves that do not extrude, where the firmware has its own.
+    pub travel_max_acceleration: Option<[f64; 4]>,
     /// Moves that extrude.
     pub print_acceleration: f64,
     /// E alone.
     pub retract_acceleration: f64,
     /// Moves that do not extrude.
     pub travel_acceleration: f64,
-    /// Junction deviation.
-    pub junction_deviation: f64,
+    /// Corners.
+    pub cornering: Cornering,
 }
 
 /// A move between two points with the speeds at which it is driven.
@@ -97,11 +124,16 @@ pub struct Block {
     pub to: Position,
     /// Its length: along X, Y, Z, or along E where nothing else moves.
     pub length: f64,
+    /// Change of each axis along a unit of length.
     direction: [f64; 4],
     nominal: f64,
     acceleration: f64,
     max_entry2: f64,
     entry2: f64,
+    /// Square of the speed at which it may begin or end at rest.
+    rest2: f64,
+    /// Whether another was planned when it was.
+    follows: bool,
     /// Once it has started.
     pub profile: Option<Profile>,
 }
@@ -132,8 +164,7 @@ pub struct Planner {
     free_s: f64,
     /// Before that the first move does not start.
     hold_s: f64,
-    last_direction: [f64; 4],
-    last_nominal: f64,
+    last: Option<Block>,
 }
 
 impl Planner {
@@ -145,8 +176,7 @@ impl Planner {
             slots: blocks.saturating_sub(1).max(1),
             free_s: 0.0,
             hold_s: 0.0,
-            last_direction: [0.0; 4],
-            last_nominal: 0.0,
+            last: None,
         }
     }
 
@@ -165,13 +195,13 @@ impl Planner {
     /// Plans a straight move from `from` to `to` at `speed`; false if nothing moves. There must be room.
     pub fn push(&mut self, now_s: f64, ends: [Position; 2], speed: f64, limits: &Limits) -> bool {
         let Some(mut block) = shape(ends, speed, limits) else { return false };
-        if self.blocks.is_empty() {
+        let before = self.last.filter(|_| !self.blocks.is_empty());
+        block.follows = before.is_some();
+        block.max_entry2 = before.map_or(block.rest2, |before| junction2(&before, &block, limits));
+        if before.is_none() {
             self.hold_s = now_s + FIRST_MOVE_DELAY_S;
-        } else {
-            block.max_entry2 = self.junction2(&block, limits.junction_deviation);
         }
-        self.last_direction = block.direction;
-        self.last_nominal = block.nominal;
+        self.last = Some(block);
         self.blocks.push_back(block);
         if self.blocks.len() >= COMPANY {
             self.release(now_s);
@@ -185,24 +215,10 @@ impl Planner {
         self.hold_s = self.hold_s.min(now_s);
     }
 
-    /// The square of the highest speed at which `next` may follow the last move.
-    fn junction2(&self, next: &Block, deviation: f64) -> f64 {
-        let cosine: f64 = -self.last_direction.iter().zip(&next.direction).map(|(a, b)| a * b).sum::<f64>();
-        let nominal2 = next.nominal.min(self.last_nominal).powi(2);
-        if cosine > 0.999_999 {
-            return 0.0;
-        }
-        if cosine < -0.999_999 {
-            return nominal2;
-        }
-        let half_sine = (0.5 * (1.0 - cosine)).sqrt();
-        nominal2.min(next.acceleration * deviation * half_sine / (1.0 - half_sine))
-    }
-
     /// Both passes over what has not started.
     fn recalculate(&mut self) {
         let first = usize::from(self.blocks.front().is_some_and(|block| block.profile.is_some()));
-        let mut exit2 = 0.0;
+        let mut exit2 = self.blocks.back().map_or(0.0, |last| last.rest2);
         for index in (first..self.blocks.len()).rev() {
             let block = &mut self.blocks[index];
             // The entry of a move that follows one under way is that one's exit: it is fixed.
@@ -225,7 +241,7 @@ impl Planner {
     pub fn next_start_s(&self) -> Option<f64> {
         let first = self.blocks.front().filter(|block| block.profile.is_none())?;
         // A move that follows another closely does not wait.
-        Some(if first.entry2 > 0.0 { self.free_s } else { self.free_s.max(self.hold_s) })
+        Some(if first.follows { self.free_s } else { self.free_s.max(self.hold_s) })
     }
 
     /// When the move under way ends.
@@ -237,8 +253,10 @@ impl Planner {
     /// Starts the first move: its profile is fixed now.
     pub fn start(&mut self) -> Option<&Block> {
         let start_s = self.next_start_s()?;
-        let exit2 = self.blocks.get(1).map_or(0.0, |next| next.entry2);
+        let exit2 = self.blocks.get(1).map(|next| next.entry2);
         let block = self.blocks.front_mut()?;
+        let reach2 = (2.0 * block.acceleration).mul_add(block.length, block.entry2);
+        let exit2 = exit2.unwrap_or_else(|| block.rest2.min(reach2));
         block.profile = Some(Profile::new(
             start_s,
             block.length,
@@ -280,6 +298,71 @@ impl Planner {
     }
 }
 
+/// The square of the highest speed at which `next` may follow `last`.
+fn junction2(last: &Block, next: &Block, limits: &Limits) -> f64 {
+    let nominal = next.nominal.min(last.nominal);
+    match limits.cornering {
+        Cornering::Deviation(deviation) => deviation_speed2(last, next, deviation).min(nominal * nominal),
+        Cornering::Jerk { .. } => jerk_speed(last.direction, next.direction, limits).min(nominal).powi(2),
+        Cornering::SquareCorner(speed) => square_corner_speed2(last, next, speed).min(nominal * nominal),
+    }
+}
+
+fn unit<const N: usize>(direction: &[f64]) -> [f64; N] {
+    let norm = direction[..N].iter().map(|d| d * d).sum::<f64>().sqrt();
+    std::array::from_fn(|axis| if norm > 0.0 { direction[axis] / norm } else { 0.0 })
+}
+
+/// Half the sine that the junction formula is in, of the angle between two directions; none where they turn back.
+fn half_sine<const N: usize>(last: &Block, next: &Block) -> Option<f64> {
+    let (from, to) = (unit::<N>(&last.direction), unit::<N>(&next.direction));
+    let cosine: f64 = -from.iter().zip(&to).map(|(a, b)| a * b).sum::<f64>();
+    (cosine <= 0.999_999).then(|| (0.5 * (1.0 - cosine.max(-1.0))).sqrt())
+}
+
+/// Grbl's and Marlin's junction deviation; E takes part in the direction.
+fn deviation_speed2(last: &Block, next: &Block, deviation: f64) -> f64 {
+    match half_sine::<4>(last, next) {
+        None => 0.0,
+        Some(sine) if sine > 0.999_999_7 => f64::INFINITY,
+        Some(sine) => next.acceleration * deviation * sine / (1.0 - sine),
+    }
+}
+
+/// The speed at which no axis changes its own by more than it may between two directions.
+fn jerk_speed(from: [f64; 4], to: [f64; 4], limits: &Limits) -> f64 {
+    let Cornering::Jerk { axes, eased, planar, .. } = limits.cornering else { return 0.0 };
+    let change = |axis: usize| {
+        let (a, b) = (from[axis], to[axis]);
+        if eased && a * b < 0.0 { a.abs().max(b.abs()) } else { (b - a).abs() }
+    };
+    let mut changes: [f64; 4] = std::array::from_fn(change);
+    if planar {
+        changes = [changes[0].hypot(changes[1]), 0.0, changes[2], changes[3]];
+    }
+    let speeds = changes.iter().zip(axes).filter(|(change, _)| **change > 1e-12).map(|(c, jerk)| jerk / c);
+    speeds.fold(f64::INFINITY, f64::min)
+}
+
+/// Klipper's rule.
+fn square_corner_speed2(last: &Block, next: &Block, square_corner: f64) -> f64 {
+    let moves = |block: &Block| block.direction[..3].iter().any(|d| *d != 0.0);
+    if !moves(last) || !moves(next) {
+        return 0.0;
+    }
+    let Some(sine) = half_sine::<3>(last, next) else { return 0.0 };
+    let sine = sine.min(0.999_999_75);
+    let deviation = |block: &Block| square_corner.powi(2) * (2.0_f64.sqrt() - 1.0) / block.acceleration;
+    let tangent = sine / (1.0 - sine * sine).sqrt();
+    let bound = |block: &Block| {
+        let circle = sine / (1.0 - sine) * deviation(block) * block.acceleration;
+        circle.min(0.5 * block.length * tangent * block.acceleration)
+    };
+    let step = (next.direction[3] - last.direction[3]).abs();
+    let extruder = if step > 0.0 { (KLIPPER_EXTRUDER_STEP / step).powi(2) } else { f64::INFINITY };
+    bound(last).min(bound(next)).min(extruder)
+}
+
 /// A move by itself: direction, speed and acceleration within the limits; none if nothing moves.
 fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block> {
     let delta: [f64; 4] = std::array::from_fn(|axis| to[axis] - from[axis]);
@@ -294,24 +377,33 @@ fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block
         return None;
     }
     let (mut nominal, mut acceleration) = (speed, wanted);
-    for ((d, max_speed), max_acceleration) in delta.iter().zip(limits.max_speed).zip(limits.max_acceleration)
-    {
+    let travels = delta[3].abs() <= 1e-12;
+    let strongest = limits.travel_max_acceleration.filter(|_| travels).unwrap_or(limits.max_acceleration);
+    for ((d, max_speed), max_acceleration) in delta.iter().zip(limits.max_speed).zip(strongest) {
         let share = d.abs() / length;
         if share > 0.0 {
             nominal = nominal.min(max_speed / share);
             acceleration = acceleration.min(max_acceleration / share);
         }
     }
-    let norm = path.hypot(delta[3]);
+    let direction = delta.map(|d| d / length);
+    let rest2 = match limits.cornering {
+        Cornering::Jerk { rest_share, .. } => {
+            (jerk_speed([0.0; 4], direction, limits) * rest_share).min(nominal).powi(2)
+        }
+        _ => 0.0,
+    };
     Some(Block {
         from,
         to,
         length,
-        direction: delta.map(|d| d / norm),
+        direction,
         nominal,
         acceleration,
         max_entry2: 0.0,
         entry2: 0.0,
+        rest2,
+        follows: false,
         profile: None,
     })
 }
@@ -327,7 +419,8 @@ mod tests {
         print_acceleration: 1000.0,
         retract_acceleration: 3000.0,
         travel_acceleration: 1500.0,
-        junction_deviation: 0.013,
+        travel_max_acceleration: None,
+        cornering: Cornering::Deviation(0.013),
     };
 
     /// Drives through all points as one queue, at most 15 moves known; the total time and the finished moves.
@@ -383,6 +476,40 @@ mod tests {
             2.0 * ((100.0 - v2.sqrt()) / 1500.0 + 100.0 / 1500.0 + (50.0 - ramp(v2) - ramp(0.0)) / 100.0);
         assert!((time / expected - 1.0).abs() < 1e-9, "{time} {expected}");
         assert_eq!(done.len(), 2);
+    }
+
+    /// Time of two moves of 50 mm with a right angle between them, taken at `corner` mm/s, begun and ended at `rest`.
+    fn right_angle_s(cornering: Cornering) -> f64 {
+        let limits = Limits { cornering, ..LIMITS };
+        let mut planner = Planner::new(16);
+        planner.push(0.0, [[0.0; 4], [50.0, 0.0, 0.0, 0.0]], 100.0, &limits);
+        planner.push(0.0, [[50.0, 0.0, 0.0, 0.0], [50.0, 50.0, 0.0, 0.0]], 100.0, &limits);
+        planner.release(0.0);
+        while planner.depth() > 0 {
+            planner.start();
+            planner.finish();
+        }
+        planner.free_s
+    }
+
+    fn expected_s(rest: f64, corner: f64) -> f64 {
+        let (v, a) = (100.0_f64, LIMITS.travel_acceleration);
+        let ramps = 2.0f64.mul_add(v * v, -rest * rest - corner * corner) / (2.0 * a);
+        2.0 * ((2.0 * v - rest - corner) / a + (50.0 - ramps) / v)
+    }
+
+    #[test]
+    fn every_rule_of_corners_takes_a_right_angle_at_its_own_speed() {
+        let jerk = |planar, rest_share| Cornering::Jerk { axes: [8.0; 4], eased: true, planar, rest_share };
+        for (cornering, rest, corner) in [
+            (jerk(false, 1.0), 8.0, 8.0),
+            (jerk(false, 0.0), 0.0, 8.0),
+            (jerk(true, 0.5), 4.0, 8.0 / 2.0_f64.sqrt()),
+            (Cornering::SquareCorner(5.0), 0.0, 5.0),
+        ] {
+            let (time, expected) = (right_angle_s(cornering), expected_s(rest, corner));
+            assert!((time / expected - 1.0).abs() < 1e-9, "{cornering:?}: {time} {expected}");
+        }
     }
 
     #[test]

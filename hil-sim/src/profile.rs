@@ -5,7 +5,8 @@
 
 use crate::{
     Error,
-    dialect::{Dialect, MARLIN, MARLIN_1},
+    dialect::{Dialect, KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, SMOOTHIE},
+    planner::Cornering,
 };
 
 /// How the cross-section of a bead follows from its volume, length and height.
@@ -73,8 +74,10 @@ pub struct Profile {
     pub retract_acceleration_mm_s2: f64,
     /// Moves that do not extrude, mm/s².
     pub travel_acceleration_mm_s2: f64,
-    /// Junction deviation, mm.
-    pub junction_deviation_mm: f64,
+    /// Strongest X, Y, Z, E on moves that do not extrude, where the firmware has its own, mm/s².
+    pub travel_max_acceleration_mm_s2: Option<[f64; 4]>,
+    /// Speeds at corners.
+    pub cornering: Cornering,
     /// Steps of X, Y, Z, E per mm (for position reports only).
     pub steps_per_mm: [f64; 4],
     /// Speed of homing X, Y, Z, mm/s.
@@ -126,7 +129,8 @@ const MARLIN_MACHINE: Profile = Profile {
     print_acceleration_mm_s2: 1000.0,
     retract_acceleration_mm_s2: 3000.0,
     travel_acceleration_mm_s2: 1500.0,
-    junction_deviation_mm: 0.013,
+    travel_max_acceleration_mm_s2: None,
+    cornering: Cornering::Deviation(0.013),
     steps_per_mm: [80.0, 80.0, 400.0, 500.0],
     homing_mm_s: [50.0, 50.0, 10.0],
     min_extrusion_c: 170.0,
@@ -138,10 +142,99 @@ const MARLIN_MACHINE: Profile = Profile {
     line_bytes: 96,
 };
 
+/// Marlin 1's jerk: eased where an axis turns back, runs begin and end with a jump.
+const fn classic_jerk(axes: [f64; 4]) -> Cornering {
+    Cornering::Jerk { axes, eased: true, planar: false, rest_share: 1.0 }
+}
+
+const MARLIN_1_MACHINE: Profile = Profile {
+    name: "marlin1",
+    dialect: &MARLIN_1,
+    cornering: classic_jerk([8.0, 8.0, 0.3, 5.0]),
+    ..MARLIN_MACHINE
+};
+
 /// Every machine there is.
-const PROFILES: [Profile; 4] = [
+const PROFILES: [Profile; 9] = [
     MARLIN_MACHINE,
-    Profile { name: "marlin1", dialect: &MARLIN_1, ..MARLIN_MACHINE },
+    MARLIN_1_MACHINE,
+    Profile {
+        name: "klipper",
+        dialect: &KLIPPER,
+        max_speed_mm_s: [300.0, 300.0, 15.0, 75.0],
+        max_acceleration_mm_s2: [1e9, 1e9, 100.0, 1e9],
+        print_acceleration_mm_s2: 3000.0,
+        travel_acceleration_mm_s2: 3000.0,
+        retract_acceleration_mm_s2: 1500.0,
+        cornering: Cornering::SquareCorner(5.0),
+        rx_ring_bytes: 4096,
+        command_slots: 16,
+        planner_blocks: 64,
+        line_bytes: 4096,
+        ..MARLIN_MACHINE
+    },
+    Profile {
+        name: "reprapfirmware",
+        dialect: &REPRAPFIRMWARE,
+        max_speed_mm_s: [300.0, 300.0, 15.0, 60.0],
+        max_acceleration_mm_s2: [2500.0, 2500.0, 100.0, 3000.0],
+        print_acceleration_mm_s2: 1500.0,
+        travel_acceleration_mm_s2: 2500.0,
+        cornering: Cornering::Jerk {
+            axes: [9.0, 9.0, 0.5, 5.0],
+            eased: false,
+            planar: false,
+            rest_share: 0.0,
+        },
+        rx_ring_bytes: 1024,
+        command_slots: 8,
+        planner_blocks: 40,
+        line_bytes: 256,
+        ..MARLIN_MACHINE
+    },
+    Profile {
+        name: "repetier",
+        dialect: &REPETIER,
+        bed_mm: [200.0, 200.0, 200.0],
+        max_speed_mm_s: [200.0, 200.0, 5.0, 50.0],
+        max_acceleration_mm_s2: [1000.0, 1000.0, 100.0, 4000.0],
+        print_acceleration_mm_s2: 1e9,
+        travel_acceleration_mm_s2: 1e9,
+        retract_acceleration_mm_s2: 1e9,
+        travel_max_acceleration_mm_s2: Some([1500.0, 1500.0, 100.0, 4000.0]),
+        cornering: Cornering::Jerk {
+            axes: [20.0, 20.0, 0.3, 20.0],
+            eased: false,
+            planar: true,
+            rest_share: 0.5,
+        },
+        ..MARLIN_MACHINE
+    },
+    Profile {
+        name: "smoothie",
+        dialect: &SMOOTHIE,
+        bed_mm: [200.0, 200.0, 200.0],
+        max_speed_mm_s: [300.0, 300.0, 8.0, 50.0],
+        max_acceleration_mm_s2: [1e9, 1e9, 100.0, 3000.0],
+        print_acceleration_mm_s2: 2000.0,
+        travel_acceleration_mm_s2: 2000.0,
+        cornering: Cornering::Deviation(0.05),
+        rx_ring_bytes: 256,
+        planner_blocks: 32,
+        ..MARLIN_MACHINE
+    },
+    Profile {
+        name: "prusa-mk3s",
+        dialect: &PRUSA,
+        bed_mm: [250.0, 210.0, 210.0],
+        max_speed_mm_s: [200.0, 200.0, 12.0, 120.0],
+        max_acceleration_mm_s2: [1000.0, 1000.0, 200.0, 5000.0],
+        print_acceleration_mm_s2: 1250.0,
+        retract_acceleration_mm_s2: 1250.0,
+        travel_acceleration_mm_s2: 1250.0,
+        cornering: classic_jerk([8.0, 8.0, 0.4, 1.5]),
+        ..MARLIN_1_MACHINE
+    },
     Profile {
         name: "reference",
         bed_mm: [200.0, 200.0, 250.0],
@@ -196,7 +289,7 @@ mod tests {
 
     #[test]
     fn unknown_name_lists_the_known_ones() {
-        let message = Profile::by_name("prusa").unwrap_err().to_string();
-        assert!(message.contains("`prusa`") && message.contains("reference"), "{message}");
+        let message = Profile::by_name("gutenberg").unwrap_err().to_string();
+        assert!(message.contains("`gutenberg`") && message.contains("reference"), "{message}");
     }
 }

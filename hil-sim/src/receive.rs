@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 pub enum Received {
     /// A command to be queued.
     Command(Vec<u8>),
-    /// A numbered line that is there already: nothing is said.
+    /// A numbered line that is there already: it is dropped.
     Repeated(Vec<u8>),
     /// A line that must be sent again; the text is the firmware's.
     Refused(Vec<u8>, &'static str),
@@ -184,6 +184,9 @@ impl Receiver {
     }
 
     fn judge(&mut self, text: Vec<u8>) -> Received {
+        if self.numbering == Numbering::Ignored {
+            return Received::Command(text);
+        }
         let start = text.iter().take_while(|&&b| b == b' ').count();
         let command = &text[start..];
         if command.first() != Some(&b'N') {
@@ -193,7 +196,7 @@ impl Receiver {
         let number = stated_number(command, sets_number);
         if !sets_number && number != self.last_line + 1 {
             let repeated = (self.last_line - 1..=self.last_line).contains(&number);
-            return if repeated && self.numbering == Numbering::CheckedRepeatsSilent {
+            return if repeated && self.numbering != Numbering::CheckedRepeatsRefused {
                 Received::Repeated(text)
             } else {
                 self.refuse(text, WRONG_NUMBER)
@@ -221,6 +224,13 @@ impl Receiver {
         self.line.clear();
         self.filter = Filter::Normal;
     }
+}
+
+/// The number that a numbered line gives itself.
+#[must_use]
+pub fn number_of(text: &[u8]) -> i64 {
+    let start = text.iter().take_while(|&&b| b == b' ').count();
+    stated_number(&text[start..], false)
 }
 
 /// The number after the first `N`, or for M110 after the second if there is one.

@@ -352,11 +352,11 @@ pub(crate) enum ProfilesCommand {
         #[arg(value_name = "NAME|FILE")]
         profile: String,
     },
-    /// Check a profile file, or a built-in profile
+    /// Check profile files, or built-in profiles
     Check {
-        /// Name or file
+        /// Names or files [default: all built-in profiles]
         #[arg(value_name = "NAME|FILE")]
-        profile: String,
+        profiles: Vec<String>,
     },
 }
 

@@ -433,9 +433,15 @@ fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
             let profile = profile::load::by_name(profile)?;
             face.result(&profile, &toml::to_string(&profile).expect("a profile can be written as TOML"));
         }
-        ProfilesCommand::Check { profile } => {
-            let profile = profile::load::by_name(profile)?;
-            face.result(&json!({"name": profile.name, "valid": true}), &format!("{}: valid\n", profile.name));
+        ProfilesCommand::Check { profiles } => {
+            let all: Vec<String> = profile::builtin_names().into_iter().map(str::to_owned).collect();
+            let wanted = if profiles.is_empty() { &all } else { profiles };
+            let checked: Result<Vec<_>, _> = wanted.iter().map(|name| profile::load::by_name(name)).collect();
+            let checked = checked?;
+            let rows: Vec<_> = checked.iter().map(|p| json!({"name": p.name, "valid": true})).collect();
+            let text: String = checked.iter().map(|p| format!("{}: valid\n", p.name)).collect();
+            // One profile is told as it always was.
+            face.result(&if let [one] = &rows[..] { one.clone() } else { json!({"profiles": rows}) }, &text);
         }
     }
     Ok(0)

@@ -30,6 +30,8 @@ pub struct Line {
     pub number: Option<u64>,
     /// The command, if there is one.
     pub command: Option<Command>,
+    /// A command that is a name, as Klipper has them (`SET_VELOCITY_LIMIT ACCEL=1000`), with all behind it.
+    pub named: Option<String>,
     /// The number behind `*`.
     pub checksum: Option<u8>,
     /// What stands behind `;`, without it.
@@ -107,8 +109,17 @@ pub fn parse(line: &str) -> Result<Line, Error> {
     let code = without_parentheses(code);
     let mut scanner = Scanner::new(&code);
     let number = scanner.line_number();
-    let command = scanner.command()?;
-    Ok(Line { number, command, checksum, comment })
+    let named = is_named(scanner.rest).then(|| scanner.found());
+    let command = if named.is_some() { None } else { scanner.command()? };
+    Ok(Line { number, command, named, checksum, comment })
+}
+
+/// Whether a command is a name: capitals, digits and at least one underscore.
+fn is_named(code: &str) -> bool {
+    let name = code.split_ascii_whitespace().next().unwrap_or_default();
+    name.starts_with(|c: char| c.is_ascii_uppercase())
+        && name.contains('_')
+        && name.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_')
 }
 
 /// The part before the comment, with trailing blanks and a checksum kept; what stands behind the semicolon.
@@ -273,6 +284,14 @@ mod tests {
         assert_eq!(command("G1 (to the right) X5").value('X'), Some(5.0));
         assert_eq!(parse(";LAYER:3").unwrap().comment.as_deref(), Some("LAYER:3"));
         assert_eq!(parse("  ").unwrap(), Line::default());
+    }
+
+    #[test]
+    fn named_commands_are_kept_whole() {
+        let line = parse("SET_VELOCITY_LIMIT ACCEL=1000 ; gently").unwrap();
+        assert_eq!(line.named.as_deref(), Some("SET_VELOCITY_LIMIT ACCEL=1000"));
+        assert!(line.command.is_none() && line.comment.as_deref() == Some(" gently"));
+        assert!(parse("HELLO").is_err() && parse("set_x").is_err());
     }
 
     #[test]

@@ -1,26 +1,32 @@
 //! How long a job takes, by the motion model of printer firmware.
 //!
-//! Every move accelerates, cruises and brakes at constant rates (a trapezoid of speed over time). At a
-//! corner the machine may keep the speed at which a circle that leaves the corner by the junction
-//! deviation could be driven at the acceleration limit: v² = a d s / (1 - s), s the sine of half the
-//! angle between the two moves (S. K. Jeon, Improving Grbl: Cornering Algorithm, 2011). The planner looks
-//! ahead over as many moves as its buffer holds and must always be able to stop at the end of the last
-//! one.
+//! Every move accelerates, cruises and brakes at constant rates (a trapezoid of speed over time); how fast a corner may be
+//! taken is the firmware's own rule ([`corner`]). The planner looks ahead over as many moves as its buffer holds and must
+//! always be able to stop at the end of the last one. Arcs are the chords in which the firmware drives them. Homing and
+//! warming up take the times that the profile states.
 //!
-//! Not counted: homing, heating, the wire, firmware's own overhead. Arcs (G2, G3) are refused.
+//! Not counted: the wire, the firmware's own overhead, limits that the job itself changes.
+
+mod arc;
+mod corner;
+mod heat;
 
 use crate::gcode::reader::{self, Command};
-use crate::profile::Profile;
+use crate::gcode::{Mark, Timing};
+use crate::profile::{Dialect, Profile};
 use crate::progress::{Cancelled, Task};
 use crate::units::mm_s_from_mm_min;
+use heat::Heaters;
 use serde::Serialize;
 use std::f64::consts::FRAC_PI_4;
 
 /// Time and material of a job.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Estimate {
-    /// Duration of all moves and dwells, s.
+    /// Duration of all moves and waits, s.
     pub total_s: f64,
+    /// Of it homing, warming up and waiting, s.
+    pub waiting_s: f64,
     /// Duration per layer, s, from one `;LAYER:` to the next.
     pub layer_s: Vec<f64>,
     /// Filament used, mm.
@@ -31,6 +37,17 @@ pub struct Estimate {
     pub printed_mm: f64,
     /// Way without extrusion, mm.
     pub travel_mm: f64,
+    /// Lines at which the next percent of the time begins.
+    #[serde(skip)]
+    pub marks: Vec<Mark>,
+}
+
+impl Estimate {
+    /// What is written into the job.
+    #[must_use]
+    pub fn timing(&self) -> Timing<'_> {
+        Timing { total_s: self.total_s, marks: &self.marks }
+    }
 }
 
 /// What keeps a job from being estimated.
@@ -45,8 +62,20 @@ pub enum Error {
         source: reader::Error,
     },
     /// A move that the model does not know.
-    #[error("line {line}: {command} is not supported by the estimate; expected straight moves (G0, G1)")]
+    #[error(
+        "line {line}: {command} is not supported by the estimate; expected straight moves (G0, G1) or arcs (G2, G3)"
+    )]
     Unsupported {
+        /// The line, counted from 1.
+        line: usize,
+        /// The command.
+        command: String,
+    },
+    /// An arc without a centre.
+    #[error(
+        "line {line}: {command} has no centre; expected I, J or both, or a radius R that reaches the end"
+    )]
+    Arc {
         /// The line, counted from 1.
         line: usize,
         /// The command.
@@ -60,7 +89,7 @@ pub enum Error {
 /// Estimates a job's time and material on the profile's machine.
 ///
 /// # Errors
-/// A line that cannot be read, arcs, cancellation.
+/// A line that cannot be read, arcs without a centre, splines, cancellation.
 pub fn estimate(gcode: &str, profile: &Profile, task: &Task<'_>) -> Result<Estimate, Error> {
     let mut machine = Machine::new(profile);
     for (idx, text) in gcode.lines().enumerate() {
@@ -77,9 +106,20 @@ pub fn estimate(gcode: &str, profile: &Profile, task: &Task<'_>) -> Result<Estim
 #[derive(Debug, Clone, Copy)]
 struct Block {
     length: f64,
-    direction: [f64; 3],
+    /// Change of x, y, z, e along a millimetre of length.
+    direction: [f64; 4],
     speed: f64,
     acceleration: f64,
+    layer: Option<usize>,
+    line: usize,
+}
+
+/// Time in which nothing moves; it also lets the planner run dry.
+#[derive(Debug, Clone, Copy)]
+struct Pause {
+    /// The block that it comes before.
+    before: usize,
+    seconds: f64,
     layer: Option<usize>,
 }
 
@@ -90,16 +130,19 @@ struct Machine<'a> {
     absolute_xyz: bool,
     absolute_e: bool,
     feedrate_mm_s: f64,
+    line: usize,
     layer: Option<usize>,
     n_layers: usize,
     blocks: Vec<Block>,
-    /// Dwells: they also let the planner run dry. Index of the block they follow, seconds, layer.
-    dwells: Vec<(usize, f64, Option<usize>)>,
+    pauses: Vec<Pause>,
+    heaters: Heaters,
     filament_mm: f64,
     most_filament_mm: f64,
     printed_mm: f64,
     travel_mm: f64,
 }
+
+const AXES: [char; 4] = ['X', 'Y', 'Z', 'E'];
 
 impl<'a> Machine<'a> {
     fn new(profile: &'a Profile) -> Self {
@@ -110,10 +153,12 @@ impl<'a> Machine<'a> {
             absolute_e: true,
             // What Marlin assumes before the first F.
             feedrate_mm_s: 25.0,
+            line: 0,
             layer: None,
             n_layers: 0,
             blocks: Vec::new(),
-            dwells: Vec::new(),
+            pauses: Vec::new(),
+            heaters: Heaters::new(profile.machine.heating_k_s),
             filament_mm: 0.0,
             most_filament_mm: 0.0,
             printed_mm: 0.0,
@@ -122,6 +167,7 @@ impl<'a> Machine<'a> {
     }
 
     fn read(&mut self, line: usize, text: &str) -> Result<(), Error> {
+        self.line = line;
         if text.starts_with(";LAYER:") {
             self.layer = Some(self.n_layers);
             self.n_layers += 1;
@@ -131,46 +177,84 @@ impl<'a> Machine<'a> {
             return Ok(());
         }
         let parsed = reader::parse(text).map_err(|source| Error::Line { line, source })?;
-        parsed.command.map_or(Ok(()), |c| self.command(line, &c))
+        parsed.command.map_or(Ok(()), |c| self.command(&c))
     }
 
-    fn command(&mut self, line: usize, c: &Command) -> Result<(), Error> {
+    fn command(&mut self, c: &Command) -> Result<(), Error> {
         match (c.letter, c.code) {
             ('G', 0 | 1) => self.straight(c),
-            ('G', 2 | 3 | 5) => return Err(Error::Unsupported { line, command: c.to_string() }),
+            ('G', 2 | 3) => return self.arc(c),
+            ('G', 5) => return Err(Error::Unsupported { line: self.line, command: c.to_string() }),
             ('G', 4) => {
                 let seconds = c.value('S').unwrap_or_else(|| c.value('P').unwrap_or(0.0) / 1000.0);
-                self.dwells.push((self.blocks.len(), seconds.max(0.0), self.layer));
+                self.pause(seconds.max(0.0));
             }
-            ('G', 28) => {
-                let all = !['X', 'Y', 'Z'].iter().any(|&a| c.has(a));
-                let homed = ['X', 'Y', 'Z'].map(|a| all || c.has(a));
-                (0..3).filter(|&i| homed[i]).for_each(|i| self.at[i] = 0.0);
-            }
+            ('G', 28) => self.home(c),
             // As in Marlin, both also set how E is meant.
             ('G', 90 | 91) => (self.absolute_xyz, self.absolute_e) = (c.code == 90, c.code == 90),
             ('G', 92) => {
-                for (i, axis) in ['X', 'Y', 'Z', 'E'].into_iter().enumerate() {
+                for (i, axis) in AXES.into_iter().enumerate() {
                     self.at[i] = c.value(axis).unwrap_or(self.at[i]);
                 }
             }
             ('M', 82 | 83) => self.absolute_e = c.code == 82,
+            ('M', code) => {
+                let wait_s = self.heaters.command(code, c.value('S').or_else(|| c.value('R')));
+                self.pause(wait_s);
+            }
             _ => {}
         }
         Ok(())
     }
 
-    fn straight(&mut self, c: &Command) {
+    fn pause(&mut self, seconds: f64) {
+        if seconds > 0.0 {
+            self.heaters.pass(seconds);
+            self.pauses.push(Pause { before: self.blocks.len(), seconds, layer: self.layer });
+        }
+    }
+
+    fn home(&mut self, c: &Command) {
+        let all = !['X', 'Y', 'Z'].iter().any(|&a| c.has(a));
+        let homed = ['X', 'Y', 'Z'].map(|a| all || c.has(a));
+        (0..3).filter(|&i| homed[i]).for_each(|i| self.at[i] = 0.0);
+        let share = homed.iter().filter(|h| **h).count() as f64 / 3.0;
+        self.pause(self.profile.machine.homing_s * share);
+    }
+
+    /// Takes the feedrate; gives how far each axis is to go.
+    fn way(&mut self, c: &Command) -> [f64; 4] {
         if let Some(feedrate) = c.value('F') {
             self.feedrate_mm_s = mm_s_from_mm_min(feedrate).max(1e-3);
         }
         let mut way = [0.0; 4];
-        for (i, axis) in ['X', 'Y', 'Z', 'E'].into_iter().enumerate() {
+        for (i, axis) in AXES.into_iter().enumerate() {
             let Some(value) = c.value(axis) else { continue };
             let absolute = if i == 3 { self.absolute_e } else { self.absolute_xyz };
             way[i] = if absolute { value - self.at[i] } else { value };
-            self.at[i] += way[i];
         }
+        way
+    }
+
+    fn straight(&mut self, c: &Command) {
+        let way = self.way(c);
+        self.go(way);
+    }
+
+    fn arc(&mut self, c: &Command) -> Result<(), Error> {
+        let way = self.way(c);
+        let is_clockwise = c.code == 2;
+        let arc = arc::Arc::of(c, [way[0], way[1]], is_clockwise, &self.profile.firmware)
+            .ok_or_else(|| Error::Arc { line: self.line, command: c.to_string() })?;
+        let share = arc.share();
+        for [x, y] in arc.chords() {
+            self.go([x, y, way[2] * share, way[3] * share]);
+        }
+        Ok(())
+    }
+
+    fn go(&mut self, way: [f64; 4]) {
+        (0..4).for_each(|i| self.at[i] += way[i]);
         self.filament_mm += way[3];
         self.most_filament_mm = self.most_filament_mm.max(self.filament_mm);
         let in_space = way[0].hypot(way[1]).hypot(way[2]);
@@ -184,48 +268,55 @@ impl<'a> Machine<'a> {
 
     fn block(&self, way: [f64; 4], length: f64, moves: bool) -> Block {
         let machine = &self.profile.machine;
-        let wanted = match (moves, way[3] > 0.0) {
-            (false, _) => f64::INFINITY,
+        // Only what pushes no filament at all is a travel; a wipe is none.
+        let extrudes = way[3] != 0.0;
+        let wanted = match (moves, extrudes) {
+            (false, _) => machine.retract_acceleration_mm_s2,
             (true, true) => machine.print_acceleration_mm_s2,
             (true, false) => machine.travel_acceleration_mm_s2,
         };
+        // Repetier has the acceleration of a move axis by axis.
+        let by_axis = moves && self.profile.firmware.dialect == Dialect::Repetier;
         let mut block = Block {
             length,
-            direction: [way[0] / length, way[1] / length, way[2] / length],
+            direction: way.map(|w| w / length),
             speed: self.feedrate_mm_s,
-            acceleration: wanted,
+            acceleration: if by_axis { f64::INFINITY } else { wanted },
             layer: self.layer,
+            line: self.line,
         };
-        for (i, part) in way.iter().map(|w| w.abs() / length).enumerate() {
+        for (i, part) in block.direction.map(f64::abs).into_iter().enumerate() {
             if part > 0.0 {
+                let strongest = machine.max_acceleration_mm_s2[i];
+                let strongest = if by_axis && i < 2 { wanted.min(strongest) } else { strongest };
                 block.speed = block.speed.min(machine.max_speed_mm_s[i] / part);
-                block.acceleration = block.acceleration.min(machine.max_acceleration_mm_s2[i] / part);
+                block.acceleration = block.acceleration.min(strongest / part);
             }
         }
         block
     }
 
     fn estimate(self) -> Estimate {
-        let mut layer_s = vec![0.0; self.n_layers];
-        let mut total_s = 0.0;
-        let mut add = |layer: Option<usize>, seconds: f64| {
-            total_s += seconds;
-            if let Some(layer) = layer {
-                layer_s[layer] += seconds;
-            }
-        };
+        let mut clock = Clock { layer_s: vec![0.0; self.n_layers], ..Clock::default() };
+        let mut waiting_s = 0.0;
         let mut from = 0;
-        for &(to, seconds, layer) in self.dwells.iter().chain([&(self.blocks.len(), 0.0, None)]) {
-            let run = &self.blocks[from..to];
-            let times = durations(run, self.profile);
-            run.iter().zip(times).for_each(|(b, t)| add(b.layer, t));
-            add(layer, seconds);
-            from = to;
+        let end = Pause { before: self.blocks.len(), seconds: 0.0, layer: None };
+        for pause in self.pauses.iter().chain([&end]) {
+            let run = &self.blocks[from..pause.before];
+            for (block, seconds) in run.iter().zip(durations(run, self.profile)) {
+                clock.begin(block.line);
+                clock.add(block.layer, seconds);
+            }
+            clock.add(pause.layer, pause.seconds);
+            waiting_s += pause.seconds;
+            from = pause.before;
         }
         let volume_mm3 = self.most_filament_mm * FRAC_PI_4 * self.profile.machine.filament_mm.powi(2);
         Estimate {
-            total_s,
-            layer_s,
+            marks: clock.marks(),
+            total_s: clock.total_s,
+            waiting_s,
+            layer_s: clock.layer_s,
             filament_mm: self.most_filament_mm,
             filament_g: volume_mm3 * self.profile.filament.density_g_cm3 / 1000.0,
             printed_mm: self.printed_mm,
@@ -234,20 +325,57 @@ impl<'a> Machine<'a> {
     }
 }
 
+/// Adds up the times of blocks and pauses.
+#[derive(Default)]
+struct Clock {
+    total_s: f64,
+    layer_s: Vec<f64>,
+    /// Lines and the time at which they begin, ascending.
+    begins: Vec<(usize, f64)>,
+}
+
+impl Clock {
+    fn begin(&mut self, line: usize) {
+        if self.begins.last().is_none_or(|(last, _)| *last != line) {
+            self.begins.push((line, self.total_s));
+        }
+    }
+
+    fn add(&mut self, layer: Option<usize>, seconds: f64) {
+        self.total_s += seconds;
+        if let Some(layer) = layer {
+            self.layer_s[layer] += seconds;
+        }
+    }
+
+    /// The first line of each percent.
+    fn marks(&self) -> Vec<Mark> {
+        let percent = |t: f64| (100.0 * t / self.total_s.max(1e-9)).floor().min(99.0);
+        let mut marks: Vec<Mark> = Vec::new();
+        for &(line, elapsed_s) in &self.begins {
+            if marks.last().is_none_or(|last| percent(elapsed_s) > percent(last.elapsed_s)) {
+                marks.push(Mark { line, elapsed_s });
+            }
+        }
+        marks
+    }
+}
+
 /// Duration of each block of a run that begins and ends at rest, s.
 fn durations(blocks: &[Block], profile: &Profile) -> Vec<f64> {
-    let deviation = profile.machine.junction_deviation_mm;
+    let rule = corner::Rule::of(profile);
     // Square of the highest speed at which each block may begin.
     let junctions: Vec<f64> = (0..blocks.len())
-        .map(|i| if i == 0 { 0.0 } else { junction_speed2(&blocks[i - 1], &blocks[i], deviation) })
+        .map(|i| if i == 0 { rule.rest2(&blocks[0]) } else { rule.speed2(&blocks[i - 1], &blocks[i]) })
         .collect();
-    let window = profile.firmware.planner_moves.max(2);
-    let mut entry2 = 0.0f64;
+    // One place of the firmware's ring stays empty.
+    let window = profile.firmware.planner_moves.saturating_sub(1).max(2);
+    let mut entry2 = junctions.first().copied().unwrap_or(0.0);
     let mut times = Vec::with_capacity(blocks.len());
     for (i, block) in blocks.iter().enumerate() {
         // The planner must be able to stop at the end of the last move that it holds.
         let last = (i + window).min(blocks.len());
-        let mut exit2 = 0.0f64;
+        let mut exit2 = rule.rest2(&blocks[last - 1]);
         for k in (i + 1..last).rev() {
             exit2 = junctions[k].min(exit2 + 2.0 * blocks[k].acceleration * blocks[k].length);
         }
@@ -258,22 +386,6 @@ fn durations(blocks: &[Block], profile: &Profile) -> Vec<f64> {
         entry2 = exit2;
     }
     times
-}
-
-/// Square of the speed at which the corner between two blocks may be taken.
-fn junction_speed2(a: &Block, b: &Block, deviation_mm: f64) -> f64 {
-    let slower = a.speed.min(b.speed);
-    let along: f64 = a.direction.iter().zip(b.direction).map(|(x, y)| x * y).sum();
-    // Moves of filament alone have no direction: the machine stops.
-    if a.direction == [0.0; 3] || b.direction == [0.0; 3] || along < -0.999_999 {
-        return 0.0;
-    }
-    let sine = (0.5 * (1.0 + along)).max(0.0).sqrt();
-    if sine > 0.999_999 {
-        return slower * slower;
-    }
-    let acceleration = a.acceleration.min(b.acceleration);
-    (acceleration * deviation_mm * sine / (1.0 - sine)).min(slower * slower)
 }
 
 /// Duration of a block from the squares of its first and last speed, s.
@@ -356,9 +468,44 @@ mod tests {
     }
 
     #[test]
-    fn arcs_and_nonsense_are_refused_with_their_line() {
+    fn homing_and_warming_up_take_what_the_profile_says() {
+        let profile = machine();
+        let e =
+            estimate("M140 S60\nM104 S200\nG28\nM190 S60\nM109 S200\nM109 S200", &profile, &Task::quiet());
+        let warm_s = |to: f64, rate: f64| (to - heat::ROOM_C) / rate + heat::SETTLING_S;
+        let slower = warm_s(60.0, profile.machine.heating_k_s[1]);
+        assert!(slower > warm_s(200.0, profile.machine.heating_k_s[0]));
+        assert!((e.unwrap().waiting_s - slower).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_percent_begins_at_its_line() {
+        let text: String = (1..=200).map(|i| format!("G0 X{}\nG0 X0\n", 1 + i % 2)).collect();
+        let e = estimate(&text, &machine(), &Task::quiet()).unwrap();
+        assert_eq!(e.marks.len(), 100);
+        assert_eq!((e.marks[0].line, e.marks[0].elapsed_s), (1, 0.0));
+        let wrong =
+            e.marks.iter().zip(0..).find(|(m, n)| (m.elapsed_s / e.total_s * 100.0).floor() as i32 != *n);
+        assert_eq!(wrong, None);
+    }
+
+    #[test]
+    fn an_arc_takes_as_long_as_its_way_and_uses_all_its_filament() {
+        let gcode = "G90\nM83\nG0 X110 Y100 F6000\nG4 S0.001\nG3 X90 Y100 I-10 E2 F1200";
+        let e = estimate(gcode, &machine(), &Task::quiet()).unwrap();
+        let straight =
+            estimate("G90\nM83\nG0 X110 Y100 F6000\nG4 S0.001\n", &machine(), &Task::quiet()).unwrap();
+        let expected = std::f64::consts::PI * 10.0 / 20.0;
+        let took = e.total_s - straight.total_s;
+        assert!((took / expected - 1.0).abs() < 0.02, "{took} {expected}");
+        assert!((e.filament_mm - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn splines_and_nonsense_are_refused_with_their_line() {
         let of = |text: &str| estimate(text, &machine(), &Task::quiet()).unwrap_err().to_string();
-        assert!(of("G28\nG2 X1 I1").starts_with("line 2: G2 X1 I1 is not supported"));
+        assert!(of("G28\nG5 X1 I1").starts_with("line 2: G5 X1 I1 is not supported"));
+        assert!(of("G2 X1 Y1").starts_with("line 1: G2 X1 Y1 has no centre"));
         assert!(of("what").starts_with("line 1: column 1"));
         let token = crate::progress::CancelToken::default();
         token.cancel();

@@ -4,7 +4,10 @@
 //! that leafing through them moves nothing but the part. What was to be filled lies under the beads in grey: where it
 //! shows there is a gap; ways without extrusion are thin lines.
 
+mod portrait;
 mod svg;
+
+pub use portrait::portrait;
 
 use crate::draw::{self, Ink, add_polyline, px};
 use crate::geom::{Bounds2, Point2};
@@ -111,6 +114,8 @@ const fn colour(kind: BeadKind) -> [u8; 3] {
         BeadKind::InternalInfill => [176, 48, 41],
         BeadKind::SolidInfill => [150, 84, 204],
         BeadKind::SkirtBrim => [0, 135, 110],
+        BeadKind::SupportMaterial => [0, 190, 0],
+        BeadKind::SupportInterface => [0, 127, 0],
     }
 }
 

@@ -34,6 +34,29 @@ fn every_layer_has_a_picture_of_one_size_and_an_svg_of_its_beads() {
 }
 
 #[test]
+fn the_portrait_shows_the_part_in_the_middle_of_a_square_and_is_always_the_same() {
+    let paths = ring();
+    let png = portrait(&paths, 64, &Task::quiet()).unwrap();
+    assert_eq!(png, portrait(&paths, 64, &Task::quiet()).unwrap());
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), (64, 64));
+    let is_part = |x: usize, y: usize| pixels[3 * (y * 64 + x) + 2] < 200;
+    assert!(!is_part(1, 1) && !is_part(62, 62), "the corners are free");
+    // Through the ring's middle: wall, lumen, wall.
+    let row: Vec<bool> = (0..64).map(|x| is_part(x, 32)).collect();
+    let changes = row.windows(2).filter(|p| p[0] != p[1]).count();
+    assert_eq!(changes, 4, "{row:?}");
+}
+
+#[test]
+fn the_portrait_of_nothing_is_plain() {
+    let nothing = Toolpaths { layers: Vec::new(), ..ring() };
+    assert!(portrait(&nothing, 32, &Task::quiet()).is_ok());
+}
+
+#[test]
 fn beads_cover_the_material_in_their_colours() {
     let paths = ring();
     let frame = Frame::of(&paths.layers);

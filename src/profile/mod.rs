@@ -31,11 +31,15 @@ use toml::Value;
 /// The profiles that come with the program: name and text.
 const BUILTIN: &[(&str, &str)] = &[
     ("marlin", include_str!("../../firmware-profiles/marlin.toml")),
+    ("marlin1", include_str!("../../firmware-profiles/marlin1.toml")),
+    ("klipper", include_str!("../../firmware-profiles/klipper.toml")),
+    ("reprapfirmware", include_str!("../../firmware-profiles/reprapfirmware.toml")),
+    ("repetier", include_str!("../../firmware-profiles/repetier.toml")),
+    ("smoothie", include_str!("../../firmware-profiles/smoothie.toml")),
     ("reference", include_str!("../../firmware-profiles/reference.toml")),
+    ("abs-enclosed", include_str!("../../firmware-profiles/abs-enclosed.toml")),
+    ("prusa-mk3s", include_str!("../../firmware-profiles/prusa-mk3s.toml")),
 ];
-
-/// The firmware dialects that the protocol core speaks.
-const DIALECTS: &[&str] = &["marlin"];
 
 /// A chain of `inherits` longer than this is a mistake.
 const MAX_INHERITANCE: usize = 8;
@@ -166,6 +170,39 @@ fn with_bases(text: &str, file: &str) -> Result<Layers, Error> {
     })
 }
 
+/// What the firmware must know for the profile to be of use.
+fn check_dialect(profile: &Profile, fail: &dyn Fn(&str, String) -> Result<(), Error>) -> Result<(), Error> {
+    let Firmware { dialect, object_labels, .. } = profile.firmware;
+    let cornerings = dialect.cornerings();
+    if !cornerings.contains(&profile.machine.cornering) {
+        let words: Vec<String> = cornerings.iter().map(|c| word(*c)).collect();
+        let expected = format!("{} with firmware.dialect = {}", words.join(" or "), word(dialect));
+        return fail("machine.cornering", expected);
+    }
+    if (object_labels == ObjectLabels::ExcludeObject) != (dialect == Dialect::Klipper)
+        && object_labels != ObjectLabels::None
+    {
+        let known = if dialect == Dialect::Klipper { "exclude-object" } else { "m486" };
+        let expected = format!("{known} or none with firmware.dialect = {}", word(dialect));
+        return fail("firmware.object_labels", expected);
+    }
+    let one_for_all = matches!(dialect, Dialect::Klipper | Dialect::Smoothie);
+    let print = profile.machine.print_acceleration_mm_s2;
+    if one_for_all && profile.machine.travel_acceleration_mm_s2 != print {
+        let expected = format!(
+            "{print} mm/s2, that of printing moves: firmware.dialect = {} has one for all",
+            word(dialect)
+        );
+        return fail("machine.travel_acceleration_mm_s2", expected);
+    }
+    Ok(())
+}
+
+/// A value of an enumeration as profiles write it.
+fn word(value: impl Serialize) -> String {
+    Value::try_from(value).map(|v| v.to_string()).unwrap_or_default()
+}
+
 /// Checks that need more than one key.
 fn check_together(profile: &Profile, layers: &Layers) -> Result<(), Error> {
     let fail = |key: &str, expected: String| {
@@ -201,12 +238,13 @@ fn check_together(profile: &Profile, layers: &Layers) -> Result<(), Error> {
             return fail(key, format!("at most {fastest_mm_s} mm/s (machine.max_speed_mm_s)"));
         }
     }
+    check_dialect(profile, &fail)?;
     if scripts.safe.is_empty() {
         return fail("scripts.safe", "at least the lines that switch the heaters off".to_owned());
     }
     let n_bytes = profile.firmware.line_bytes;
     let filled =
-        [("start", profile.start_gcode()), ("end", profile.end_gcode()), ("safe", profile.safe_gcode())];
+        [("start", profile.start_gcode()), ("end", profile.end_gcode(0.0)), ("safe", profile.safe_gcode())];
     for (script, lines) in filled {
         if lines.iter().any(|line| line.len() + NUMBERING_BYTES > n_bytes) {
             return fail(
@@ -253,6 +291,72 @@ pub struct Profile {
     pub scripts: Scripts,
 }
 
+/// Which firmware it is: what commands mean, and how limits are told to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Dialect {
+    /// Marlin 2.
+    Marlin,
+    /// Marlin 1 and what descends from it.
+    Marlin1,
+    /// Klipper.
+    Klipper,
+    /// RepRapFirmware 3.
+    RepRapFirmware,
+    /// Repetier-Firmware.
+    Repetier,
+    /// Smoothieware.
+    Smoothie,
+}
+
+impl Dialect {
+    /// The words for the rules of corners that the firmware knows.
+    const fn cornerings(self) -> &'static [Cornering] {
+        match self {
+            Self::Marlin => &[Cornering::JunctionDeviation, Cornering::Jerk],
+            Self::Marlin1 | Self::RepRapFirmware | Self::Repetier => &[Cornering::Jerk],
+            Self::Klipper => &[Cornering::SquareCorner],
+            Self::Smoothie => &[Cornering::JunctionDeviation],
+        }
+    }
+}
+
+/// The rule by which the firmware finds the speed at a corner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cornering {
+    /// `junction_deviation_mm`.
+    JunctionDeviation,
+    /// `jerk_mm_s`.
+    Jerk,
+    /// `square_corner_mm_s`.
+    SquareCorner,
+}
+
+/// How the firmware is told how far the job has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProgressReport {
+    /// `M73 P12 R34`: percent and minutes left.
+    M73,
+    /// As a message on the display.
+    M117,
+    /// Not at all.
+    None,
+}
+
+/// How the firmware is told what belongs to an object, so that it can be left out later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ObjectLabels {
+    /// `M486 S0` and `M486 S-1`.
+    M486,
+    /// `EXCLUDE_OBJECT_START` and `EXCLUDE_OBJECT_END`.
+    ExcludeObject,
+    /// Not at all.
+    None,
+}
+
 /// How the firmware writes a request to send a line again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -267,8 +371,8 @@ pub enum ResendStyle {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Firmware {
-    /// `marlin`, ...: the dialect, also the simulator's.
-    pub dialect: String,
+    /// `marlin`, ...: which firmware it is.
+    pub dialect: Dialect,
     /// Default speed of the port.
     pub baud: u32,
     /// Whether lines carry numbers and checksums.
@@ -293,6 +397,34 @@ pub struct Firmware {
     pub reset_on_open: bool,
     /// Interval of temperature reports asked for, s; 0: never ask.
     pub temperature_report_s: f64,
+    /// Moves a second that wire and planner take without running dry.
+    pub segments_per_s: f64,
+    /// Whether bends are written as arcs (G2, G3).
+    pub arcs: bool,
+    /// Longest chord in which it drives an arc, mm.
+    pub arc_segment_mm: f64,
+    /// Fewest chords in which it drives a whole circle.
+    pub arc_segments_per_circle: u32,
+    /// Farthest that its chords leave an arc where it limits that, mm; 0: it does not.
+    pub arc_deviation_mm: f64,
+    /// How it is told how far the job has come.
+    pub progress: ProgressReport,
+    /// How it is told what belongs to the object.
+    pub object_labels: ObjectLabels,
+}
+
+impl Firmware {
+    /// The longest chord in which it drives an arc of a radius, mm.
+    #[must_use]
+    pub fn arc_chord_mm(&self, radius_mm: f64) -> f64 {
+        let of_circle = std::f64::consts::TAU * radius_mm / f64::from(self.arc_segments_per_circle);
+        let longest = self.arc_segment_mm.min(of_circle);
+        if self.arc_deviation_mm > 0.0 {
+            longest.min((8.0 * radius_mm * self.arc_deviation_mm).sqrt())
+        } else {
+            longest
+        }
+    }
 }
 
 /// What the machine can do. Lengths mm, speeds mm/s, accelerations mm/s².
@@ -317,8 +449,20 @@ pub struct Machine {
     pub print_acceleration_mm_s2: f64,
     /// Acceleration of travels, mm/s².
     pub travel_acceleration_mm_s2: f64,
+    /// Acceleration of moves of the filament alone.
+    pub retract_acceleration_mm_s2: f64,
+    /// Which of the next three the firmware goes by.
+    pub cornering: Cornering,
     /// Junction deviation (how far a corner may be cut in the firmware's speed model), mm.
     pub junction_deviation_mm: f64,
+    /// Change of speed of x, y, z, e that is allowed at once, mm/s.
+    pub jerk_mm_s: [f64; 4],
+    /// Speed at which a right angle is taken.
+    pub square_corner_mm_s: f64,
+    /// How long homing all axes takes, s.
+    pub homing_s: f64,
+    /// How fast nozzle and bed warm up on the way to their temperatures, K/s.
+    pub heating_k_s: [f64; 2],
 }
 
 /// The material.
@@ -337,8 +481,14 @@ pub struct Filament {
     pub bed_c: Celsius,
     /// Bed temperature in the first layer.
     pub first_layer_bed_c: Celsius,
-    /// Part-cooling fan, percent, from the second layer on.
+    /// Part-cooling fan in short layers, percent.
     pub fan_percent: f64,
+    /// Part-cooling fan in long layers, percent.
+    pub fan_least_percent: f64,
+    /// A layer as short as the first is short, one as long as the second is long, s; between them the fan is between.
+    pub fan_layer_time_s: [f64; 2],
+    /// The first layer, counted from 0, with the fan on.
+    pub fan_from_layer: u32,
     /// Flow correction, percent; 100 is what the bead model says.
     pub flow_percent: f64,
     /// Linear shrinkage when the part cools, percent.
@@ -353,6 +503,16 @@ pub enum BeadShape {
     Rectangle,
     /// A rectangle with half-circles at its sides: (w - h) h + pi h² / 4.
     Stadium,
+}
+
+/// What holds overhangs up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SupportStyle {
+    /// Nothing.
+    None,
+    /// Columns that break away.
+    Column,
 }
 
 /// How to print. Speeds mm/s, lengths mm.
@@ -389,12 +549,28 @@ pub struct PrintSettings {
     pub min_layer_time_s: f64,
     /// Slowest speed that the minimum layer time may ask for.
     pub min_speed_mm_s: f64,
+    /// Way that the nozzle goes back along its bead while it retracts, mm; 0: none.
+    pub wipe_mm: f64,
+    /// How far a written path may lie off the planned one, mm, for arcs and for fewer segments.
+    pub tolerance_mm: f64,
     /// Loops of skirt around the first layer.
     pub skirt_loops: u32,
     /// Distance of the skirt from the part, mm.
     pub skirt_distance_mm: f64,
     /// Width of the brim, mm; 0: none.
     pub brim_mm: f64,
+    /// A part higher than so many times the width that it stands on gets a brim, or a wider one; 0: never.
+    pub brim_slenderness: f64,
+    /// What holds overhangs up.
+    pub support: SupportStyle,
+    /// Walls that lean farther from the vertical are held up, degrees.
+    pub support_overhang_deg: f64,
+    /// Air between supports and part, sideways, mm.
+    pub support_gap_mm: f64,
+    /// Fill of supports, percent.
+    pub support_percent: f64,
+    /// Whether supports may stand in the lumen: they have to be taken out again.
+    pub support_in_lumen: bool,
     /// Move of a contour at the lumen against hole shrinkage, mm, into the wall positive.
     pub hole_compensation_mm: f64,
     /// Move of the first layer's outline against its spread, mm, inward positive.
@@ -402,7 +578,8 @@ pub struct PrintSettings {
 }
 
 /// G-code run around a job, line by line. `{hotend_c}`, `{bed_c}` stand for the filament's first-layer
-/// temperatures, `{bed_x_mm}`, `{bed_y_mm}`, `{bed_z_mm}` for the size of the bed.
+/// temperatures, `{bed_x_mm}`, `{bed_y_mm}`, `{bed_z_mm}` for the size of the bed, `{park_z_mm}` for a height above the
+/// finished part within it.
 /// [`Profile::start_gcode`] and its sisters fill them in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

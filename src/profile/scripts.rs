@@ -3,7 +3,11 @@
 use super::Profile;
 
 /// The names that may stand in braces.
-pub(super) const PLACEHOLDERS: &[&str] = &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm"];
+pub(super) const PLACEHOLDERS: &[&str] =
+    &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm", "park_z_mm"];
+
+/// How far above the part the nozzle is parked, mm.
+const PARK_ABOVE_MM: f64 = 5.0;
 
 /// The first name in braces that is none of [`PLACEHOLDERS`]; an unclosed brace counts as one.
 pub(super) fn unknown_placeholder(line: &str) -> Option<&str> {
@@ -18,22 +22,22 @@ impl Profile {
     /// The start script with its placeholders filled in.
     #[must_use]
     pub fn start_gcode(&self) -> Vec<String> {
-        self.fill(&self.scripts.start)
+        self.fill(&self.scripts.start, 0.0)
     }
 
-    /// The end script with its placeholders filled in.
+    /// The end script with its placeholders filled in, for a part that is `top_mm` high.
     #[must_use]
-    pub fn end_gcode(&self) -> Vec<String> {
-        self.fill(&self.scripts.end)
+    pub fn end_gcode(&self, top_mm: f64) -> Vec<String> {
+        self.fill(&self.scripts.end, top_mm)
     }
 
     /// The script for a print that is given up, with its placeholders filled in.
     #[must_use]
     pub fn safe_gcode(&self) -> Vec<String> {
-        self.fill(&self.scripts.safe)
+        self.fill(&self.scripts.safe, 0.0)
     }
 
-    fn fill(&self, script: &[String]) -> Vec<String> {
+    fn fill(&self, script: &[String], top_mm: f64) -> Vec<String> {
         let [x_mm, y_mm, z_mm] = self.machine.bed_mm;
         let values = [
             ("{hotend_c}", self.filament.first_layer_hotend_c.0),
@@ -41,6 +45,7 @@ impl Profile {
             ("{bed_x_mm}", x_mm),
             ("{bed_y_mm}", y_mm),
             ("{bed_z_mm}", z_mm),
+            ("{park_z_mm}", ((top_mm + PARK_ABOVE_MM) * 1e3).round().min(z_mm * 1e3) / 1e3),
         ];
         let filled = |line: &String| {
             values

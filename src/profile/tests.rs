@@ -55,7 +55,10 @@ fn the_reference_machine_adds_nothing_to_the_part() {
     assert_eq!((p.print.skirt_loops, p.print.brim_mm), (0, 0.0));
     assert_eq!((p.filament.flow_percent, p.filament.shrinkage_percent), (100.0, 0.0));
     assert_eq!((p.print.hole_compensation_mm, p.print.first_layer_compensation_mm), (0.0, 0.0));
-    assert_eq!(p.firmware.dialect, "marlin");
+    assert_eq!(p.firmware.dialect, Dialect::Marlin);
+    assert!(
+        !p.firmware.arcs && p.print.wipe_mm == 0.0 && p.filament.fan_least_percent == p.filament.fan_percent
+    );
 }
 
 #[test]
@@ -63,14 +66,18 @@ fn scripts_are_filled_with_temperatures_and_sizes() {
     let p = builtin("marlin").unwrap();
     let start = p.start_gcode();
     assert!(start.contains(&"M109 S210".to_owned()) && start.contains(&"M190 S60".to_owned()), "{start:?}");
-    assert!(p.end_gcode().contains(&"G1 X0 Y220 F6000".to_owned()));
-    assert!(!start.iter().chain(&p.end_gcode()).any(|l| l.contains('{')));
+    assert!(p.end_gcode(100.2).contains(&"G1 X0 Y220 F6000".to_owned()));
+    assert!(p.end_gcode(100.2).contains(&"G1 Z105.2 F600".to_owned()));
+    assert!(p.end_gcode(248.0).contains(&"G1 Z250 F600".to_owned()), "above the machine");
+    assert!(!start.iter().chain(&p.end_gcode(0.0)).any(|l| l.contains('{')));
 }
 
 #[test]
 fn a_value_out_of_range_names_file_line_key_value_range_and_unit() {
     let text = changed("nozzle_mm = 0.4", "nozzle_mm = 400");
-    assert_eq!(error_of(&text), "x.toml:22: machine.nozzle_mm = 400: expected a number from 0.05 to 3 mm");
+    let line = text.lines().position(|l| l == "nozzle_mm = 400").unwrap() + 1;
+    let expected = format!("x.toml:{line}: machine.nozzle_mm = 400: expected a number from 0.05 to 3 mm");
+    assert_eq!(error_of(&text), expected);
 }
 
 #[test]
@@ -96,7 +103,13 @@ fn each_kind_of_wrong_value_is_refused() {
         ("extrusion_width_mm = 0.45", "extrusion_width_mm = 0.9", "from 0.3 to 0.8 mm"),
         ("travel_mm_s = 150", "travel_mm_s = 900", "at most 500 mm/s"),
         ("safe = [\"M104 S0\", \"M140 S0\", \"M107\"]", "safe = []", "switch the heaters off"),
-        ("\"M107\",\n    \"G91\"", "\"M107 ; fan\",\n    \"G91\"", "without line breaks or comments"),
+        ("\"M107\",\n    \"G90\"", "\"M107 ; fan\",\n    \"G90\"", "without line breaks or comments"),
+        (
+            "cornering = \"junction-deviation\"",
+            "cornering = \"square-corner\"",
+            "expected \"junction-deviation\" or \"jerk\" with",
+        ),
+        ("object_labels = \"m486\"", "object_labels = \"exclude-object\"", "expected m486 or none with"),
         ("\"G28\"", "\"G28 {speed}\"", "{speed} in \"G28 {speed}\""),
         ("\"G28\"", "\"G28 {bed_c\"", "expected one of {hotend_c}"),
         ("\"G28\"", &format!("\"G28 {}\"", "X".repeat(90)), "firmware.line_bytes"),
@@ -127,7 +140,7 @@ fn an_unknown_key_is_named_with_its_line_and_a_hint() {
 #[test]
 fn an_unknown_base_is_refused() {
     let error = error_of("inherits = \"martian\"\n");
-    assert!(error.contains("x.toml:1: inherits") && error.contains("marlin, reference"), "{error}");
+    assert!(error.contains("x.toml:1: inherits") && error.contains("smoothie, reference"), "{error}");
     assert!(error_of("inherits = 3\n").contains("x.toml:1: inherits = 3"));
 }
 
@@ -143,7 +156,8 @@ fn an_unknown_name_lists_the_known_ones() {
     let error = builtin("nonesuch").unwrap_err().to_string();
     assert_eq!(
         error,
-        "there is no profile \"nonesuch\"; built in are marlin, reference, a file is given by its path"
+        "there is no profile \"nonesuch\"; built in are marlin, marlin1, klipper, reprapfirmware, repetier, smoothie, \
+         reference, abs-enclosed, prusa-mk3s, a file is given by its path"
     );
 }
 

@@ -16,7 +16,7 @@ use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::slice::Layer;
 use crate::solid::CrossSection;
-use crate::toolpath::{Bead, BeadKind, LayerPaths};
+use crate::toolpath::{Bead, LayerPaths};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -221,8 +221,7 @@ fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &RigidTransfor
         points: bead.points.iter().map(|p| moved_point(p.at, back)).collect(),
         widths_mm: bead.points.iter().map(|p| p.width_mm).take(bead.points.len().max(2) - 1).collect(),
     };
-    let (around, part): (Vec<&Bead>, Vec<&Bead>) =
-        paths.beads.iter().partition(|b| b.kind == BeadKind::SkirtBrim);
+    let (around, part): (Vec<&Bead>, Vec<&Bead>) = paths.beads.iter().partition(|b| !b.kind.is_part());
     let part = strokes::union(&part.into_iter().map(stroke).collect::<Vec<_>>());
     let deposited = strokes::union(recorded);
     let areas = if around.is_empty() {

@@ -9,19 +9,26 @@ use crate::profile::Profile;
 /// Chord tolerance of the loops, mm: they are no part of the print.
 const TOLERANCE_MM: f64 = 0.01;
 
+/// No brim for steadiness is wider than this, mm: a part that needs more wants a raft or a wider base.
+const MOST_BRIM_MM: f64 = 10.0;
+
 /// Skirt and brim around the material of the first layer, from the outside inward. What would leave the
 /// bed is left out, and said so.
 pub(super) fn loops(
     material: &Region,
+    supports: &Region,
+    height_mm: f64,
     profile: &Profile,
     params: &FillParams,
 ) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outlines = material.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
+    let outlines =
+        material.contours.iter().chain(&supports.contours).filter(|c| c.is_ccw()).cloned().collect();
     let outline = Region::union_all([&Region::new(outlines)]);
+    let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]
-    let n_brim = (print.brim_mm / pitch).round() as usize;
+    let n_brim = (brim_mm / pitch).round() as usize;
     let brim = (0..n_brim).map(|i| (i as f64 + 0.5) * pitch);
     let skirt_begin = n_brim as f64 * pitch + print.skirt_distance_mm;
     let skirt = (0..print.skirt_loops).map(|i| skirt_begin + (f64::from(i) + 0.5) * pitch);
@@ -47,6 +54,18 @@ pub(super) fn loops(
     (paths, warning)
 }
 
+/// The brim that a part needs so that it stands on no less than its height by the slenderness, mm: what pushes at its top turns
+/// it over the edge of what it stands on.
+fn steadying_brim_mm(material: &Region, height_mm: f64, slenderness: f64) -> f64 {
+    if slenderness <= 0.0 {
+        return 0.0;
+    }
+    let outlines: Vec<Contour> = material.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
+    // Of a narrow base the narrow side counts.
+    let width_mm = Region::new(outlines).bounds().map_or(f64::INFINITY, |b| b.size().min());
+    ((height_mm / slenderness - width_mm) / 2.0).clamp(0.0, MOST_BRIM_MM)
+}
+
 fn path(contour: &Contour, width_mm: f64) -> Path {
     let contour = simplify::contour(contour, TOLERANCE_MM);
     let vertices = contour.points.iter().map(|&at| Vertex { at, width_mm, room_mm: 0.0 }).collect();
@@ -59,4 +78,19 @@ fn inside_bed(region: &Region, profile: &Profile, width_mm: f64) -> bool {
         let b = b.grown(width_mm / 2.0);
         b.min.x >= 0.0 && b.min.y >= 0.0 && b.max.x <= x && b.max.y <= y
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Point2;
+
+    #[test]
+    fn a_slender_part_gets_the_brim_that_steadies_it() {
+        let tube = Region::new(vec![Contour::circle(Point2::origin(), 4.0, 360)]);
+        // 138 mm by 12 are 11.5 mm to stand on; there are 8.
+        assert!((steadying_brim_mm(&tube, 138.0, 12.0) - 1.75).abs() < 0.01);
+        assert!(steadying_brim_mm(&tube, 90.0, 12.0) < 1e-9, "steady by itself");
+        assert!(steadying_brim_mm(&tube, 138.0, 0.0) < 1e-9, "not wanted");
+    }
 }

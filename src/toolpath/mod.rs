@@ -13,7 +13,9 @@
 //!
 //! Outline, spacing and flow follow one bead model ([`BeadModel`]).
 //!
-//! Not done: supports, floors and roofs of sparse fill, bridges, arcs.
+//! - Columns under overhangs, where the profile asks for supports.
+//!
+//! Not done: rafts, floors and roofs of sparse fill, bridges.
 //!
 //! Layers are filled in parallel, some at a time, while those before them are put in order one after the
 //! other: the result is the same on any number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
@@ -27,6 +29,7 @@ mod raster;
 mod sequence;
 mod simplify;
 mod skin;
+mod supports;
 mod travel;
 
 pub use flow::BeadModel;
@@ -34,11 +37,12 @@ pub use travel::Travel;
 
 use crate::ct::Warning;
 use crate::geom::{Point2, Region, RigidTransform};
-use crate::profile::{BeadShape, Profile};
+use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
 use order::Order;
+use place::Placement;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use skin::Skins;
@@ -57,6 +61,10 @@ pub enum BeadKind {
     SolidInfill,
     /// Loops around the part that prime the nozzle or hold the part down.
     SkirtBrim,
+    /// What holds overhangs up.
+    SupportMaterial,
+    /// Its uppermost layers.
+    SupportInterface,
 }
 
 impl BeadKind {
@@ -69,7 +77,15 @@ impl BeadKind {
             Self::InternalInfill => "Internal infill",
             Self::SolidInfill => "Solid infill",
             Self::SkirtBrim => "Skirt/Brim",
+            Self::SupportMaterial => "Support material",
+            Self::SupportInterface => "Support material interface",
         }
+    }
+
+    /// Whether it belongs to the part: all else is taken away after the print.
+    #[must_use]
+    pub const fn is_part(self) -> bool {
+        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface)
     }
 }
 
@@ -200,17 +216,25 @@ pub enum Error {
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
     let placement = place::place(layers, profile)?;
+    let columns = columns(layers, &placement, profile, task)?;
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
     let draft_at = |idx: usize| {
         task.check()?;
         let layer = &layers[idx];
         let (material, lumen) = placement.layer(layer, idx == 0, profile);
-        let draft = draft(idx, layer.slot, material, lumen, profile);
+        let mut draft = draft(idx, layer.slot, material, lumen, profile)?;
+        draft.supports = columns
+            .get(idx)
+            .filter(|c| !c.is_empty())
+            .map(|c| c.paths(idx, &draft.params, profile))
+            .unwrap_or_default();
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-        draft
+        Ok(draft)
     };
-    let mut order = Order::default();
+    let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
+    let on_bed = columns.first().map(supports::Support::area).unwrap_or_default();
+    let mut order = Order::of_part(height_mm, on_bed);
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -226,12 +250,41 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     Ok(Planned { paths, warnings })
 }
 
+/// The supports of all layers; none where the profile wants none. They are planned from the top downward, before any layer.
+fn columns(
+    layers: &[Layer],
+    placement: &Placement,
+    profile: &Profile,
+    task: &Task<'_>,
+) -> Result<Vec<supports::Support>, Cancelled> {
+    if profile.print.support == SupportStyle::None {
+        return Ok(Vec::new());
+    }
+    let placed = |(idx, layer): (usize, &Layer)| {
+        task.check()?;
+        let (material, lumen) = placement.layer(layer, idx == 0, profile);
+        let width_mm = fill_params(profile, layer.slot.height_mm).width_mm;
+        Ok((without_dust(material, width_mm), lumen))
+    };
+    let placed: Vec<Result<_, Cancelled>> = layers.par_iter().enumerate().map(placed).collect();
+    let placed = placed.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let slab = |(layer, (material, lumen)): (&Layer, _)| supports::Slab {
+        material,
+        lumen,
+        height_mm: layer.slot.height_mm,
+    };
+    let slabs: Vec<supports::Slab<'_>> =
+        layers.iter().zip(placed.iter().map(|(m, l)| (m, l))).map(slab).collect();
+    Ok(supports::columns(&slabs, profile))
+}
+
 /// A layer whose beads are not yet in order.
 struct Draft {
     slot: LayerSlot,
     material: Region,
     lumen: Region,
     params: FillParams,
+    supports: Vec<Path>,
     paths: Vec<Path>,
     net: Option<travel::Net>,
     thin: Option<Thin>,
@@ -247,8 +300,17 @@ fn draft(
 ) -> Result<Draft, Error> {
     let params = fill_params(profile, slot.height_mm);
     let material = without_dust(material, params.width_mm);
-    let mut draft =
-        Draft { slot, material, lumen, params, paths: vec![], net: None, thin: None, lost: vec![] };
+    let mut draft = Draft {
+        slot,
+        material,
+        lumen,
+        params,
+        supports: vec![],
+        paths: vec![],
+        net: None,
+        thin: None,
+        lost: vec![],
+    };
     let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
         return Ok(draft);
     };

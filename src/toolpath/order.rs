@@ -4,7 +4,7 @@ use super::fill::Thin;
 use super::travel::Travel;
 use super::{Bead, Draft, LayerPaths, adhesion, sequence};
 use crate::ct::Warning;
-use crate::geom::Point2;
+use crate::geom::{Point2, Region};
 use crate::profile::Profile;
 use crate::progress::{Cancelled, Task};
 
@@ -19,9 +19,17 @@ pub(super) struct Order {
     thin: Vec<(f64, Thin)>,
     lost: Vec<(f64, Point2)>,
     adhesion: Option<Warning>,
+    /// How high the part is, mm, and what of its supports stands on the bed.
+    height_mm: f64,
+    on_bed: Region,
 }
 
 impl Order {
+    /// Of a part so high, with supports that stand on this part of the bed.
+    pub(super) fn of_part(height_mm: f64, on_bed: Region) -> Self {
+        Self { height_mm, on_bed, ..Self::default() }
+    }
+
     /// Puts the next layers in order.
     pub(super) fn add(
         &mut self,
@@ -46,6 +54,10 @@ impl Order {
         if idx == 0 {
             self.hold_down(&draft, profile, &mut beads, &mut travels);
         }
+        let around = sequence::around(draft.supports, draft.net.as_ref(), self.at);
+        self.at = around.at;
+        beads.extend(around.beads);
+        travels.extend(around.travels);
         if let Some(net) = &draft.net {
             let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, self.at);
             self.at = sequence.at;
@@ -64,7 +76,8 @@ impl Order {
         beads: &mut Vec<Bead>,
         travels: &mut Vec<Travel>,
     ) {
-        let (loops, warning) = adhesion::loops(&draft.material, profile, &draft.params);
+        let (loops, warning) =
+            adhesion::loops(&draft.material, &self.on_bed, self.height_mm, profile, &draft.params);
         self.adhesion = warning;
         for path in &loops {
             let mut vertices = path.vertices.clone();

@@ -64,6 +64,24 @@ pub(super) fn sequence(
     sequence
 }
 
+/// Puts what stands around the part in order, by nearness. A way that crosses an outline of the part goes round its lumen as
+/// any other; every one is retracted.
+pub(super) fn around(paths: Vec<Path>, net: Option<&Net>, at: Option<Point2>) -> Sequence {
+    let mut sequence = Sequence { at, ..Sequence::default() };
+    let mut open: Vec<(usize, Path)> = paths.into_iter().map(|path| (0, path)).collect();
+    while let Some(next) = next_path(&open, sequence.at) {
+        let (_, path) = open.swap_remove(next);
+        let begin = nearest_vertex(&path, sequence.at).0;
+        let vertices = unrolled(&path, begin);
+        let first = vertices[0].at;
+        let way = sequence.at.zip(net).map(|(at, net)| net.travel(at, first)).unwrap_or_default();
+        sequence.travels.push(Travel { leaves_material: true, ..way });
+        sequence.beads.push(Bead { kind: path.kind, points: bead_points(&vertices) });
+        sequence.at = Some(vertices[vertices.len() - 1].at);
+    }
+    sequence
+}
+
 fn nearest_island(open: &[(usize, Path)], at: Option<Point2>) -> Option<usize> {
     let distance = |p: &Path| nearest_vertex(p, at).1;
     open.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1))).map(|(island, _)| *island)

@@ -2,7 +2,9 @@
 
 use super::{After, HeatWait, HeaterName, Printer, Wait};
 use crate::{
+    dialect::Family,
     gcode::{self, Command},
+    planner::Cornering,
     whole,
 };
 
@@ -28,12 +30,18 @@ impl Printer {
     /// Begins the command in `line`.
     pub(super) fn execute(&mut self, line: &[u8]) -> Outcome {
         let command = gcode::parse(line);
+        if self.life == super::Life::Halted {
+            return self.refuse_when_halted(&command);
+        }
         let outcome = match command.letter {
+            letter @ (b'G' | b'M') if !self.profile.dialect.knows(letter, command.code) => {
+                self.unknown(&command)
+            }
             b'G' => self.execute_g(&command),
             b'M' => self.execute_m(&command),
             b'T' if command.code == 0 => Outcome::Done,
             b'T' => self.tell(&format!("echo:T{} Invalid extruder", command.code)),
-            _ => self.unknown(&command),
+            _ => self.execute_words(&command),
         };
         match outcome {
             // Most moves find room at once.
@@ -49,10 +57,49 @@ impl Printer {
 
     fn unknown(&mut self, command: &Command<'_>) -> Outcome {
         self.summary.unknown_commands += 1;
-        let mut reply = b"echo:Unknown command: \"".to_vec();
-        reply.extend_from_slice(command.text);
-        reply.push(b'"');
-        self.say_bytes(&reply);
+        if let Some(reply) = self.profile.dialect.unknown(command.text) {
+            self.say_bytes(&reply);
+        }
+        Outcome::Done
+    }
+
+    fn tell_temperatures(&mut self) -> Outcome {
+        let text = format!("ok{}", self.temperatures());
+        self.say(&text);
+        Outcome::Answered
+    }
+
+    /// A firmware that has stopped answers nothing but the order to start again.
+    fn refuse_when_halted(&mut self, command: &Command<'_>) -> Outcome {
+        let restarts =
+            command.text.starts_with(b"FIRMWARE_RESTART") || command.letter == b'M' && command.code == 999;
+        if restarts {
+            if self.profile.dialect.family == Family::Klipper {
+                self.say("// Klipper state: Disconnect");
+            }
+            self.reset();
+            return Outcome::Done;
+        }
+        self.say(if self.profile.dialect.family == Family::Klipper {
+            "!! Shutdown due to M112 command"
+        } else {
+            "!!"
+        });
+        Outcome::Done
+    }
+
+    /// Commands that are words, `KEY=VALUE` behind them.
+    fn execute_words(&mut self, command: &Command<'_>) -> Outcome {
+        let text = command.text;
+        let name = &text[..text.iter().position(|&b| b == b' ').unwrap_or(text.len())];
+        if !self.profile.dialect.words.iter().any(|word| word.as_bytes() == name) {
+            return self.unknown(command);
+        }
+        match name {
+            b"SET_VELOCITY_LIMIT" => self.set_velocity_limit(text),
+            b"FIRMWARE_RESTART" => self.reset(),
+            _ => {}
+        }
         Outcome::Done
     }
 
@@ -79,25 +126,36 @@ impl Printer {
         match command.code {
             0 | 1 => return self.pause(command),
             // Handled elsewhere, or of no effect here: motors on, print timer, progress, debug flags, message, time-outs.
-            17 | 31 | 73 | 75..=77 | 85 | 108 | 111 | 117 | 300 | 301 | 304 | 501 | 502 | 876 | 999 => {}
+            17
+            | 31
+            | 73
+            | 75..=77
+            | 85
+            | 108
+            | 111
+            | 117
+            | 300
+            | 301
+            | 304
+            | 408
+            | 486
+            | 501
+            | 502
+            | 876
+            | 999 => {}
             18 | 84 => return Outcome::Wait(Wait::Drain(After::MotorsOff)),
             82 => self.motion.relative[3] = false,
             83 => self.motion.relative[3] = true,
-            92 => set_axes(command, &mut self.motion.steps_per_mm),
+            92 => super::limits::set_axes(command, &mut self.motion.steps_per_mm),
             104 => self.set_heater(HeaterName::Hotend, command),
             105 => {
-                let text = format!("ok{}", self.temperatures());
-                self.say(&text);
-                return Outcome::Answered;
+                return self.tell_temperatures();
             }
             106 => self.fan = whole::to_u8(command.value(b'S').unwrap_or(255.0)),
             107 => self.fan = 0,
             109 => return self.heat(HeaterName::Hotend, command),
             110 => self.set_line_number(command),
-            112 => {
-                self.say("echo:M112 Shutdown");
-                self.kill();
-            }
+            112 => self.kill_by_order(),
             113 => self.keepalive_s = command.value(b'S').unwrap_or(self.keepalive_s).clamp(0.0, 60.0),
             114 => return self.tell(&self.position_text()),
             115 => self.tell_firmware(),
@@ -109,14 +167,7 @@ impl Printer {
                 self.next_report_s = self.now_s + self.report_interval_s;
             }
             190 => return self.heat(HeaterName::Bed, command),
-            201 => set_axes(command, &mut self.motion.limits.max_acceleration),
-            203 => set_axes(command, &mut self.motion.limits.max_speed),
-            204 => self.set_accelerations(command),
-            205 => {
-                if let Some(deviation) = command.value(b'J').filter(|&j| j > 0.0) {
-                    self.motion.limits.junction_deviation = deviation;
-                }
-            }
+            201..=207 | 566 => self.set_limits(command),
             211 => self.motion.soft_endstops = command.value(b'S').is_none_or(|s| s != 0.0),
             220 => self.motion.feedrate_percent = percent(command, self.motion.feedrate_percent),
             221 => self.motion.flow_percent = percent(command, self.motion.flow_percent),
@@ -134,15 +185,6 @@ impl Printer {
         if let Some(number) = command.value(b'N') {
             self.receiver.last_line = whole::to_i64(number);
         }
-    }
-
-    fn set_accelerations(&mut self, command: &Command<'_>) {
-        let limits = &mut self.motion.limits;
-        let positive = |letter| command.value(letter).filter(|&a| a > 0.0);
-        let both = positive(b'S');
-        limits.print_acceleration = positive(b'P').or(both).unwrap_or(limits.print_acceleration);
-        limits.travel_acceleration = positive(b'T').or(both).unwrap_or(limits.travel_acceleration);
-        limits.retract_acceleration = positive(b'R').unwrap_or(limits.retract_acceleration);
     }
 
     fn set_cold_extrusion(&mut self, command: &Command<'_>) {
@@ -323,7 +365,13 @@ impl Printer {
                 limits.print_acceleration, limits.retract_acceleration, limits.travel_acceleration
             ),
             "echo:; Advanced (J<junc_dev>):".to_owned(),
-            format!("echo: M205 J{:.3}", limits.junction_deviation),
+            match limits.cornering {
+                Cornering::Deviation(mm) => format!("echo: M205 J{mm:.3}"),
+                Cornering::Jerk { axes: [x, y, z, e], .. } => {
+                    format!("echo: M205 X{x:.2} Y{y:.2} Z{z:.2} E{e:.2}")
+                }
+                Cornering::SquareCorner(mm_s) => format!("echo: square corner velocity {mm_s:.2}"),
+            },
         ];
         for line in lines {
             self.say(&line);
@@ -334,14 +382,6 @@ impl Printer {
 fn axes_to_home(command: &Command<'_>) -> [bool; 3] {
     let named = [b'X', b'Y', b'Z'].map(|letter| command.seen(letter));
     if named == [false; 3] { [true; 3] } else { named }
-}
-
-fn set_axes(command: &Command<'_>, values: &mut [f64; 4]) {
-    for (axis, letter) in [b'X', b'Y', b'Z', b'E'].into_iter().enumerate() {
-        if let Some(value) = command.value(letter).filter(|&value| value > 0.0) {
-            values[axis] = value;
-        }
-    }
 }
 
 fn percent(command: &Command<'_>, before: f64) -> f64 {

@@ -13,6 +13,7 @@
 
 mod commands;
 mod faults;
+mod limits;
 mod motion;
 mod replies;
 #[cfg(test)]
@@ -20,10 +21,11 @@ mod tests;
 
 use crate::{
     deposit::{Deposit, Laid},
+    dialect::{Family, Numbering},
     event::{Event, Summary},
     planner::{Block, Planner, Position},
     profile::Profile,
-    receive::{Emergency, Received, Receiver},
+    receive::{self, Emergency, Received, Receiver},
     spec::{Armed, FaultSpec, Progress},
     thermal::Heater,
     wire::{Incoming, Outgoing},
@@ -108,6 +110,8 @@ struct HeatWait {
 enum Life {
     Off,
     Running,
+    /// It has stopped, and says so to every command.
+    Halted,
     Killed,
 }
 
@@ -236,7 +240,7 @@ impl Printer {
     /// A host has opened the port: a printer that is off or has stopped for good starts.
     pub fn host_arrived(&mut self) {
         self.state("host-arrived", String::new());
-        if self.life != Life::Running {
+        if matches!(self.life, Life::Off | Life::Killed) {
             self.reset();
         }
     }
@@ -388,7 +392,11 @@ impl Printer {
     fn say_busy(&mut self) {
         self.next_busy_s = self.now_s + self.keepalive_s;
         let user = matches!(self.wait, Some(Wait::User { .. }));
-        self.say(if user { "echo:busy: paused for user" } else { "echo:busy: processing" });
+        let busy = self.profile.dialect.busy;
+        let is_marlin = self.profile.dialect.family == Family::Marlin;
+        if !busy.is_empty() {
+            self.say(if user && is_marlin { "echo:busy: paused for user" } else { busy });
+        }
     }
 
     fn start_block(&mut self) {
@@ -434,12 +442,12 @@ impl Printer {
             if let Some(order) = order.filter(|_| self.profile.dialect.emergency_parser) {
                 self.emergency(order);
             }
-            if self.life != Life::Running {
+            if !self.listens() {
                 self.receiver.clear();
             } else if !self.is_silent() {
                 moved |= self.fetch();
                 // A line may have brought a fault.
-                if self.life == Life::Running && !self.is_silent() {
+                if self.listens() && !self.is_silent() {
                     moved |= self.work();
                 }
             }
@@ -453,7 +461,7 @@ impl Printer {
     fn fetch(&mut self) -> bool {
         let mut read = false;
         while self.queue.len() < self.profile.command_slots
-            && self.life == Life::Running
+            && self.listens()
             && !self.is_silent()
             && let Some(line) = self.receiver.next_line()
         {
@@ -463,10 +471,14 @@ impl Printer {
                 Received::Command(text) => self.accept(text),
                 Received::Repeated(text) => {
                     self.summary.repeated_lines += 1;
+                    if self.profile.dialect.numbering == Numbering::CheckedRepeatsSkipped {
+                        self.say(&format!("skip {}", receive::number_of(&text)));
+                        self.say("ok");
+                    }
                     self.record_refused(text, "repeated");
                 }
                 Received::Refused(text, reason) => {
-                    self.say(&format!("Error:{reason}{}", self.receiver.last_line));
+                    self.say_refusal(&text, reason);
                     self.request_resend();
                     self.record_refused(text, reason.trim_end_matches(", Last Line: "));
                 }
@@ -480,12 +492,14 @@ impl Printer {
         if self.record_commands {
             self.events.push(Event::Command { t_s: self.now_s, text: text.clone() });
         }
+        let was = self.life;
         if !self.profile.dialect.emergency_parser
             && let Some(order) = early_order(&text)
         {
             self.emergency(order);
         }
-        if self.life == Life::Running {
+        // The order that has stopped it is done.
+        if self.listens() && self.life == was {
             self.queue.push_back(text);
             self.strike_spurious_resend();
         }
@@ -502,7 +516,9 @@ impl Printer {
         let number = (self.receiver.last_line + 1 + error).max(0);
         self.summary.resend_requests += 1;
         self.say(&format!("{}{number}", self.profile.dialect.resend));
-        self.say("ok");
+        if self.profile.dialect.ok_after_resend {
+            self.say("ok");
+        }
     }
 
     /// Goes on with the command at the head of the queue.
@@ -551,10 +567,7 @@ impl Printer {
                     self.wait = Some(Wait::Until { t_s: self.now_s, home: [false; 3] });
                 }
             }
-            Emergency::Kill => {
-                self.say("echo:M112 Shutdown");
-                self.kill();
-            }
+            Emergency::Kill => self.kill_by_order(),
             Emergency::QuickStop => self.quick_stop(),
         }
     }
@@ -574,6 +587,19 @@ impl Printer {
         self.state("stopped", self.position_text());
     }
 
+    /// M112.
+    fn kill_by_order(&mut self) {
+        if self.profile.dialect.family == Family::Marlin {
+            self.say("echo:M112 Shutdown");
+        }
+        self.kill();
+    }
+
+    /// Whether lines are read and answered.
+    const fn listens(&self) -> bool {
+        matches!(self.life, Life::Running | Life::Halted)
+    }
+
     /// Stops for good.
     fn kill(&mut self) {
         for line in self.profile.dialect.halted {
@@ -584,7 +610,10 @@ impl Printer {
         self.queue.clear();
         self.wait = None;
         self.receiver.clear();
-        self.life = Life::Killed;
+        self.life = match self.profile.dialect.family {
+            Family::Klipper | Family::Smoothie => Life::Halted,
+            _ => Life::Killed,
+        };
         self.state("killed", String::new());
     }
 
@@ -624,7 +653,8 @@ impl Printer {
         let now_s = self.now_s;
         let fault = self.heaters.iter_mut().find_map(|heater| Some((heater.check(now_s)?, heater.model.id)));
         if let Some((fault, id)) = fault {
-            self.say(&format!("Error:{fault}, system stopped! Heater_ID: {id}"));
+            let text = self.fault_text(fault, id);
+            self.say(&text);
             self.kill();
         }
     }
@@ -664,7 +694,7 @@ impl Printer {
     fn state_name(&self) -> &'static str {
         match (self.life, &self.wait) {
             (Life::Off, _) => "off",
-            (Life::Killed, _) => "killed",
+            (Life::Killed | Life::Halted, _) => "killed",
             _ if !self.is_plugged() => "unplugged",
             _ if self.is_silent() => "silent",
             (_, Some(Wait::Heat(_))) => "heating",

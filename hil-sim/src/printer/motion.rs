@@ -12,8 +12,6 @@ use crate::{
 };
 use std::collections::VecDeque;
 
-/// Arcs are driven in chords of at most this length, mm.
-const ARC_CHORD_MM: f64 = 1.0;
 /// More at once is taken for a mistake, mm of filament.
 const LONGEST_EXTRUSION_MM: f64 = 200.0;
 
@@ -67,7 +65,8 @@ impl Motion {
                 print_acceleration: profile.print_acceleration_mm_s2,
                 retract_acceleration: profile.retract_acceleration_mm_s2,
                 travel_acceleration: profile.travel_acceleration_mm_s2,
-                junction_deviation: profile.junction_deviation_mm,
+                travel_max_acceleration: profile.travel_max_acceleration_mm_s2,
+                cornering: profile.cornering,
             },
             steps_per_mm: profile.steps_per_mm,
             pending: VecDeque::new(),
@@ -130,6 +129,10 @@ impl Printer {
     pub(super) fn linear_move(&mut self, command: &Command<'_>) -> Outcome {
         self.take_feedrate(command);
         let target = self.motion.target(command);
+        if let Some(refusal) = self.refusal_of_place(target) {
+            self.say(&refusal);
+            return Outcome::Done;
+        }
         self.plan(target);
         Outcome::Wait(Wait::Moves)
     }
@@ -138,6 +141,25 @@ impl Printer {
         if let Some(mm_min) = command.value(b'F').filter(|&f| f > 0.0) {
             self.motion.feedrate = mm_min / 60.0;
         }
+    }
+
+    /// Why a firmware that does not cut moves off refuses this one.
+    fn refusal_of_place(&mut self, target: Position) -> Option<String> {
+        if !self.profile.dialect.refuses_moves_outside() {
+            return None;
+        }
+        let native = |axis: usize| target[axis] - self.motion.offset[axis];
+        let moves = |axis: usize| (native(axis) - self.motion.planned[axis]).abs() > 1e-9;
+        let [x, y, z] = [0, 1, 2].map(native);
+        let unhomed = (0..3).any(|axis| moves(axis) && !self.motion.homed[axis]);
+        let outside = |axis: usize| !(-1e-9..=self.profile.bed_mm[axis] + 1e-9).contains(&native(axis));
+        if !unhomed && !(0..3).any(outside) {
+            return None;
+        }
+        self.summary.soft_endstop_hits += 1;
+        let pulled = target[3] - self.motion.position[3];
+        let why = if unhomed { "!! Must home axis first:" } else { "!! Move out of range:" };
+        Some(format!("{why} {x:.3} {y:.3} {z:.3} [{pulled:.3}]"))
     }
 
     /// A straight move to `target` (logical) is to be planned.
@@ -163,7 +185,7 @@ impl Printer {
         }
         if self.heaters[0].reading_c(self.now_s) < self.motion.min_extrusion_c {
             self.summary.cold_extrusions += 1;
-            self.say("echo: cold extrusion prevented");
+            self.say(self.profile.dialect.cold_extrusion());
             return 0.0;
         }
         if wanted_mm.abs() > LONGEST_EXTRUSION_MM {
@@ -209,7 +231,10 @@ impl Printer {
             self.say("Error:G2/G3 bad parameters");
             return Outcome::Done;
         };
-        for point in arc_points(from, target, centre, clockwise) {
+        let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
+        let rule = self.profile.dialect.arcs.expect("arcs are known to a dialect that has a rule for them");
+        let chord_mm = rule.chord_mm(radius, self.motion.feedrate);
+        for point in arc_points(from, target, centre, clockwise, chord_mm) {
             self.plan(point);
         }
         Outcome::Wait(Wait::Moves)
@@ -233,7 +258,13 @@ fn arc_centre(command: &Command<'_>, from: Position, to: Position, clockwise: bo
 }
 
 /// Points along an arc, the last one exactly `to`.
-fn arc_points(from: Position, to: Position, centre: [f64; 2], clockwise: bool) -> Vec<Position> {
+fn arc_points(
+    from: Position,
+    to: Position,
+    centre: [f64; 2],
+    clockwise: bool,
+    chord_mm: f64,
+) -> Vec<Position> {
     use std::f64::consts::TAU;
     let start = (from[1] - centre[1]).atan2(from[0] - centre[0]);
     let end = (to[1] - centre[1]).atan2(to[0] - centre[0]);
@@ -242,7 +273,7 @@ fn arc_points(from: Position, to: Position, centre: [f64; 2], clockwise: bool) -
         turn = TAU;
     }
     let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
-    let n = whole::floor_to_usize((turn * radius / ARC_CHORD_MM).ceil()).clamp(1, 10_000);
+    let n = whole::floor_to_usize((turn * radius / chord_mm).ceil()).clamp(1, 10_000);
     let sign = if clockwise { -1.0 } else { 1.0 };
     let mut points: Vec<Position> = (1..n)
         .map(|k| {

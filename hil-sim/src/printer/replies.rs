@@ -1,7 +1,10 @@
 //! What the printer says, and how it gets onto the wire.
 
 use super::{Life, Printer};
-use crate::whole;
+use crate::{
+    dialect::{Family, Refusal},
+    receive, whole,
+};
 
 impl Printer {
     /// Says one line, as the faults of the wire let it.
@@ -24,6 +27,30 @@ impl Printer {
         }
     }
 
+    /// Why a line is refused, in the firmware's words.
+    pub(super) fn say_refusal(&mut self, text: &[u8], reason: &str) {
+        let last = self.receiver.last_line;
+        match self.profile.dialect.refusal {
+            Refusal::LastLine => self.say(&format!("Error:{reason}{last}")),
+            Refusal::Expected if reason == receive::WRONG_NUMBER => {
+                self.say(&format!("Error:expected line {} got {}", last + 1, receive::number_of(text)));
+            }
+            Refusal::Expected => self.say("Error:Wrong checksum"),
+            Refusal::Silent => {}
+        }
+    }
+
+    /// What is said of a heater that has run out of control.
+    pub(super) fn fault_text(&self, fault: &str, heater: &str) -> String {
+        match self.profile.dialect.family {
+            Family::Marlin => format!("Error:{fault}, system stopped! Heater_ID: {heater}"),
+            Family::Klipper => format!("!! Heater {heater} not heating at expected rate"),
+            Family::RepRapFirmware => format!("Error: Heater fault on heater {heater}: {fault}"),
+            Family::Repetier => format!("fatal:Heater {heater} error - {fault}"),
+            Family::Smoothie => format!("ERROR: {fault} on {heater}, HALT asserted"),
+        }
+    }
+
     /// `ok` for the command at the head of the queue.
     pub(super) fn say_ok(&mut self) {
         if !self.profile.dialect.advanced_ok {
@@ -42,19 +69,25 @@ impl Printer {
         self.say(&reply);
     }
 
-    /// ` T:19.38 /0.00 B:19.38 /0.00 @:0 B@:0`
+    /// ` T:19.38 /0.00 B:19.38 /0.00 @:0 B@:0`, or as the dialect has it.
     pub(super) fn temperatures(&self) -> String {
         let [hotend, bed] = &self.heaters;
         let t = self.now_s;
-        format!(
-            " T:{:.2} /{:.2} B:{:.2} /{:.2} @:{} B@:{}",
-            hotend.reading_c(t),
-            hotend.target_c,
-            bed.reading_c(t),
-            bed.target_c,
-            hotend.power(t),
-            bed.power(t)
-        )
+        let [now, bed_now] = [hotend.reading_c(t), bed.reading_c(t)];
+        let [target, bed_target] = [hotend.target_c, bed.target_c];
+        let [power, bed_power] = [hotend.power(t), bed.power(t)];
+        match self.profile.dialect.family {
+            Family::Marlin | Family::Repetier => {
+                format!(" T:{now:.2} /{target:.2} B:{bed_now:.2} /{bed_target:.2} @:{power} B@:{bed_power}")
+            }
+            Family::Klipper => format!(" B:{bed_now:.1} /{bed_target:.1} T0:{now:.1} /{target:.1}"),
+            Family::RepRapFirmware => {
+                format!(" T0:{now:.1} /{target:.1} B:{bed_now:.1} /{bed_target:.1}")
+            }
+            Family::Smoothie => {
+                format!(" T:{now:.1} /{target:.1} @{power} B:{bed_now:.1} /{bed_target:.1} @{bed_power}")
+            }
+        }
     }
 
     /// `X:50.00 Y:50.00 Z:5.00 E:0.00 Count X:4000 Y:4000 Z:2000`

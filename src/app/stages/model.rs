@@ -5,9 +5,7 @@ use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::Context;
-use crate::gcode;
 use crate::model::{self, Axis, Model};
-use crate::motion;
 use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams};
@@ -48,17 +46,19 @@ pub struct SlicedModel {
     pub print_time_s: f64,
     /// Filament that it takes, mm.
     pub filament_mm: f64,
+    /// Filament that it takes, g.
+    pub filament_g: f64,
     /// Where the model's origin lies on the bed, mm.
     pub bed_from_model_mm: [f64; 3],
 }
 
 impl std::fmt::Display for SlicedModel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, bed_from_model_mm: [x, y, z] } =
-            self;
+        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, filament_g, .. } = self;
+        let [x, y, z] = self.bed_from_model_mm;
         write!(
             f,
-            "{n_triangles} triangles, {n_layers} layers, {n_lines} lines, {} of printing, {:.2} m of filament; the model's \
+            "{n_triangles} triangles, {n_layers} layers, {n_lines} lines, {} of printing, {:.2} m ({filament_g:.1} g) of filament; the model's \
              origin lies at x {x:.3}, y {y:.3}, z {z:.3} mm",
             super::slice::hours_and_minutes(*print_time_s),
             filament_mm / 1e3
@@ -103,9 +103,8 @@ pub fn slice_model(
     let sliced = slice::slice_mesh(&model.mesh, &params, &task)?;
     let planned = toolpath::plan(&sliced.layers, &profile, &task)?;
     let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
-    let header = gcode::Header { settings: format!("{:?}", (layer_mm, perimeters, infill_percent, turn)) };
-    let text = gcode::write(&planned.paths, &profile, &header);
-    let estimate = motion::estimate(&text, &profile, &task)?;
+    let settings = format!("{:?}", (layer_mm, perimeters, infill_percent, turn));
+    let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings, &task)?;
     atomic::write_export(out, text.as_bytes())?;
     job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
     for warning in model.warnings.into_iter().chain(sliced.warnings).chain(planned.warnings) {
@@ -118,6 +117,7 @@ pub fn slice_model(
         n_lines: text.lines().count(),
         print_time_s: estimate.total_s,
         filament_mm: estimate.filament_mm,
+        filament_g: estimate.filament_g,
         bed_from_model_mm: [by.x, by.y, by.z],
     })
 }

@@ -12,6 +12,7 @@ use crate::ct::Warning;
 use crate::gcode;
 use crate::geom::RigidTransform;
 use crate::motion;
+use crate::preview;
 use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams, Layer, LayerSlot};
@@ -23,6 +24,9 @@ use std::path::Path;
 pub(crate) const JOB_FILE: &str = "job.gcode";
 /// Layers against CT planes.
 pub(crate) const LAYERS_FILE: &str = "layers.json";
+
+/// Sides of the pictures at a job's head, those that printers' displays and print servers look for.
+const THUMBNAILS_PX: [u32; 2] = [32, 300];
 
 /// How far a layer's outline may be from the solid's section, mm: by as much on the one side as on the other, so that areas
 /// are kept; the moves are then as long as the wire and the planner can take.
@@ -47,6 +51,8 @@ pub(crate) struct LayersDocument {
     pub(crate) print_time_s: f64,
     /// Filament that it takes, mm.
     pub(crate) filament_mm: f64,
+    /// Filament that it takes, g.
+    pub(crate) filament_g: f64,
     /// What was odd.
     pub(crate) warnings: Vec<Warning>,
 }
@@ -60,8 +66,8 @@ impl Session<'_> {
         self.require(Stage::Solid)?;
         let profile = self.profile()?;
         // Written into the job, so that a printout can be traced to what it was made from.
-        let header = gcode::Header { settings: format!("{:?}", self.made_from(Stage::Slice)?) };
-        self.stage(Stage::Slice, |session, task| session.write_job(&profile, &header, task))
+        let settings = format!("{:?}", self.made_from(Stage::Slice)?);
+        self.stage(Stage::Slice, |session, task| session.write_job(&profile, settings, task))
     }
 
     pub(crate) fn slice_made_from(&self) -> Result<MadeFrom, Error> {
@@ -88,33 +94,29 @@ impl Session<'_> {
         Ok(profile::load::by_name(&self.settings().profile)?)
     }
 
-    fn write_job(
-        &mut self,
-        profile: &Profile,
-        header: &gcode::Header,
-        task: &Task<'_>,
-    ) -> Result<Made, Error> {
+    fn write_job(&mut self, profile: &Profile, settings: String, task: &Task<'_>) -> Result<Made, Error> {
         let warnings = self.plan(profile, task)?;
         self.note(Stage::Slice, "writing G-code");
         let sliced = self.held.sliced.as_ref().expect("planned just now");
-        let job = gcode::write(&sliced.paths, profile, header);
-        let estimate = motion::estimate(&job, profile, task)?;
+        let (job, estimate) = job_text(&sliced.paths, profile, settings, task)?;
         let document = LayersDocument {
             bed_from_stack: sliced.paths.bed_from_stack,
             layers: sliced.layers.iter().map(|l| l.slot).collect(),
             print_time_s: estimate.total_s,
             filament_mm: estimate.filament_mm,
+            filament_g: estimate.filament_g,
             warnings: warnings.clone(),
         };
         let staging = self.case.staging()?;
         staging.write(JOB_FILE, job.as_bytes())?;
         staging.write(LAYERS_FILE, &to_json(&document))?;
         let summary = format!(
-            "{} layers, {} lines, {} of printing, {:.2} m of filament",
+            "{} layers, {} lines, {} of printing, {:.2} m ({:.1} g) of filament",
             document.layers.len(),
             job.lines().count(),
             hours_and_minutes(estimate.total_s),
-            estimate.filament_mm / 1e3
+            estimate.filament_mm / 1e3,
+            estimate.filament_g
         );
         Ok(Made { staging, summary, warnings })
     }
@@ -148,6 +150,23 @@ impl Session<'_> {
     pub(crate) fn layers_document(&self) -> Result<LayersDocument, Error> {
         Ok(read_json(&self.case.output(Stage::Slice, LAYERS_FILE)?)?)
     }
+}
+
+/// The text of a job with its pictures, its time and its progress; what it takes. `settings` goes into its hash.
+pub(super) fn job_text(
+    paths: &Toolpaths,
+    profile: &Profile,
+    settings: String,
+    task: &Task<'_>,
+) -> Result<(String, motion::Estimate), Error> {
+    let thumbnail = |side_px| {
+        let png = preview::portrait(paths, side_px, task)?;
+        Ok(gcode::Thumbnail { width_px: side_px, height_px: side_px, png })
+    };
+    let thumbnails = THUMBNAILS_PX.into_iter().map(thumbnail).collect::<Result<_, preview::Error>>()?;
+    let draft = gcode::write(paths, profile, &gcode::Header { settings, thumbnails });
+    let estimate = motion::estimate(&draft, profile, task)?;
+    Ok((gcode::timed(&draft, estimate.timing(), profile), estimate))
 }
 
 /// A time as `7 h 12 min`, or `43 min`.

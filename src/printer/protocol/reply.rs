@@ -126,6 +126,12 @@ fn error(line: &str) -> Option<Reply<'_>> {
 }
 
 fn refusal(text: &str) -> Option<Reply<'static>> {
+    // Repetier names the number that it wants: `expected line 12 got 14`.
+    if let Some(rest) = text.strip_prefix("expected line ") {
+        let wanted: u64 = rest.split_ascii_whitespace().next()?.parse().ok()?;
+        let last = LineNumber(wanted.checked_sub(1)?);
+        return Some(Reply::LineRefused { reason: Refusal::WrongNumber, last });
+    }
     let (why, last) = text.split_once("Last Line:")?;
     let last = LineNumber(last.trim().parse().ok()?);
     let why = why.to_ascii_lowercase();
@@ -225,6 +231,7 @@ mod tests {
             ("Error:checksum mismatch, Last Line: 2", Refusal::Damaged),
             ("Error:No Checksum with line number, Last Line: 2", Refusal::Damaged),
             ("Error:Line Number is not Last Line Number+1, Last Line: 2", Refusal::WrongNumber),
+            ("Error:expected line 3 got 14", Refusal::WrongNumber),
         ] {
             assert_eq!(parse(line), Reply::LineRefused { reason, last: LineNumber(2) });
         }

@@ -1,0 +1,80 @@
+//! Arcs as the firmware drives them: in chords.
+
+use crate::gcode::reader::Command;
+use crate::profile::Firmware;
+use std::f64::consts::TAU;
+
+/// More chords than this are a mistake.
+const MOST_CHORDS: f64 = 10_000.0;
+
+/// An arc in the plane, from the origin. mm, rad.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arc {
+    centre: [f64; 2],
+    begin: f64,
+    /// Signed: counter-clockwise positive.
+    turn: f64,
+    radius: f64,
+    end: [f64; 2],
+    n_chords: f64,
+}
+
+impl Arc {
+    /// The arc that a command asks for, `to` being where it ends; none where it has no centre.
+    pub(super) fn of(c: &Command, to: [f64; 2], is_clockwise: bool, firmware: &Firmware) -> Option<Self> {
+        let centre = match c.value('R') {
+            Some(radius) => centre_by_radius(to, radius, is_clockwise)?,
+            None => [c.value('I').unwrap_or(0.0), c.value('J').unwrap_or(0.0)],
+        };
+        let radius = centre[0].hypot(centre[1]);
+        if !(1e-9..1e6).contains(&radius) {
+            return None;
+        }
+        let begin = (-centre[1]).atan2(-centre[0]);
+        let end = (to[1] - centre[1]).atan2(to[0] - centre[0]);
+        let turn = if is_clockwise { begin - end } else { end - begin }.rem_euclid(TAU);
+        let turn = if turn < 1e-9 { TAU } else { turn };
+        let turn = if is_clockwise { -turn } else { turn };
+        let n_chords = (turn.abs() * radius / firmware.arc_chord_mm(radius)).ceil().clamp(1.0, MOST_CHORDS);
+        Some(Self { centre, begin, turn, radius, end: to, n_chords })
+    }
+
+    /// The chords, each as its way.
+    pub(super) fn chords(self) -> impl Iterator<Item = [f64; 2]> {
+        let mut at = [0.0; 2];
+        let mut k = 0.0;
+        std::iter::from_fn(move || {
+            k += 1.0;
+            (k <= self.n_chords).then(|| {
+                let to = self.point(k);
+                let way = [to[0] - at[0], to[1] - at[1]];
+                at = to;
+                way
+            })
+        })
+    }
+
+    fn point(&self, k: f64) -> [f64; 2] {
+        if k >= self.n_chords {
+            return self.end;
+        }
+        let angle = self.begin + self.turn * k / self.n_chords;
+        [self.centre[0] + self.radius * angle.cos(), self.centre[1] + self.radius * angle.sin()]
+    }
+
+    /// The share of the whole arc that each chord is.
+    pub(super) fn share(&self) -> f64 {
+        1.0 / self.n_chords
+    }
+}
+
+fn centre_by_radius(to: [f64; 2], radius: f64, is_clockwise: bool) -> Option<[f64; 2]> {
+    let chord = to[0].hypot(to[1]);
+    let height2 = radius * radius - chord * chord / 4.0;
+    if chord < 1e-9 || height2 < -1e-6 {
+        return None;
+    }
+    let height = height2.max(0.0).sqrt() / chord;
+    let side = if (radius > 0.0) == is_clockwise { -height } else { height };
+    Some([to[0] / 2.0 - to[1] * side, to[1] / 2.0 + to[0] * side])
+}

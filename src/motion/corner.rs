@@ -1,0 +1,153 @@
+//! How fast a corner may be taken, by the rules of the firmwares.
+//!
+//! - Junction deviation: the speed at which a circle that leaves the corner by the deviation could be driven at the
+//!   acceleration limit, v² = a d s / (1 - s), s the sine of half the angle between the two moves (S. K. Jeon, Improving
+//!   Grbl: Cornering Algorithm, 2011). Filament counts as a fourth axis.
+//! - Jerk: no axis changes its speed by more than so much at once. Marlin 1 begins and ends runs with such a jump and
+//!   counts the larger of two speeds where an axis turns back; Repetier measures x and y together and begins at half.
+//! - Square corner (Klipper): a junction deviation for which a right angle is taken at the given speed; in space alone, and
+//!   bounded by a circle that touches both moves within half their lengths. The extruder's speed has a limit of its own.
+
+use super::Block;
+use crate::profile::{Cornering, Dialect, Profile};
+use std::f64::consts::SQRT_2;
+
+/// By how much Klipper lets the extruder's speed change at once, mm/s (`instantaneous_corner_velocity`).
+const EXTRUDER_STEP_MM_S: f64 = 1.0;
+/// Sines of half the angle above this are a straight line.
+const STRAIGHT: f64 = 0.999_999_7;
+
+/// A firmware's rule with the machine's numbers.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Rule {
+    Deviation { mm: f64 },
+    Jerk { mm_s: [f64; 4], dialect: Dialect },
+    SquareCorner { mm_s: f64 },
+}
+
+impl Rule {
+    pub(super) fn of(profile: &Profile) -> Self {
+        let machine = &profile.machine;
+        match machine.cornering {
+            Cornering::JunctionDeviation => Self::Deviation { mm: machine.junction_deviation_mm },
+            Cornering::Jerk => Self::Jerk { mm_s: machine.jerk_mm_s, dialect: profile.firmware.dialect },
+            Cornering::SquareCorner => Self::SquareCorner { mm_s: machine.square_corner_mm_s },
+        }
+    }
+
+    /// Square of the speed at which a block may begin or end where nothing is before or after it.
+    pub(super) fn rest2(self, block: &Block) -> f64 {
+        let Self::Jerk { mm_s, dialect } = self else { return 0.0 };
+        let share = match dialect {
+            Dialect::RepRapFirmware => return 0.0,
+            Dialect::Repetier => 0.5,
+            _ => 1.0,
+        };
+        let jump = share * jump_speed([0.0; 4], block.direction, mm_s, dialect);
+        jump.min(block.speed).powi(2)
+    }
+
+    /// Square of the speed at which one block may follow another.
+    pub(super) fn speed2(self, a: &Block, b: &Block) -> f64 {
+        let slower = a.speed.min(b.speed);
+        let limit2 = match self {
+            Self::Deviation { mm } => deviation_speed2(a, b, mm),
+            Self::Jerk { mm_s, dialect } => jump_speed(a.direction, b.direction, mm_s, dialect).powi(2),
+            Self::SquareCorner { mm_s } => square_corner_speed2(a, b, mm_s),
+        };
+        limit2.min(slower * slower)
+    }
+}
+
+/// The cosine of the turn from one direction to the other.
+fn along<const N: usize>(a: &Block, b: &Block) -> f64 {
+    let dot = |u: &[f64; 4], v: &[f64; 4]| -> f64 { (0..N).map(|i| u[i] * v[i]).sum() };
+    let (u, v) = (&a.direction, &b.direction);
+    let norm = (dot(u, u) * dot(v, v)).sqrt();
+    if norm > 0.0 { dot(u, v) / norm } else { 0.0 }
+}
+
+fn deviation_speed2(a: &Block, b: &Block, mm: f64) -> f64 {
+    let along = along::<4>(a, b);
+    if along < -0.999_999 {
+        return 0.0;
+    }
+    let sine = (0.5 * (1.0 + along)).max(0.0).sqrt();
+    if sine > STRAIGHT { f64::INFINITY } else { b.acceleration * mm * sine / (1.0 - sine) }
+}
+
+/// The speed along both directions at which no axis changes its own by more than it may.
+fn jump_speed(a: [f64; 4], b: [f64; 4], mm_s: [f64; 4], dialect: Dialect) -> f64 {
+    let step = |i: usize| {
+        let turns_back = a[i] * b[i] < 0.0;
+        let eased = turns_back && matches!(dialect, Dialect::Marlin | Dialect::Marlin1);
+        if eased { a[i].abs().max(b[i].abs()) } else { (b[i] - a[i]).abs() }
+    };
+    let mut steps = [0, 1, 2, 3].map(step);
+    if dialect == Dialect::Repetier {
+        (steps[0], steps[1]) = (steps[0].hypot(steps[1]), 0.0);
+    }
+    let limit = |i: usize| if steps[i] > 1e-12 { mm_s[i] / steps[i] } else { f64::INFINITY };
+    (0..4).map(limit).fold(f64::INFINITY, f64::min)
+}
+
+fn square_corner_speed2(a: &Block, b: &Block, mm_s: f64) -> f64 {
+    let moves = |block: &Block| block.direction[..3] != [0.0; 3];
+    let along = along::<3>(a, b);
+    if !moves(a) || !moves(b) || along < -0.999_999 {
+        return 0.0;
+    }
+    let sine = (0.5 * (1.0 + along.min(0.999_999))).sqrt();
+    let tangent = sine / (0.5 * (1.0 - along.min(0.999_999))).sqrt();
+    // The deviation times the acceleration: the block's own acceleration falls out.
+    let round = sine / (1.0 - sine) * mm_s * mm_s * (SQRT_2 - 1.0);
+    let halves = |block: &Block| 0.5 * block.length * tangent * block.acceleration;
+    let step = (b.direction[3] - a.direction[3]).abs().max(1e-12);
+    round.min(halves(a)).min(halves(b)).min((EXTRUDER_STEP_MM_S / step).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn block(direction: [f64; 4]) -> Block {
+        Block { length: 10.0, direction, speed: 100.0, acceleration: 1000.0, layer: None, line: 1 }
+    }
+
+    const EAST: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
+    const NORTH: [f64; 4] = [0.0, 1.0, 0.0, 0.0];
+    const WEST: [f64; 4] = [-1.0, 0.0, 0.0, 0.0];
+
+    fn speed(rule: Rule, a: [f64; 4], b: [f64; 4]) -> f64 {
+        rule.speed2(&block(a), &block(b)).sqrt()
+    }
+
+    #[test]
+    fn right_angle_is_taken_at_each_rule_s_speed() {
+        let jerk = |dialect| Rule::Jerk { mm_s: [8.0, 8.0, 0.3, 5.0], dialect };
+        assert!((speed(jerk(Dialect::Marlin1), EAST, NORTH) - 8.0).abs() < 1e-9);
+        assert!((speed(jerk(Dialect::RepRapFirmware), EAST, NORTH) - 8.0).abs() < 1e-9);
+        assert!((speed(jerk(Dialect::Repetier), EAST, NORTH) - 8.0 / SQRT_2).abs() < 1e-9);
+        assert!((speed(Rule::SquareCorner { mm_s: 5.0 }, EAST, NORTH) - 5.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn turning_back_stops_or_jumps() {
+        let jerk = |dialect| Rule::Jerk { mm_s: [8.0, 8.0, 0.3, 5.0], dialect };
+        assert!((speed(jerk(Dialect::Marlin1), EAST, WEST) - 8.0).abs() < 1e-9);
+        assert!((speed(jerk(Dialect::RepRapFirmware), EAST, WEST) - 4.0).abs() < 1e-9);
+        assert!(speed(Rule::SquareCorner { mm_s: 5.0 }, EAST, WEST) < 1e-9);
+        assert!(speed(Rule::Deviation { mm: 0.013 }, EAST, WEST) < 1e-9);
+    }
+
+    #[test]
+    fn straight_on_is_taken_at_full_speed_by_all() {
+        for rule in [
+            Rule::Deviation { mm: 0.013 },
+            Rule::Jerk { mm_s: [8.0; 4], dialect: Dialect::Repetier },
+            Rule::SquareCorner { mm_s: 5.0 },
+        ] {
+            assert!((speed(rule, EAST, EAST) - 100.0).abs() < 1e-9, "{rule:?}");
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! What holds material up that would be printed in the air: columns that stand under it and break away.
+//!
+//! Material of a layer that lies farther outside the layer below than the profile's overhang reaches (its height times the
+//! tangent of the angle from the vertical) is to be held up. It is followed downward: a column ends on the bed, or on the
+//! part. Between column and part there is air, beside and above it (and below, where it stands on the part), so that it comes
+//! off; its uppermost layers are dense. The lumen counts as held up by itself unless the profile wants it otherwise: no
+//! column stands or passes in it.
+//!
+//! Not done: trees; columns are as large as what they hold up. Cost: a few boolean operations a layer, from the top downward.
+
+use super::fill::{FillParams, Path};
+use super::{BeadKind, raster};
+use crate::geom::Region;
+use crate::profile::{Profile, SupportStyle};
+use std::collections::VecDeque;
+
+/// Chord tolerance of columns, mm: they are no part of the print.
+const TOLERANCE_MM: f64 = 0.02;
+/// Narrower overhangs than this are noise of the layers' outlines, mm.
+const NARROWEST_MM: f64 = 0.02;
+/// Layers of air between a column and what it holds up.
+const AIR_LAYERS: usize = 1;
+/// Dense layers at a column's top.
+const INTERFACE_LAYERS: usize = 2;
+/// Fill of these, percent.
+const INTERFACE_PERCENT: f64 = 75.0;
+/// Least fill of the lowest layer, percent: it has to hold on to the bed.
+const FIRST_LAYER_PERCENT: f64 = 50.0;
+
+/// A layer of the part, as far as supports go.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Slab<'a> {
+    pub(super) material: &'a Region,
+    pub(super) lumen: &'a Region,
+    pub(super) height_mm: f64,
+}
+
+/// The columns in one layer.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Support {
+    /// Sparse.
+    pub(super) body: Region,
+    /// Dense, just below what is held up.
+    pub(super) interface: Region,
+}
+
+impl Support {
+    pub(super) fn is_empty(&self) -> bool {
+        self.body.is_empty() && self.interface.is_empty()
+    }
+
+    /// Where there is any.
+    pub(super) fn area(&self) -> Region {
+        self.body.union(&self.interface)
+    }
+
+    /// The lines of a layer, body first.
+    pub(super) fn paths(&self, layer: usize, params: &FillParams, profile: &Profile) -> Vec<Path> {
+        let percent = profile.print.support_percent;
+        let percent = if layer == 0 { percent.max(FIRST_LAYER_PERCENT) } else { percent };
+        let lines = |region: &Region, percent: f64, angle_deg: f64, kind: BeadKind| {
+            let paths = raster::raster(region, params, percent, angle_deg.to_radians());
+            paths.into_iter().map(move |path| Path { kind, ..path })
+        };
+        // Sparse lines stand on each other; dense ones lie across them.
+        let body = lines(&self.body, percent, 0.0, BeadKind::SupportMaterial);
+        body.chain(lines(&self.interface, INTERFACE_PERCENT, 90.0, BeadKind::SupportInterface)).collect()
+    }
+}
+
+/// The columns in every layer, from the bed upward.
+pub(super) fn columns(slabs: &[Slab<'_>], profile: &Profile) -> Vec<Support> {
+    let mut supports = vec![Support::default(); slabs.len()];
+    if profile.print.support == SupportStyle::None {
+        return supports;
+    }
+    let filled = |slab: &Slab<'_>| {
+        if profile.print.support_in_lumen { slab.material.clone() } else { slab.material.union(slab.lumen) }
+    };
+    // What the layers above have to be held up, the nearest first: air, then the dense layers.
+    let mut fresh: VecDeque<Region> = VecDeque::new();
+    let mut carried = Region::default();
+    let mut above = Region::default();
+    for idx in (0..slabs.len()).rev() {
+        let here = filled(&slabs[idx]);
+        if fresh.len() > AIR_LAYERS + INTERFACE_LAYERS {
+            fresh.pop_back();
+        }
+        if let Some(held) = fresh.get(AIR_LAYERS).filter(|r| !r.is_empty()) {
+            carried = carried.union(held);
+        }
+        if !carried.is_empty() {
+            // What stands on the part goes no further down.
+            carried = carried.difference(&here);
+            supports[idx] =
+                cut(&carried, &here, &above, idx.checked_sub(1).map(|i| filled(&slabs[i])), &fresh, profile);
+        }
+        let overhang = idx.checked_sub(1).map(|below| overhang(&slabs[idx], &filled(&slabs[below]), profile));
+        fresh.push_front(overhang.unwrap_or_default());
+        above = here;
+    }
+    supports
+}
+
+/// The column of a layer: what is carried, less the air around the part.
+fn cut(
+    carried: &Region,
+    here: &Region,
+    above: &Region,
+    below: Option<Region>,
+    fresh: &VecDeque<Region>,
+    profile: &Profile,
+) -> Support {
+    let air = here.offset(profile.print.support_gap_mm, TOLERANCE_MM).union(above);
+    let air = below.map_or(air.clone(), |below| air.union(&below));
+    let column = carried.difference(&air);
+    let near: Vec<&Region> = fresh.iter().skip(AIR_LAYERS).take(INTERFACE_LAYERS).collect();
+    let interface = column.intersection(&Region::union_all(near));
+    Support { body: column.difference(&interface), interface }
+}
+
+/// What of a layer lies too far outside the one below.
+fn overhang(slab: &Slab<'_>, below: &Region, profile: &Profile) -> Region {
+    let reach_mm = slab.height_mm * profile.print.support_overhang_deg.to_radians().tan();
+    let beyond = slab.material.difference(&below.offset(reach_mm, TOLERANCE_MM));
+    if beyond.is_empty() {
+        return beyond;
+    }
+    let opened = beyond.offset(-NARROWEST_MM / 2.0, TOLERANCE_MM);
+    if opened.is_empty() {
+        return opened;
+    }
+    // Back to the edge of the layer below: the columns of one slope grow together.
+    opened.offset(NARROWEST_MM / 2.0 + reach_mm, TOLERANCE_MM).intersection(slab.material)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{Contour, Point2};
+    use crate::profile;
+    use std::f64::consts::PI;
+
+    const HEIGHT_MM: f64 = 0.2;
+
+    fn with_supports(overhang_deg: f64) -> Profile {
+        let mut profile = profile::builtin("reference").unwrap();
+        profile.print.support = SupportStyle::Column;
+        profile.print.support_overhang_deg = overhang_deg;
+        profile
+    }
+
+    fn disc(x: f64, radius: f64) -> Region {
+        Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius, 360)])
+    }
+
+    fn columns_of(materials: &[Region], lumens: &[Region], profile: &Profile) -> Vec<Support> {
+        let slab = |(material, lumen)| Slab { material, lumen, height_mm: HEIGHT_MM };
+        columns(&materials.iter().zip(lumens).map(slab).collect::<Vec<_>>(), profile)
+    }
+
+    /// A cone on its tip, opening by an angle from the vertical.
+    fn cone(n: usize, angle_deg: f64) -> Vec<Region> {
+        let slope = angle_deg.to_radians().tan();
+        (0..n).map(|i| disc(0.0, 2.0 + slope * HEIGHT_MM * i as f64)).collect()
+    }
+
+    fn none(n: usize) -> Vec<Region> {
+        vec![Region::default(); n]
+    }
+
+    #[test]
+    fn a_cone_that_opens_within_the_limit_needs_none() {
+        let columns = columns_of(&cone(30, 40.0), &none(30), &with_supports(45.0));
+        assert!(columns.iter().all(Support::is_empty));
+    }
+
+    #[test]
+    fn the_support_of_a_steep_cone_has_the_volume_computed_by_hand() {
+        let (n, angle_deg) = (30, 60.0);
+        let profile = with_supports(45.0);
+        let columns = columns_of(&cone(n, angle_deg), &none(n), &profile);
+        let radius = |i: usize| 2.0 + angle_deg.to_radians().tan() * HEIGHT_MM * i as f64;
+        // A ring from the cone, with its air, to the edge of the highest layer that is to be held up; the air above reaches
+        // one layer of the slope, which here is narrower than the air beside.
+        let gap_mm = profile.print.support_gap_mm.max(radius(1) - radius(0));
+        let expected: f64 = (0..n - 1 - AIR_LAYERS)
+            .map(|i| HEIGHT_MM * PI * (radius(n - 1).powi(2) - (radius(i) + gap_mm).powi(2)).max(0.0))
+            .sum();
+        let volume: f64 = columns.iter().map(|s| HEIGHT_MM * s.area().area_mm2()).sum();
+        assert!((volume / expected - 1.0).abs() < 5e-3, "{volume} {expected}");
+        assert!(columns[n - 1].is_empty() && columns[n - 2].is_empty(), "air under the top");
+        // Up to what rounding to the grid of 10 nm leaves along an edge of some 80 mm.
+        let both = columns.iter().map(|s| s.body.intersection(&s.interface).area_mm2());
+        assert!(both.fold(0.0, f64::max) < 1e-3);
+    }
+
+    /// A tube that leans by an angle from the vertical: wall and lumen.
+    fn tube(n: usize, angle_deg: f64) -> (Vec<Region>, Vec<Region>) {
+        let x = |i: usize| angle_deg.to_radians().tan() * HEIGHT_MM * i as f64;
+        let lumens: Vec<Region> = (0..n).map(|i| disc(x(i), 3.0)).collect();
+        let walls = lumens.iter().enumerate().map(|(i, lumen)| disc(x(i), 4.0).difference(lumen));
+        (walls.collect(), lumens)
+    }
+
+    #[test]
+    fn nothing_stands_in_the_lumen_unless_asked() {
+        let (walls, lumens) = tube(60, 60.0);
+        let mut profile = with_supports(45.0);
+        let in_lumen = |profile: &Profile| -> f64 {
+            let columns = columns_of(&walls, &lumens, profile);
+            columns.iter().zip(&lumens).map(|(s, lumen)| s.area().intersection(lumen).area_mm2()).sum()
+        };
+        assert!(in_lumen(&profile) < 1e-9);
+        let outside: f64 = columns_of(&walls, &lumens, &profile).iter().map(|s| s.area().area_mm2()).sum();
+        assert!(outside > 100.0, "the tube's lower side is held up: {outside}");
+        profile.print.support_in_lumen = true;
+        assert!(in_lumen(&profile) > 10.0, "its roof, too");
+    }
+
+    #[test]
+    fn columns_keep_off_the_part_beside_above_and_below() {
+        let (walls, lumens) = tube(60, 60.0);
+        let profile = with_supports(45.0);
+        let columns = columns_of(&walls, &lumens, &profile);
+        for (i, support) in columns.iter().enumerate() {
+            let area = support.area();
+            let near = area.offset(profile.print.support_gap_mm - 0.05, TOLERANCE_MM);
+            assert!(near.intersection(&walls[i]).area_mm2() < 1e-6, "beside, layer {i}");
+            for other in [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter(|o| *o < walls.len()) {
+                assert!(area.intersection(&walls[other]).area_mm2() < 1e-6, "layers {i} and {other}");
+            }
+        }
+    }
+}
