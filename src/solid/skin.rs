@@ -323,6 +323,15 @@ impl Slab {
         }
     }
 
+    /// The middle of either side at height w.
+    pub(super) fn sides_at(&self, w_mm: f64) -> [Point2; 2] {
+        let v = self.v_of(w_mm);
+        self.laterals.each_ref().map(|l| {
+            let [first, last] = l.u_range();
+            l.at(0.5 * (first + last), v).xy()
+        })
+    }
+
     /// The corners A, B on the waist (`end` 0) or P, Q on the daughters (1).
     fn corners_at(&self, end: usize) -> [Point2; 2] {
         let v = self.v_of(self.w_mm[end]);

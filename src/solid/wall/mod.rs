@@ -455,13 +455,14 @@ impl<'a> Wall<'a> {
         self.hold_lumen(&outlines, z).then_some(outlines)
     }
 
-    /// Whether the lumen at z lies in the outlines: two that were taken for one another lie in neither.
+    /// Whether the lumen at z lies in the outlines, the events' part of it, too: none may have been lost.
     fn hold_lumen(&self, outlines: &[Contour], z: f64) -> bool {
-        let cut = self.lumen.tubes.iter().map(|tube| tube.surface.net()).filter(|net| {
-            let [low, high] = net.z_range_mm();
-            low < z && z < high
-        });
-        cut.map(|net| net.at(0.0, z).xy()).all(|p| outlines.iter().any(|c| c.contains(p)))
+        let held = |p: Point2| outlines.iter().any(|c| c.contains(p));
+        let is_cut = |[low, high]: [f64; 2], at: f64| low < at && at < high;
+        let tubes = self.lumen.tubes.iter().map(|t| t.surface.net()).filter(|n| is_cut(n.z_range_mm(), z));
+        let slabs = self.lumen.slabs.iter().filter(|s| is_cut(s.w_mm, s.w_of(z)));
+        tubes.map(|net| net.at(0.0, z).xy()).all(held)
+            && slabs.flat_map(|slab| slab.sides_at(slab.w_of(z))).all(held)
     }
 
     /// Whether a point of the raw parallel surface is on the skin.
@@ -470,13 +471,12 @@ impl<'a> Wall<'a> {
     }
 }
 
-/// Contours that run counter-clockwise and lie in no other one.
+/// Contours that run counter-clockwise and lie in no other one. Of two that seem to lie in each other, the same outline
+/// followed twice, the first one counts.
 fn outermost(mut contours: Vec<Contour>) -> Vec<Contour> {
     contours.retain(|c| c.len() > 3 && c.is_ccw());
-    let inside = |i: usize| {
-        let holds = |(j, c): (usize, &Contour)| j != i && c.contains(contours[i].points[0]);
-        contours.iter().enumerate().any(holds)
-    };
+    let holds = |j: usize, i: usize| contours[j].contains(contours[i].points[0]);
+    let inside = |i: usize| (0..contours.len()).any(|j| j != i && holds(j, i) && !(i < j && holds(i, j)));
     let keep: Vec<bool> = (0..contours.len()).map(|i| !inside(i)).collect();
     contours.into_iter().zip(keep).filter_map(|(c, keep)| keep.then_some(c)).collect()
 }
