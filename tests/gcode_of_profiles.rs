@@ -92,7 +92,8 @@ fn carotid() -> Vec<Layer> {
     let layer = |i: u32| {
         let z_mid_mm = 0.3 * (f64::from(i) + 0.5);
         let lumen = vessel.region_at(z_mid_mm, 128);
-        let slot = LayerSlot { z_mid_mm, height_mm: 0.3, ct_plane: (i % 10 == 0).then_some(i as usize / 10) };
+        let slot =
+            LayerSlot { z_mid_mm, height_mm: 0.3, ct_plane: i.is_multiple_of(10).then_some(i as usize / 10) };
         Layer { slot, material: lumen.offset(1.0, 0.002).difference(&lumen), lumen }
     };
     (0..450).map(layer).collect()

@@ -216,5 +216,4 @@ fn limit_density(pieces: &mut [Piece], profile: &Profile) {
 const SLOWEST_MM_S: f64 = 1.0;
 
 #[cfg(test)]
-#[path = "path_tests.rs"]
 mod tests;

@@ -484,8 +484,11 @@ mod tests {
         let e = estimate(&text, &machine(), &Task::quiet()).unwrap();
         assert_eq!(e.marks.len(), 100);
         assert_eq!((e.marks[0].line, e.marks[0].elapsed_s), (1, 0.0));
-        let wrong =
-            e.marks.iter().zip(0..).find(|(m, n)| (m.elapsed_s / e.total_s * 100.0).floor() as i32 != *n);
+        let wrong = e
+            .marks
+            .iter()
+            .zip(0u8..)
+            .find(|(m, n)| (m.elapsed_s / e.total_s * 100.0).floor() != f64::from(*n));
         assert_eq!(wrong, None);
     }
 

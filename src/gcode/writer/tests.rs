@@ -1,0 +1,165 @@
+use super::*;
+use crate::gcode::reader;
+use crate::geom::{Region, RigidTransform, Vector3};
+use crate::profile;
+use crate::slice::LayerSlot;
+
+fn layer(idx: usize, beads: Vec<Bead>, travels: Vec<Travel>) -> LayerPaths {
+    let z_mm = 0.2 * (idx + 1) as f64;
+    let slot = LayerSlot { z_mid_mm: z_mm - 0.1, height_mm: 0.2, ct_plane: (idx == 1).then_some(7) };
+    LayerPaths { slot, z_mm, beads, travels, material: Region::default(), lumen: Region::default() }
+}
+
+fn bead(kind: BeadKind, points: &[(f64, f64)]) -> Bead {
+    let point = |&(x, y): &(f64, f64)| BeadPoint { at: Point2::new(x, y), width_mm: 0.437 };
+    Bead { kind, points: points.iter().map(point).collect() }
+}
+
+fn job() -> Toolpaths {
+    let zigzag: Vec<(f64, f64)> =
+        (0..1000).map(|i| (90.0 + 0.0137 * f64::from(i), 100.0 + f64::from(i % 2))).collect();
+    let far = Travel { via: vec![Point2::new(50.0, 50.0)], leaves_material: true };
+    let layers = vec![
+        layer(0, vec![bead(BeadKind::ExternalPerimeter, &[(90., 90.), (91., 90.)])], vec![]),
+        layer(
+            1,
+            vec![bead(BeadKind::SolidInfill, &zigzag), bead(BeadKind::Perimeter, &[(20., 20.), (30., 20.)])],
+            vec![Travel::default(), far],
+        ),
+    ];
+    Toolpaths { bed_from_stack: RigidTransform::translation(Vector3::new(1.0, 2.0, 3.0)), layers }
+}
+
+fn text() -> String {
+    write(&job(), &profile::builtin("reference").unwrap(), &Header::default())
+}
+
+#[test]
+fn numbers_have_no_superfluous_zeros() {
+    let show = |steps, decimals| {
+        let mut text = String::new();
+        number(&mut text, steps, decimals);
+        text
+    };
+    assert_eq!(show(1500, 3), "1.5");
+    assert_eq!(show(-50, 3), "-0.05");
+    assert_eq!(show(0, 3), "0");
+    assert_eq!(show(2000, 3), "2");
+    assert_eq!(show(1800, 0), "1800");
+}
+
+#[test]
+fn filament_adds_up_to_the_planned_volume() {
+    let profile = profile::builtin("reference").unwrap();
+    let planned: f64 = job().layers.iter().map(|l| volume_mm3(l, &profile)).sum();
+    let end = text().rfind(";TYPE:Custom").unwrap();
+    let e: f64 = text()[..end]
+        .lines()
+        .filter_map(|l| reader::parse(l).unwrap().command)
+        .filter(|c| c.is('G', 1) && c.has('X') | c.has('Y'))
+        .filter_map(|c| c.value('E'))
+        .sum();
+    let written = e * FRAC_PI_4 * 1.75 * 1.75;
+    assert!((written - planned).abs() < 3e-5, "{written} {planned}");
+}
+
+#[test]
+fn every_line_can_be_read_again_and_coordinates_return() {
+    let mut ends = Vec::new();
+    for line in text().lines() {
+        let parsed = reader::parse(line).unwrap();
+        if let Some(c) = parsed.command
+            && c.is('G', 1)
+            && c.has('E')
+            && let Some(x) = c.value('X')
+        {
+            ends.push(x);
+        }
+    }
+    let planned: Vec<f64> = job()
+        .layers
+        .iter()
+        .flat_map(|l| &l.beads)
+        .flat_map(|b| b.points[1..].iter().map(|p| p.at.x))
+        .collect();
+    // The end script moves with filament too, without X.
+    assert_eq!(ends.len(), planned.len());
+    assert!(ends.iter().zip(&planned).all(|(a, b)| (a - b).abs() <= 5.0001e-4));
+}
+
+#[test]
+fn comments_follow_the_contract() {
+    let text = text();
+    for expected in [
+        ";LAYER:0\n;Z:0.2\n;HEIGHT:0.2\n",
+        ";LAYER:1\n;Z:0.4\n;HEIGHT:0.2\n;CT_PLANE:7\n",
+        ";TYPE:External perimeter\n",
+        ";TYPE:Solid infill\n",
+        "; bed_from_stack_mm 1.000000,2.000000,3.000000\n",
+        "M106 S255\n",
+    ] {
+        assert!(text.contains(expected), "{expected}");
+    }
+}
+
+#[test]
+fn only_travels_through_air_are_retracted() {
+    let text = text();
+    assert_eq!(text.matches("G1 E-0.8 F2100\n").count(), 1);
+    assert_eq!(text.matches("G1 E0.8").count(), 1);
+    let retract = text.find("G1 E-0.8").unwrap();
+    assert!(text[retract..].starts_with("G1 E-0.8 F2100\nG0 Z0.6 F"), "{}", &text[retract..retract + 40]);
+}
+
+#[test]
+fn a_wipe_goes_back_and_forth_and_draws_back_all_of_the_filament() {
+    let mut profile = profile::builtin("reference").unwrap();
+    profile.print.wipe_mm = 2.0;
+    let text = write(&job(), &profile, &Header::default());
+    let back: Vec<_> = text
+        .lines()
+        .filter_map(|l| reader::parse(l).unwrap().command)
+        .filter(|c| c.is('G', 1) && c.value('E').is_some_and(|e| e < 0.0) && c.value('E') != Some(-2.0))
+        .collect();
+    let drawn: f64 = back.iter().filter_map(|c| c.value('E')).sum();
+    assert!((drawn + 0.8).abs() < 1e-9, "{drawn}");
+    // The zigzag's last millimetre, there and back.
+    let ways: Vec<_> = back.iter().filter_map(|c| c.value('Y')).collect();
+    assert_eq!(ways, [100.0, 101.0]);
+}
+
+#[test]
+fn the_fan_follows_the_time_of_the_layer() {
+    let mut profile = profile::builtin("reference").unwrap();
+    let filament = &mut profile.filament;
+    (filament.fan_percent, filament.fan_least_percent) = (100.0, 20.0);
+    (filament.fan_layer_time_s, filament.fan_from_layer) = ([10.0, 50.0], 2);
+    let fan = |idx, time_s| fan_percent(idx, time_s, &profile);
+    assert_eq!([fan(0, 5.0), fan(1, 5.0), fan(2, 5.0)], [0.0, 0.0, 100.0]);
+    assert!((fan(9, 30.0) - 60.0).abs() < 1e-9 && (fan(9, 400.0) - 20.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_object_is_labelled_in_each_layer_and_limits_are_set_before_it() {
+    let text = text();
+    assert_eq!((text.matches("M486 S0\n").count(), text.matches("M486 S-1\n").count()), (2, 2));
+    let limits = text.find("M204 P1000 R3000 T1500\n").unwrap();
+    assert!(limits < text.find("M486 T1\n").unwrap() && limits < text.find(";LAYER:0").unwrap());
+}
+
+#[test]
+fn short_layers_are_slowed_down_to_the_slowest_speed() {
+    let profile = profile::builtin("reference").unwrap();
+    let text = text();
+    let first = &text[text.find(";LAYER:0").unwrap()..text.find(";LAYER:1").unwrap()];
+    let slowest = mm_min_from_mm_s(profile.print.min_speed_mm_s);
+    assert!(first.contains(&format!("F{slowest}\n")), "{first}");
+}
+
+#[test]
+fn other_settings_give_another_hash_and_the_same_ones_the_same_bytes() {
+    assert_eq!(text(), text());
+    let profile = profile::builtin("reference").unwrap();
+    let other = write(&job(), &profile, &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
+    assert_ne!(text().lines().nth(1), other.lines().nth(1));
+}
