@@ -227,7 +227,7 @@ pub(crate) struct ViewArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct SliceArgs {
-    /// Case directory; or a model that another program made (STL, millimetres), which is only moved onto the bed
+    /// Case directory; or a model that another program made (STL in millimetres, 3MF), which is only moved onto the bed
     #[arg(value_name = "CASE|MODEL.stl")]
     pub(crate) case: PathBuf,
     #[command(flatten)]

@@ -110,7 +110,7 @@ impl SegmentIndex {
     #[must_use]
     pub fn nearest(&self, p: Point2) -> Foot {
         let first = self.segments[0];
-        self.nearest_within(p, f64::INFINITY).unwrap_or_else(|| Foot {
+        self.nearest_within(p, f64::INFINITY).unwrap_or(Foot {
             point: first.a,
             distance_mm: f64::INFINITY,
             contour_idx: first.contour_idx as usize,

@@ -1,6 +1,6 @@
 //! Models that other programs made, as triangle meshes.
 //!
-//! [`stl`] takes the file apart; here its corners are welded and everything is put into one order: vertices by their
+//! [`stl`] and [`threemf`] take the file apart; here its corners are welded and everything is put into one order: vertices by their
 //! coordinates, triangles by their vertices. The same triangles in any order of the file are the same [`Model`], bit for
 //! bit, and so is all that is made of it.
 //!
@@ -10,6 +10,10 @@
 //! Cost: O(n log n), by parallel sorting.
 
 pub mod stl;
+pub mod threemf;
+mod zip;
+
+pub use zip::ZipError;
 
 use crate::ct::Warning;
 use crate::geom::Point3;
@@ -29,6 +33,9 @@ pub enum Error {
     /// The file is no STL.
     #[error(transparent)]
     Stl(#[from] stl::StlError),
+    /// The file is no 3MF.
+    #[error(transparent)]
+    ThreeMf(#[from] threemf::ThreeMfError),
     /// There is nothing in it.
     #[error("it holds no triangle: export the model again")]
     Empty,
@@ -58,6 +65,14 @@ pub struct Model {
     pub mesh: TriMesh,
     /// What was odd.
     pub warnings: Vec<Warning>,
+}
+
+/// The triangles of a file, STL or 3MF by how it begins.
+///
+/// # Errors
+/// [`Error`] where it is neither.
+pub fn read(bytes: &[u8]) -> Result<Vec<Facet>, Error> {
+    if threemf::is_package(bytes) { Ok(threemf::read(bytes)?) } else { Ok(stl::read(bytes)?) }
 }
 
 impl Model {

@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Extensions of files that are models; everything else is a case.
-const EXTENSIONS: [&str; 1] = ["stl"];
+const EXTENSIONS: [&str; 2] = ["stl", "3mf"];
 
 /// What is asked of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,8 +90,8 @@ pub fn slice_model(
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Slice));
     let bytes = std::fs::read(path).map_err(atomic::failed("read", path))?;
-    let bad = |source| Error::Model { path: path.to_owned(), source };
-    let facets = model::stl::read(&bytes).map_err(|e| bad(e.into()))?;
+    let bad = |source: model::Error| Error::Model { path: path.to_owned(), source };
+    let facets = model::read(&bytes).map_err(bad)?;
     drop(bytes);
     let n_triangles = facets.len();
     let mut model = Model::of(&facets).map_err(bad)?;
