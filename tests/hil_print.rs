@@ -194,7 +194,6 @@ async fn a_throttled_wire_is_printed_over_just_as_well() {
         baud: Some(115_200),
         faults: vec!["bit-error:rate=0.02".to_owned()],
         narrow: true,
-        ..Case::clean()
     };
     let (result, _, beads) = slow.print().await;
     println!("115200 baud: {:?}", result.unwrap());

@@ -224,11 +224,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         let layer = &layers[idx];
         let (material, lumen) = placement.layer(layer, idx == 0, profile);
         let mut draft = draft(idx, layer.slot, material, lumen, profile)?;
-        draft.supports = columns
-            .get(idx)
-            .filter(|c| !c.is_empty())
-            .map(|c| c.paths(idx, &draft.params, profile))
-            .unwrap_or_default();
+        draft.supports = columns.get(idx).map(|c| c.paths(idx, &draft.params, profile)).unwrap_or_default();
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         Ok(draft)
     };
