@@ -73,6 +73,10 @@ pub fn check_export(path: &Path) -> Result<(), FileError> {
     if path.is_dir() {
         return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));
     }
+    if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        let text = "a device or a pipe is there, which a file would replace: choose another name";
+        return Err(failed("write", path)(io::Error::other(text)));
+    }
     let dir = parent(path);
     let probe = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir);
     probe.and_then(|probe| probe.close()).map_err(failed("create a file in", dir))

@@ -228,7 +228,7 @@ pub(crate) struct ViewArgs {
 #[derive(Debug, Args)]
 pub(crate) struct SliceArgs {
     /// Case directory; or a model that another program made (STL in millimetres, 3MF), which is only moved onto the bed
-    #[arg(value_name = "CASE|MODEL.stl")]
+    #[arg(value_name = "CASE|MODEL.stl|MODEL.3mf")]
     pub(crate) case: PathBuf,
     #[command(flatten)]
     pub(crate) layer: LayerArgs,

@@ -308,8 +308,9 @@ fn slice(args: &SliceArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         ("--orient", args.orient.is_some()),
     ];
     if let Some((flag, _)) = only_models.iter().find(|(_, given)| *given) {
-        let line =
-            format!("{flag}: found it with a case, expected a model; a case takes it from its --profile");
+        let line = format!(
+            "{flag}: found it with a case, expected a model; a case is sliced as it lies in its CT, with the perimeters and the infill of its --profile"
+        );
         return Ok(face.usage_error(&line));
     }
     let outcome = stage(&args.case, args.layer.patch(), context, |session| {

@@ -1,31 +1,29 @@
 //! The profile's limits of motion in the firmware's words, so that the machine moves as the estimate has it.
 
 use crate::profile::{Cornering, Dialect, Machine, Profile};
-
-/// Seconds in the minute that RepRapFirmware counts speeds in.
-const S_PER_MIN: f64 = 60.0;
+use crate::units::mm_min_from_mm_s;
 
 /// The commands that set them.
 pub(super) fn lines(profile: &Profile) -> Vec<String> {
     let m = &profile.machine;
     match profile.firmware.dialect {
         Dialect::Marlin | Dialect::Marlin1 => {
-            let mut lines = axis_limits(m, 1.0);
+            let mut lines = axis_limits(m, mm_s);
             lines.push(format!(
                 "M204 P{} R{} T{}",
                 m.print_acceleration_mm_s2, m.retract_acceleration_mm_s2, m.travel_acceleration_mm_s2
             ));
             lines.push(if m.cornering == Cornering::Jerk {
-                axes("M205", m.jerk_mm_s, 1.0)
+                axes("M205", m.jerk_mm_s, mm_s)
             } else {
                 format!("M205 J{}", m.junction_deviation_mm)
             });
             lines
         }
         Dialect::RepRapFirmware => {
-            let mut lines = axis_limits(m, S_PER_MIN);
+            let mut lines = axis_limits(m, mm_min_from_mm_s);
             lines.push(format!("M204 P{} T{}", m.print_acceleration_mm_s2, m.travel_acceleration_mm_s2));
-            lines.push(axes("M566", m.jerk_mm_s, S_PER_MIN));
+            lines.push(axes("M566", m.jerk_mm_s, mm_min_from_mm_s));
             lines
         }
         Dialect::Klipper => vec![format!(
@@ -37,8 +35,8 @@ pub(super) fn lines(profile: &Profile) -> Vec<String> {
         Dialect::Repetier => {
             let [x, _, z, e] = m.jerk_mm_s;
             vec![
-                axes("M201", in_plane(m, m.print_acceleration_mm_s2), 1.0),
-                axes("M202", in_plane(m, m.travel_acceleration_mm_s2), 1.0),
+                axes("M201", in_plane(m, m.print_acceleration_mm_s2), mm_s),
+                axes("M202", in_plane(m, m.travel_acceleration_mm_s2), mm_s),
                 format!("M207 X{x} Z{z} E{e}"),
             ]
         }
@@ -53,9 +51,14 @@ pub(super) fn lines(profile: &Profile) -> Vec<String> {
     }
 }
 
-/// Highest accelerations and speeds of the axes, the speeds in so many times mm/s.
-fn axis_limits(machine: &Machine, speed_unit: f64) -> Vec<String> {
-    vec![axes("M201", machine.max_acceleration_mm_s2, 1.0), axes("M203", machine.max_speed_mm_s, speed_unit)]
+/// Highest accelerations and speeds of the axes, the speeds in the firmware's unit.
+fn axis_limits(machine: &Machine, speed: fn(f64) -> f64) -> Vec<String> {
+    vec![axes("M201", machine.max_acceleration_mm_s2, mm_s), axes("M203", machine.max_speed_mm_s, speed)]
+}
+
+/// The unit of most firmwares is ours.
+const fn mm_s(value: f64) -> f64 {
+    value
 }
 
 /// The accelerations of the axes where those of the plane are also those of the move.
@@ -64,8 +67,9 @@ fn in_plane(machine: &Machine, acceleration_mm_s2: f64) -> [f64; 4] {
     [acceleration_mm_s2.min(x), acceleration_mm_s2.min(y), z, e]
 }
 
-fn axes(command: &str, values: [f64; 4], unit: f64) -> String {
-    let [x, y, z, e] = values.map(|v| v * unit);
+/// To a thousandth: a product may have a tail of digits.
+fn axes(command: &str, values: [f64; 4], unit: fn(f64) -> f64) -> String {
+    let [x, y, z, e] = values.map(|v| (1e3 * unit(v)).round() / 1e3);
     format!("{command} X{x} Y{y} Z{z} E{e}")
 }
 

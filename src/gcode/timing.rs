@@ -30,9 +30,17 @@ pub fn timed(job: &str, timing: Timing<'_>, profile: &Profile) -> String {
     let mut text = String::with_capacity(job.len() + 64 * timing.marks.len() + 256);
     let mut marks = timing.marks.iter().peekable();
     let mut in_head = true;
+    let mut told = None;
     for (idx, line) in job.split_inclusive('\n').enumerate() {
-        while let Some(mark) = marks.next_if(|m| m.line <= idx + 1) {
-            progress(&mut text, mark.elapsed_s, timing.total_s, profile);
+        let is_command = !line.starts_with(';') && !line.trim().is_empty();
+        let begins = if is_command && told.is_none() { Some(0.0) } else { None };
+        let passed = std::iter::from_fn(|| marks.next_if(|m| m.line <= idx + 1)).map(|m| m.elapsed_s);
+        for elapsed_s in begins.into_iter().chain(passed) {
+            let percent = percent(elapsed_s, timing.total_s);
+            if told != Some(percent) {
+                progress(&mut text, elapsed_s, timing.total_s, profile);
+                told = Some(percent);
+            }
         }
         text.push_str(line);
         if in_head && line.starts_with(HEAD_LINE) {
@@ -58,8 +66,13 @@ fn duration(seconds: f64) -> String {
     parts[first..].iter().map(|(n, unit)| format!("{n}{unit}")).collect::<Vec<_>>().join(" ")
 }
 
+/// How much of the time has passed; all of none.
+fn percent(elapsed_s: f64, total_s: f64) -> u64 {
+    if elapsed_s >= total_s { 100 } else { whole((100.0 * elapsed_s / total_s).floor()) }
+}
+
 fn progress(text: &mut String, elapsed_s: f64, total_s: f64, profile: &Profile) {
-    let percent = whole((100.0 * elapsed_s / total_s.max(1e-9)).floor().min(100.0));
+    let percent = percent(elapsed_s, total_s);
     let minutes = whole(((total_s - elapsed_s) / 60.0).round());
     let _infallible = match profile.firmware.progress {
         ProgressReport::M73 => writeln!(text, "M73 P{percent} R{minutes}"),
@@ -90,8 +103,14 @@ mod tests {
         let timing = Timing { total_s: 7384.0, marks: &MARKS };
         let expected = "; filament_g 1.00\n; print_time_s 7384.0\n\
             ; estimated printing time (normal mode) = 2h 3m 4s\n\
-            G28\nM73 P0 R123\nG1 X1\nM73 P48 R63\nG1 X2\nM73 P100 R0\n";
+            M73 P0 R123\nG28\nG1 X1\nM73 P48 R63\nG1 X2\nM73 P100 R0\n";
         assert_eq!(timed(JOB, timing, &profile::builtin("marlin").unwrap()), expected);
+    }
+
+    #[test]
+    fn a_job_without_any_time_is_done_when_it_begins() {
+        let timing = Timing { total_s: 0.0, marks: &[] };
+        assert!(timed(JOB, timing, &profile::builtin("marlin").unwrap()).ends_with("M73 P100 R0\n"));
     }
 
     #[test]

@@ -4,11 +4,13 @@
 //! coordinates, triangles by their vertices. The same triangles in any order of the file are the same [`Model`], bit for
 //! bit, and so is all that is made of it.
 //!
-//! Corners are one vertex where their bits are (-0.0 and 0.0 are one). Nothing is rotated, scaled or moved. A mesh whose
+//! Corners are one vertex where their bits are (-0.0 and 0.0 are one), and at open edges where they all but coincide
+//! (`seams`); both that and edges that stay open are told. Nothing is rotated, scaled or moved. A mesh whose
 //! triangles all face inward is turned inside out, and that is said.
 //!
 //! Cost: O(n log n), by parallel sorting.
 
+mod seams;
 pub mod stl;
 pub mod threemf;
 mod zip;
@@ -19,6 +21,7 @@ use crate::ct::Warning;
 use crate::geom::Point3;
 use crate::mesh::TriMesh;
 use rayon::prelude::*;
+use seams::Seams;
 
 /// A triangle as files hold it: three corners in 32-bit floats, mm, counter-clockwise from outside.
 pub type Facet = [[f32; 3]; 3];
@@ -88,6 +91,19 @@ impl Model {
         if n_flat > 0 {
             let text = format!("{n_flat} triangle(s) without area were left out");
             warnings.push(Warning::new("model.flat_triangles", text));
+        }
+        let Seams { n_joined, n_open } = seams::joined(&mut mesh);
+        if n_joined > 0 {
+            let text =
+                format!("{n_joined} corner(s) at open edges were joined with others less than 0.01 mm away");
+            warnings.push(Warning::new("model.corners_joined", text));
+        }
+        if n_open > 0 {
+            let text = format!(
+                "the surface is open: {n_open} edge(s) have a triangle on one side only; what is missing there is closed layer by layer, \
+                 or not seen: repair the model"
+            );
+            warnings.push(Warning::new("model.open", text));
         }
         let volume_mm3 = mesh.volume_mm3();
         if volume_mm3.is_nan() || volume_mm3 == 0.0 {

@@ -69,3 +69,31 @@ fn what_is_no_model_is_refused_with_what_was_found() {
     let flat = [[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]];
     assert_eq!(Model::of(&flat).unwrap_err(), Error::Flat);
 }
+
+/// Each corner of each facet moved by a part of this length of its own.
+fn rattled(facets: &[Facet], by_mm: f32) -> Vec<Facet> {
+    let mut k = 0_u16;
+    let mut next = || {
+        k += 1;
+        by_mm * ((f32::from(k) * 0.618_034).fract() - 0.5)
+    };
+    facets.iter().map(|f| f.map(|corner| corner.map(|c| c + next()))).collect()
+}
+
+#[test]
+fn corners_of_triangles_that_were_rounded_each_for_itself_are_joined_and_told() {
+    let model = Model::of(&rattled(&cuboid([10.0, 20.0, 30.0]), 0.004)).unwrap();
+    assert_eq!(model.mesh.triangles.len(), 12);
+    assert!((model.mesh.volume_mm3() / 6000.0 - 1.0).abs() < 1e-3);
+    let codes: Vec<&str> = model.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert_eq!(codes, ["model.corners_joined"]);
+    // A step of this height is part of the model.
+    let apart = Model::of(&rattled(&cuboid([10.0, 20.0, 30.0]), 0.4)).unwrap();
+    assert_eq!(apart.warnings[0].code, "model.open");
+}
+
+#[test]
+fn a_missing_triangle_is_told() {
+    let model = Model::of(&cuboid([1.0; 3])[1..]).unwrap();
+    assert!(model.warnings[0].text.starts_with("the surface is open: 3 edge(s)"), "{:?}", model.warnings);
+}

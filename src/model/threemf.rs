@@ -4,7 +4,8 @@
 //! which of them are wanted and where. Transforms are applied and units converted to mm.
 //!
 //! What it does not do: parts besides the model (*Production Extension*), materials, slices, beam lattices, what is said
-//! about printing; none of it changes the surfaces, but for the first, which is refused.
+//! about printing; none of it changes the surfaces, but for the first, which is refused, as is every other extension that the
+//! model says it needs.
 
 use super::Facet;
 use super::zip::{self, ZipError};
@@ -15,9 +16,13 @@ const RELATIONSHIPS: &str = "_rels/.rels";
 const MODEL_TYPE: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel";
 /// Objects in each other, at most: deeper ones go round in circles.
 const DEEPEST: usize = 32;
-/// Triangles and objects that components may multiply to, at most.
-const MOST_TRIANGLES: usize = 50_000_000;
+/// Triangles and objects, at most, as they stand in the file and as components multiply them.
+const MOST_TRIANGLES: usize = 20_000_000;
 const MOST_OBJECTS: usize = 1_000_000;
+
+/// Extensions that leave the surfaces as they are: materials, slices, and parts of their own, which are refused where there are any.
+const HARMLESS: [&str; 3] =
+    ["/3dmanufacturing/material/", "/3dmanufacturing/slice/", "/3dmanufacturing/production/"];
 
 /// The bytes are no 3MF that can be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -63,15 +68,18 @@ pub enum ThreeMfError {
         n_vertices: usize,
     },
     /// A number without an object.
-    #[error("object {0} is to be built but not there, or part of itself: export the model again")]
+    #[error(
+        "object {0} is to be built but not there, part of itself, or more than {DEEPEST} objects deep: export the model again"
+    )]
     Object(u32),
     /// Parts of the production extension.
     #[error("it keeps objects in parts of their own: export it as plain 3MF or as STL")]
     OtherPart,
-    /// Components that multiply beyond all bounds.
-    #[error(
-        "its components make more than {MOST_TRIANGLES} triangles or {MOST_OBJECTS} objects: reduce the mesh"
-    )]
+    /// What may change shapes in a way that is not known here.
+    #[error("it needs the extension {0:?}, which may change its shapes: export it as plain 3MF or as STL")]
+    Extension(String),
+    /// Too much, or components that multiply beyond all bounds.
+    #[error("it has more than {MOST_TRIANGLES} triangles or {MOST_OBJECTS} objects: reduce the mesh")]
     TooLarge,
 }
 
@@ -155,7 +163,8 @@ struct Element<'a> {
 impl Element<'_> {
     /// An attribute, by its name without that of its space.
     fn text(&self, attribute: &str) -> Result<Option<String>, ThreeMfError> {
-        for found in self.start.attributes() {
+        // Whether an attribute comes twice is not asked: of many it would take for ever.
+        for found in self.start.attributes().with_checks(false) {
             let fault = |fault: String| ThreeMfError::Xml { at: self.at, fault };
             let found = found.map_err(|e| fault(e.to_string()))?;
             if found.key.local_name().as_ref() == attribute.as_bytes() {
@@ -182,6 +191,19 @@ impl Element<'_> {
         expected: &'static str,
     ) -> Result<T, ThreeMfError> {
         Err(ThreeMfError::Attribute { at: self.at, element: self.name, attribute, found, expected })
+    }
+
+    /// Refuses extensions that the model needs and that may change its shapes.
+    fn extensions(&self) -> Result<(), ThreeMfError> {
+        let Some(needed) = self.text("requiredextensions")? else { return Ok(()) };
+        let is_harmless = |space: String| HARMLESS.iter().any(|known| space.contains(known));
+        for prefix in needed.split_ascii_whitespace() {
+            // `xmlns:p` names the space of the prefix p.
+            if !self.text(prefix)?.is_some_and(is_harmless) {
+                return Err(ThreeMfError::Extension(prefix.to_owned()));
+            }
+        }
+        Ok(())
     }
 
     /// The object that is to be put somewhere, and where.
@@ -280,7 +302,10 @@ impl Document {
         let element = |name| Element { start, name, at };
         let name = start.local_name();
         match (name.as_ref(), current.as_mut()) {
-            (b"model", _) => self.unit_mm = unit_mm(&element("model"))?,
+            (b"model", _) => {
+                self.unit_mm = unit_mm(&element("model"))?;
+                element("model").extensions()?;
+            }
             (b"object", _) => {
                 *current = Some((element("object").parsed("id", "a number")?, Object::default()));
             }
@@ -290,7 +315,20 @@ impl Document {
             (b"item", _) => self.items.push(element("item").placed()?),
             _ => {}
         }
-        Ok(())
+        self.check(current.as_ref().map(|(_, object)| object))
+    }
+
+    /// Refuses what is larger than any model while it is read.
+    fn check(&self, current: Option<&Object>) -> Result<(), ThreeMfError> {
+        let is_large = |o: &Object| {
+            o.triangles.len().max(o.vertices.len()) > MOST_TRIANGLES || o.components.len() > MOST_OBJECTS
+        };
+        let n_objects = self.items.len().max(self.objects.len());
+        if n_objects > MOST_OBJECTS || current.is_some_and(is_large) {
+            Err(ThreeMfError::TooLarge)
+        } else {
+            Ok(())
+        }
     }
 
     /// Appends an object's triangles where it is placed, and those of its components.

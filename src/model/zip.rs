@@ -1,10 +1,10 @@
 //! Parts of a ZIP archive in memory (PKWARE, *APPNOTE.TXT*, 6.3), stored or deflated.
 //!
 //! The directory at the end says what there is. Nothing is believed of it: places and lengths are compared with the
-//! bytes that are there, and a part that grows beyond its declared length while it is inflated is refused, so that a
-//! small file cannot ask for all memory.
+//! bytes that are there, a part may be so many times as long as what it is unpacked from and no longer, and one that grows
+//! beyond its declared length while it is inflated is refused, so that a small file cannot ask for all memory.
 //!
-//! What it does not do: archives in several files, encryption, ZIP64 (4 GiB and more).
+//! What it does not do: archives in several files, encryption, ZIP64.
 
 use flate2::{Crc, read::DeflateDecoder};
 use std::io::Read;
@@ -21,6 +21,11 @@ const STORED: u16 = 0;
 const DEFLATED: u16 = 8;
 /// Largest part that is read, bytes: a model of some twenty million triangles.
 const MOST_BYTES: u32 = 1 << 31;
+/// How many times as long as its packed form a part may be, and how long in any case: the text of a mesh is some ten times.
+const MOST_PACKED: u64 = 100;
+const ALWAYS_BYTES: u64 = 1 << 20;
+/// What a length or place says in an archive that has it elsewhere, in 64 bits.
+const IN_64_BITS: u32 = u32::MAX;
 
 /// The bytes are no archive that can be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -52,6 +57,19 @@ pub enum ZipError {
         /// Its declared length.
         n_bytes: u32,
     },
+    /// The part is longer than what it is made from explains.
+    #[error("the part {name:?} claims {n_bytes} bytes from {n_packed}: no model is packed so closely")]
+    Bomb {
+        /// The part.
+        name: String,
+        /// Its declared length.
+        n_bytes: u32,
+        /// The length of its packed form.
+        n_packed: u32,
+    },
+    /// An archive of the larger kind.
+    #[error("it is a ZIP64 archive, which is not read: save it anew without ZIP64, or as STL")]
+    Zip64,
     /// The part does not give what was declared.
     #[error(
         "the part {name:?} does not unpack to the {n_bytes} bytes and the checksum that were declared: the archive is damaged"
@@ -89,9 +107,12 @@ fn directory(bytes: &[u8]) -> Result<Vec<Entry>, ZipError> {
     let first = last.saturating_sub(MOST_COMMENT_BYTES);
     let is_end = |at: &usize| u32_at(bytes, *at) == Some(END);
     let end = (first..=last).rev().find(is_end).ok_or(ZipError::NoEnd)?;
-    let field = |at| u32_at(bytes, at).map(to_place).ok_or(ZipError::NoEnd);
     let n_entries = u16_at(bytes, end + 10).ok_or(ZipError::NoEnd)?;
-    let mut at = field(end + 16)?;
+    let first = u32_at(bytes, end + 16).ok_or(ZipError::NoEnd)?;
+    if first == IN_64_BITS {
+        return Err(ZipError::Zip64);
+    }
+    let mut at = to_place(first);
     let mut entries = Vec::new();
     for _ in 0..n_entries {
         let (entry, next) =
@@ -124,8 +145,14 @@ fn entry(bytes: &[u8], at: usize) -> Option<(Entry, usize)> {
 }
 
 fn contents(bytes: &[u8], entry: &Entry) -> Result<Vec<u8>, ZipError> {
-    let Entry { method, n_bytes, .. } = *entry;
+    let Entry { method, n_bytes, n_packed, .. } = *entry;
     let name = || entry.name.clone();
+    if [n_bytes, n_packed, entry.local].contains(&IN_64_BITS) {
+        return Err(ZipError::Zip64);
+    }
+    if u64::from(n_bytes) > MOST_PACKED * u64::from(n_packed) + ALWAYS_BYTES {
+        return Err(ZipError::Bomb { name: name(), n_bytes, n_packed });
+    }
     if n_bytes > MOST_BYTES {
         return Err(ZipError::TooLarge { name: name(), n_bytes });
     }

@@ -1,7 +1,7 @@
 //! How long a job takes, by the motion model of printer firmware.
 //!
 //! Every move accelerates, cruises and brakes at constant rates (a trapezoid of speed over time); how fast a corner may be
-//! taken is the firmware's own rule ([`corner`]). The planner looks ahead over as many moves as its buffer holds and must
+//! taken is the firmware's own rule (`corner`). The planner looks ahead over as many moves as its buffer holds and must
 //! always be able to stop at the end of the last one. Arcs are the chords in which the firmware drives them. Homing and
 //! warming up take the times that the profile states.
 //!

@@ -217,7 +217,7 @@ impl Field {
     pub(super) fn expected(&self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         match self.kind {
-            Kind::Text => "a text that is not empty".to_owned(),
+            Kind::Text => "a text of one line that is not empty".to_owned(),
             Kind::Choice(words) => format!("one of {}", words.join(", ")),
             Kind::Flag => "true or false".to_owned(),
             Kind::Whole { min, max } => format!("a whole number from {min} to {max}{unit}"),
@@ -234,7 +234,10 @@ impl Field {
 impl Kind {
     fn accepts(self, value: &Value) -> bool {
         match self {
-            Self::Text => value.as_str().is_some_and(|s| !s.trim().is_empty()),
+            // A line break would begin a command where the text stands in a comment.
+            Self::Text => {
+                value.as_str().is_some_and(|s| !s.trim().is_empty() && !s.contains(char::is_control))
+            }
             Self::Choice(words) => value.as_str().is_some_and(|s| words.contains(&s)),
             Self::Flag => value.is_bool(),
             Self::Whole { min, max } => {

@@ -96,7 +96,12 @@ fn each_kind_of_wrong_value_is_refused() {
         ("line_numbers = true", "line_numbers = 1", "firmware.line_numbers = 1: expected true or false"),
         ("resend_style = \"resend\"", "resend_style = \"shout\"", "expected one of resend, rs"),
         ("dialect = \"marlin\"", "dialect = \"latin\"", "expected one of marlin"),
-        ("material = \"PLA\"", "material = \" \"", "expected a text that is not empty"),
+        ("material = \"PLA\"", "material = \" \"", "expected a text of one line that is not empty"),
+        (
+            "material = \"PLA\"",
+            "material = \"PLA\\nM104 S300\"",
+            "expected a text of one line that is not empty",
+        ),
         ("nozzle_mm = 0.4", "nozzle_mm = nan", "expected a number from"),
         ("layer_height_mm = [0.05, 0.32]", "layer_height_mm = [0.3, 0.1]", "the smaller one first"),
         ("layer_height_mm = [0.05, 0.32]", "layer_height_mm = [0.1, 0.5]", "no thicker than the nozzle"),

@@ -195,6 +195,7 @@ fn endings(name: &str) -> &'static [&'static str] {
         "3mf" => &["3mf"],
         "step" => &["step", "stp"],
         "sweep" => &["csv", "svg"],
+        "out" => &["gcode", "gco", "g"],
         _ => &["png"],
     }
 }

@@ -1,5 +1,6 @@
 //! A foreign model to a print job, without a case.
 
+use super::export::check_target;
 use super::layer_pictures;
 use crate::app::atomic;
 use crate::app::error::Error;
@@ -84,6 +85,7 @@ pub fn slice_model(
     context: &Context<'_>,
 ) -> Result<SlicedModel, Error> {
     job.preview.map_or(Ok(()), layer_pictures::check_folder)?;
+    check_target("out", out, path)?;
     let profile = wanted(profile::load::by_name(job.profile_name)?, job);
     let events = context.events;
     let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });

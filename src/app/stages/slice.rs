@@ -1,5 +1,6 @@
 //! Solid to print job: `job.gcode`, `layers.json`.
 
+use super::export::check_target;
 use super::segment::SECTIONS_FILE;
 use super::solid::SOLID_FILE;
 use super::{read_json, to_json};
@@ -84,6 +85,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there is none yet or the file cannot be written.
     pub fn copy_job(&self, to: &Path) -> Result<(), Error> {
+        check_target("out", to, self.case.dir())?;
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let bytes = std::fs::read(&job).map_err(atomic::failed("read", &job))?;
         Ok(atomic::write_export(to, &bytes)?)
