@@ -205,7 +205,8 @@ fn unknown_key(key: &str, origin: &Origin) -> Error {
 
 /// A value as the operator wrote it, shortened.
 fn shown(value: &Value) -> String {
-    let text = value.to_string();
+    // In one line: TOML writes texts with line breaks over several.
+    let text = value.as_str().map_or_else(|| value.to_string(), |text| format!("{text:?}"));
     if text.chars().count() <= 60 {
         return text;
     }

@@ -85,6 +85,20 @@ fn components_and_items_are_placed_one_after_the_other_and_mirrored_ones_turned(
     assert_eq!([range(0), range(1), range(2)], [[-3.0, -1.0], [0.0, 2.0], [5.0, 7.0]]);
 }
 
+/// A model that needs an extension.
+fn needing(prefix: &str, space: &str) -> Vec<u8> {
+    let text = format!(
+        r#"<model xmlns:{prefix}="{space}" requiredextensions="{prefix}"><resources>{CORNER}</resources><build><item objectid="1"/></build></model>"#
+    );
+    package(&[("_rels/.rels", RELS), ("3D/a.model", &text)])
+}
+
+#[test]
+fn a_model_that_needs_what_leaves_shapes_alone_is_read() {
+    let materials = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02";
+    assert_eq!(read(&needing("m", materials)).unwrap().len(), 4);
+}
+
 #[test]
 fn only_what_is_to_be_built_is_read() {
     let other = CORNER.replace(r#"id="1""#, r#"id="7""#);
@@ -118,8 +132,12 @@ fn each_fault_is_named_with_what_was_found() {
         (of(CORNER, r#"<item objectid="1" transform="1 0"/>"#), "expected twelve numbers"),
         (of(CORNER, r#"<item objectid="1" p:path="/3D/b.model"/>"#), "parts of their own"),
         (of(circle, item), "part of itself"),
-        (of(&laughs, item), "components"),
+        (of(&laughs, item), "1000000 objects"),
         (of("<object id=\"1\"><mesh></object>", item), "byte "),
+        (
+            needing("b", "http://schemas.microsoft.com/3dmanufacturing/booleanoperations/2023/07"),
+            "the extension \"b\"",
+        ),
     ] {
         let text = read(&bytes).unwrap_err().to_string();
         assert!(text.contains(expected), "{expected}: {text}");
