@@ -7,6 +7,7 @@
 
 use super::offset::Offset;
 use super::{Bounds2, Contour, Point2, SegmentIndex};
+use geo::ConvexHull;
 use i_overlay::core::fill_rule::FillRule;
 use i_overlay::core::overlay_rule::OverlayRule;
 use i_overlay::core::single::SingleIntOverlay;
@@ -110,6 +111,32 @@ impl Region {
         cleaned
     }
 
+    /// The smallest convex region around it; empty where it has no area.
+    #[must_use]
+    pub fn convex_hull(&self) -> Self {
+        let points = self.contours.iter().flat_map(|c| &c.points).map(|p| geo::Coord { x: p.x, y: p.y });
+        let hull = geo::LineString::from(points.collect::<Vec<_>>()).convex_hull();
+        let mut corners: Vec<Point2> = hull.exterior().coords().map(|c| Point2::new(c.x, c.y)).collect();
+        // A ring repeats its first corner.
+        corners.pop();
+        let contour = Contour::new(corners);
+        if contour.signed_area_mm2() > 0.0 { Self::new(vec![contour]) } else { Self::default() }
+    }
+
+    /// The least distance of two parallel lines that have the region between them, mm: one of them then lies on an edge of
+    /// the convex hull. Infinite where there is no area.
+    #[must_use]
+    pub fn least_width_mm(&self) -> f64 {
+        let hull = self.convex_hull();
+        let edges = hull.contours.iter().flat_map(Contour::edges).filter(|(a, b)| a != b);
+        let width = |(a, b): (Point2, Point2)| {
+            let along = b - a;
+            let off = |p: &Point2| along.perp(&(p - a)).abs() / along.norm();
+            hull.contours.iter().flat_map(|c| &c.points).map(off).fold(0.0, f64::max)
+        };
+        edges.map(width).fold(f64::INFINITY, f64::min)
+    }
+
     /// The union of regions, each grown by its own positive distance, in one boolean pass. Every region comes with
     /// the index of its contours.
     ///
@@ -208,6 +235,14 @@ mod tests {
             assert!((radius - 2.0 - d).abs() < 2e-4, "offset {d}: radius {radius}");
         }
         assert!(disk(0.0, 2.0).offset(-2.1, 1e-3).is_empty());
+    }
+
+    #[test]
+    fn the_hull_of_disks_is_their_stadium() {
+        let hull = disk(0.0, 2.0).union(&disk(5.0, 2.0)).convex_hull();
+        let expected = 4.0 * std::f64::consts::PI + 20.0;
+        assert!(hull.contours.len() == 1 && (hull.area_mm2() / expected - 1.0).abs() < 1e-3);
+        assert!(Region::default().convex_hull().is_empty());
     }
 
     #[test]

@@ -15,7 +15,6 @@
 use super::deviation::rounded;
 use crate::geom::{Contour, Point2, Region};
 use crate::sections::SectionStack;
-use geo::{ConvexHull, LineString};
 use serde::Serialize;
 
 /// Shortest stretch that counts as a normal segment, mm.
@@ -197,24 +196,8 @@ fn measures(lumen: &Region, plane: usize, z_mm: f64) -> Option<PlaneMeasures> {
         z_mm,
         lumen_area_mm2,
         equivalent_diameter_mm: 2.0 * (lumen_area_mm2 / std::f64::consts::PI).sqrt(),
-        minimum_diameter_mm: minimum_width_mm(lumen),
+        minimum_diameter_mm: lumen.least_width_mm(),
     })
-}
-
-/// The least distance of two parallel lines that have the region between them, mm.
-///
-/// Least width is reached with one line on an edge of the convex hull.
-pub(super) fn minimum_width_mm(region: &Region) -> f64 {
-    let points = region.contours.iter().flat_map(|c| c.points.iter().map(|p| (p.x, p.y)));
-    let hull = LineString::from(points.collect::<Vec<_>>()).convex_hull();
-    let ring: Vec<Point2> = hull.exterior().coords().map(|c| Point2::new(c.x, c.y)).collect();
-    let width = |pair: &[Point2]| {
-        let edge = pair[1] - pair[0];
-        let length = edge.norm();
-        (length > 0.0)
-            .then(|| ring.iter().map(|p| edge.perp(&(p - pair[0])).abs() / length).fold(0.0, f64::max))
-    };
-    ring.windows(2).filter_map(width).fold(f64::INFINITY, f64::min)
 }
 
 /// A branch: one lumen a plane from `first` on.
@@ -515,6 +498,6 @@ mod tests {
             Point2::from(nalgebra::Rotation2::new(0.7) * v)
         });
         let region = Region::new(vec![Contour::new(ellipse.collect())]);
-        assert!((minimum_width_mm(&region) - 4.0).abs() < 1e-3);
+        assert!((region.least_width_mm() - 4.0).abs() < 1e-3);
     }
 }

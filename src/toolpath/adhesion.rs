@@ -11,11 +11,9 @@ const TOLERANCE_MM: f64 = 0.01;
 
 /// No brim for steadiness is wider than this, mm: a part that needs more wants a raft or a wider base.
 const MOST_BRIM_MM: f64 = 10.0;
-/// Directions from which the width of a base is looked at, in half a turn.
-const DIRECTIONS: u32 = 36;
 
-/// Skirt and brim around the material of the first layer, from the outside inward. What would leave the
-/// bed is left out, and said so.
+/// Skirt and brim of the first layer, from the outside inward: the brim follows the part's outlines, the skirt runs round
+/// the convex hull of part, brim and supports. What would leave the bed is left out, and said so.
 pub(super) fn loops(
     material: &Region,
     supports: &Region,
@@ -25,21 +23,20 @@ pub(super) fn loops(
 ) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outlines =
-        material.contours.iter().chain(&supports.contours).filter(|c| c.is_ccw()).cloned().collect();
-    let outline = Region::union_all([&Region::new(outlines)]);
+    let outline = Region::new(material.contours.iter().filter(|c| c.is_ccw()).cloned().collect());
+    let hull = outline.union(supports).convex_hull();
     let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]
     let n_brim = (brim_mm / pitch).round() as usize;
-    let brim = (0..n_brim).map(|i| (i as f64 + 0.5) * pitch);
+    let brim = (0..n_brim).map(|i| (&outline, (i as f64 + 0.5) * pitch));
     let skirt_begin = n_brim as f64 * pitch + print.skirt_distance_mm;
-    let skirt = (0..print.skirt_loops).map(|i| skirt_begin + (f64::from(i) + 0.5) * pitch);
-    let mut distances: Vec<f64> = brim.chain(skirt).collect();
-    distances.reverse();
+    let skirt = (0..print.skirt_loops).map(|i| (&hull, skirt_begin + (f64::from(i) + 0.5) * pitch));
+    let mut loops: Vec<(&Region, f64)> = brim.chain(skirt).collect();
+    loops.reverse();
     let mut paths = Vec::new();
     let mut n_left_out = 0;
-    for distance in distances {
-        let grown = outline.offset(distance, TOLERANCE_MM);
+    for (around, distance) in loops {
+        let grown = around.offset(distance, TOLERANCE_MM);
         if inside_bed(&grown, profile, params.width_mm) {
             let outer = grown.contours.iter().filter(|c| c.is_ccw());
             paths.extend(outer.map(|c| path(c, params.width_mm)));
@@ -62,23 +59,8 @@ fn steadying_brim_mm(material: &Region, height_mm: f64, slenderness: f64) -> f64
     if slenderness <= 0.0 {
         return 0.0;
     }
-    let outlines: Vec<&Contour> = material.contours.iter().filter(|c| c.is_ccw()).collect();
     // Of a narrow base the narrow side counts, however it is turned.
-    let width_mm = least_width_mm(&outlines);
-    ((height_mm / slenderness - width_mm) / 2.0).clamp(0.0, MOST_BRIM_MM)
-}
-
-/// Least width of all outlines together, seen from directions 5 degrees apart, mm: at most 0.1 % too wide where the narrowest
-/// one lies between two of them, but for a narrow bar. Without any, infinite.
-fn least_width_mm(outlines: &[&Contour]) -> f64 {
-    let width = |k: u32| {
-        let (sin, cos) = (std::f64::consts::PI * f64::from(k) / f64::from(DIRECTIONS)).sin_cos();
-        let along = outlines.iter().flat_map(|c| &c.points).map(|p| p.x * cos + p.y * sin);
-        let [low, high] = along
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at: f64| [low.min(at), high.max(at)]);
-        high - low
-    };
-    if outlines.is_empty() { f64::INFINITY } else { (0..DIRECTIONS).map(width).fold(f64::INFINITY, f64::min) }
+    ((height_mm / slenderness - material.least_width_mm()) / 2.0).clamp(0.0, MOST_BRIM_MM)
 }
 
 fn path(contour: &Contour, width_mm: f64) -> Path {

@@ -143,9 +143,6 @@ const OUTLINE_TOLERANCE_MM: f64 = 1e-4;
 const LAYERS_AT_ONCE: usize = 64;
 /// Material below this share of a bead's square is dust from boolean operations, not a feature.
 const DUST_SHARE: f64 = 1e-3;
-/// Share of a layer's skins from which on a wall that is too thin makes the job impossible.
-const MOST_THIN_SHARE: f64 = 0.5;
-
 /// A planned job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planned {
@@ -241,6 +238,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         drafts = filled.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
     }
     order.add(drafts, profile, task)?;
+    order.check()?;
     let warnings = order.warnings();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, layers: order.paths };
     Ok(Planned { paths, warnings })
@@ -311,16 +309,6 @@ fn draft(
         return Ok(draft);
     };
     let filled = fill::fill(&skins, &params);
-    if let Some(thin) = filled.thin.filter(|t| t.share > MOST_THIN_SHARE) {
-        return Err(Error::WallTooThin {
-            layer: idx,
-            z_mm: slot.z_mid_mm,
-            x_mm: thin.at.x,
-            y_mm: thin.at.y,
-            thickness_mm: thin.thickness_mm,
-            thinnest_mm: params.limits_mm[0],
-        });
-    }
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
     let raster = raster::raster(&filled.rest, &params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));

@@ -2,11 +2,16 @@
 
 use super::fill::Thin;
 use super::travel::Travel;
-use super::{Bead, Draft, LayerPaths, adhesion, sequence};
+use super::{Bead, Draft, Error, LayerPaths, adhesion, sequence};
 use crate::ct::Warning;
-use crate::geom::{Point2, Region};
-use crate::profile::Profile;
+use crate::geom::{Contour, Point2, Region};
+use crate::profile::{Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
+
+/// Share of a layer's skins from which on too thin a wall makes the layer impossible.
+const MOST_THIN_SHARE: f64 = 0.5;
+/// One layer in so many may be impossible: where a leaning body begins or ends there is but a sliver.
+const A_SLIVER_IN: usize = 20;
 
 /// Layers whose beads are in order, each begun where the one below ended.
 #[derive(Default)]
@@ -18,6 +23,12 @@ pub(super) struct Order {
     /// Walls that are too thin, and features that no bead covers, with the heights of their layers in the stack.
     thin: Vec<(f64, Thin)>,
     lost: Vec<(f64, Point2)>,
+    /// The first layer that is too thin nearly everywhere, and how many there are.
+    sliver: Option<Error>,
+    n_slivers: usize,
+    /// Islands of material that begin in the air, and the first one's height in the stack and place.
+    n_floating: usize,
+    floating: Option<(f64, Point2)>,
     adhesion: Option<Warning>,
     /// How high the part is, mm, and what of its supports stands on the bed.
     height_mm: f64,
@@ -48,7 +59,21 @@ impl Order {
         let idx = self.paths.len();
         self.z_mm += draft.slot.height_mm;
         self.thin.extend(draft.thin.map(|t| (draft.slot.z_mid_mm, t)));
+        if let Some(thin) = draft.thin.filter(|t| t.share > MOST_THIN_SHARE) {
+            self.n_slivers += 1;
+            self.sliver.get_or_insert(Error::WallTooThin {
+                layer: idx,
+                z_mm: draft.slot.z_mid_mm,
+                x_mm: thin.at.x,
+                y_mm: thin.at.y,
+                thickness_mm: thin.thickness_mm,
+                thinnest_mm: draft.params.limits_mm[0],
+            });
+        }
         self.lost.extend(draft.lost.iter().map(|&p| (draft.slot.z_mid_mm, p)));
+        if profile.print.support == SupportStyle::None {
+            self.find_floating(&draft);
+        }
         let mut beads = Vec::new();
         let mut travels = Vec::new();
         if idx == 0 {
@@ -66,6 +91,25 @@ impl Order {
         }
         let Draft { slot, material, lumen, .. } = draft;
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
+    }
+
+    /// Looks for islands of a layer under which there is nothing.
+    fn find_floating(&mut self, draft: &Draft) {
+        let Some(below) = self.paths.last().map(|layer| &layer.material) else { return };
+        let outers = draft.material.contours.iter().filter(|c| c.is_ccw());
+        for island in outers.filter(|c| !rests(c, below)) {
+            self.n_floating += 1;
+            self.floating.get_or_insert((draft.slot.z_mid_mm, island.points[0]));
+        }
+    }
+
+    /// Refuses a part whose wall is too thin.
+    ///
+    /// # Errors
+    /// The lowest layer that cannot be printed, where there are many.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let is_refused = self.n_slivers * A_SLIVER_IN > self.paths.len();
+        self.sliver.clone().filter(|_| is_refused).map_or(Ok(()), Err)
     }
 
     /// Skirt and brim.
@@ -90,7 +134,18 @@ impl Order {
 
     /// What the operator should know of all layers.
     pub(super) fn warnings(&self) -> Vec<Warning> {
-        [self.thin_walls(), self.lost_features(), self.adhesion.clone()].into_iter().flatten().collect()
+        let all = [self.thin_walls(), self.lost_features(), self.in_the_air(), self.adhesion.clone()];
+        all.into_iter().flatten().collect()
+    }
+
+    fn in_the_air(&self) -> Option<Warning> {
+        let (z_mm, at) = self.floating?;
+        let text = format!(
+            "{} island(s) begin in the air, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed): turn the part, or have it held \
+             up (print.support in the profile)",
+            self.n_floating, at.x, at.y
+        );
+        Some(Warning::new("toolpath.in_the_air", text))
     }
 
     fn thin_walls(&self) -> Option<Warning> {
@@ -116,4 +171,14 @@ impl Order {
         );
         Some(Warning::new("toolpath.lost_feature", text))
     }
+}
+
+/// Every how many points of an outline are looked at to see whether it rests on something.
+const REST_STRIDE: usize = 4;
+
+/// Whether an island lies on material: one of its points does, or one of the material's lies in it.
+fn rests(island: &Contour, below: &Region) -> bool {
+    let some = |c: &Contour| c.points.iter().step_by(REST_STRIDE).copied().collect::<Vec<_>>();
+    some(island).into_iter().any(|p| below.contains(p))
+        || below.contours.iter().flat_map(some).any(|p| island.contains(p))
 }

@@ -352,6 +352,27 @@ fn same_input_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
+fn what_begins_in_the_air_is_told_unless_it_is_held_up() {
+    let layers_from = |x: f64, z: [f64; 2]| layers_of(&Tubes::new(vec![Tube::upright(x, 3.0)], 1.0, z));
+    let low = layers_from(0.0, [0.0, 6.0]);
+    // A second tube beside the first one from the eleventh layer on.
+    let both = |(k, layer): (usize, &Layer)| {
+        let other = layers_from(20.0, [0.0, 6.0])[k].material.clone();
+        let material = if k < 10 { layer.material.clone() } else { layer.material.union(&other) };
+        Layer { material, ..layer.clone() }
+    };
+    let layers: Vec<Layer> = low.iter().enumerate().map(both).collect();
+    let codes = |profile: &Profile, layers: &[Layer]| -> Vec<String> {
+        plan(layers, profile, &Task::quiet()).unwrap().warnings.into_iter().map(|w| w.code).collect()
+    };
+    assert_eq!(codes(&reference(), &low), Vec::<String>::new());
+    assert_eq!(codes(&reference(), &layers), ["toolpath.in_the_air"]);
+    let mut held = reference();
+    held.print.support = SupportStyle::Column;
+    assert_eq!(codes(&held, &layers), Vec::<String>::new());
+}
+
+#[test]
 fn each_fault_is_named() {
     let layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]));
     let fault = |profile: &Profile| plan(&layers, profile, &Task::quiet()).unwrap_err();
@@ -363,6 +384,11 @@ fn each_fault_is_named() {
     let thin = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.12, [0.0, 1.0]));
     let text = plan(&thin, &reference(), &Task::quiet()).unwrap_err().to_string();
     assert!(text.contains("0.119 mm thin in layer 0 at z 0.10"), "{text}");
+    // One thin layer of many is told.
+    let wide = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 6.0]));
+    let layers: Vec<Layer> = thin.iter().take(1).chain(&wide[1..]).cloned().collect();
+    let told = plan(&layers, &reference(), &Task::quiet()).unwrap().warnings;
+    assert_eq!(told[0].code, "toolpath.thin_wall");
     let mut profile = reference();
     profile.print.extrusion_width_mm = 2.0;
     assert!(fault(&profile).to_string().contains("print.extrusion_width_mm is 2"));
