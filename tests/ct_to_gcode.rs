@@ -58,7 +58,8 @@ fn extruded_points(job: &str) -> Vec<[f64; 3]> {
     let mut points = Vec::new();
     for line in job.lines() {
         let Some(command) = gcode::reader::parse(line).unwrap().command else { continue };
-        if !command.is('G', 0) && !command.is('G', 1) {
+        // Arcs end where their words say, as lines do.
+        if !(0..=3).any(|number| command.is('G', number)) {
             continue;
         }
         for (coordinate, letter) in at.iter_mut().zip(['X', 'Y', 'Z']) {
