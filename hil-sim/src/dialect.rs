@@ -1,7 +1,7 @@
 //! What a firmware says and how it reads, word by word, as data.
 //!
-//! The texts of Marlin 2.1 and of Klipper's terminal are those observed from the real firmware, the others are as their
-//! sources have them. A dialect that differs in words only is another constant; one that differs in kind (no line
+//! The texts of Marlin 2.1 and of Klipper's terminal are those observed from the real firmware. What is said of the others, and
+//! how all of them round corners and arcs, is from knowledge of their sources; no such machine was measured. A dialect that differs in words only is another constant; one that differs in kind (no line
 //! numbers, say) has another variant of one of the enums here.
 
 /// Which firmware it is: what its commands mean.

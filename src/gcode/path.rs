@@ -1,5 +1,7 @@
-//! A bead's centre line to the moves that draw it: arcs where the firmware has them, straight segments where not, none of
-//! them denser than wire and planner take.
+//! A bead's centre line to the moves that draw it: arcs where the firmware has them, straight segments where not, thinned
+//! and slowed where they are denser than wire and planner take.
+//!
+//! Slowed are whole runs of moves of one bead; a short bead, and what is left at the end of a long one, may be denser than asked.
 //!
 //! - Where the profile says so, a run of segments that lies on a circle becomes an arc through its two ends. The circle is the
 //!   best one through both ends (least squares over vertices and middles of the segments). It is taken where every vertex and

@@ -465,7 +465,8 @@ fn slow_down(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64
     (total / profile.print.min_layer_time_s.max(1e-9)).min(1.0)
 }
 
-/// Time of a layer's beads as they are driven, s.
+/// Time of a layer's beads as it is meant, s: at full speed, or the least time of a layer. Where the least speed forbids to
+/// slow down that far, the layer is done sooner.
 fn layer_time_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
     full_speed_s(layer, profile, is_first_layer).max(profile.print.min_layer_time_s)
 }

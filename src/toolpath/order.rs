@@ -12,6 +12,8 @@ use crate::progress::{Cancelled, Task};
 const MOST_THIN_SHARE: f64 = 0.5;
 /// One layer in so many may be impossible: where a leaning body begins or ends there is but a sliver.
 const A_SLIVER_IN: usize = 20;
+/// Every how many points of an outline are looked at to see whether it rests on something.
+const REST_STRIDE: usize = 4;
 
 /// Layers whose beads are in order, each begun where the one below ended.
 #[derive(Default)]
@@ -172,9 +174,6 @@ impl Order {
         Some(Warning::new("toolpath.lost_feature", text))
     }
 }
-
-/// Every how many points of an outline are looked at to see whether it rests on something.
-const REST_STRIDE: usize = 4;
 
 /// Whether an island lies on material: one of its points does, or one of the material's lies in it.
 fn rests(island: &Contour, below: &Region) -> bool {
