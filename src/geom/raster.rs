@@ -69,14 +69,14 @@ impl Canvas {
         let x_at = |y: f64| low.x + (high.x - low.x) * ((y - low.y) / (high.y - low.y));
         let mut y = y0;
         while y < y1 {
-            let row = y.floor();
-            let next = (row + 1.0).min(y1);
             #[expect(
                 clippy::cast_possible_truncation,
                 clippy::cast_sign_loss,
                 reason = "within the window's rows"
             )]
-            self.add_in_row(row as usize, [x_at(y), x_at(next)], sign * (next - y));
+            let row = y as usize;
+            let next = (row as f64 + 1.0).min(y1);
+            self.add_in_row(row, [x_at(y), x_at(next)], sign * (next - y));
             y = next;
         }
     }
@@ -99,12 +99,11 @@ impl Canvas {
         let end = right.min(width);
         let mut at = left.max(0.0);
         loop {
-            let column = at.floor().min(width);
-            let next = (column + 1.0).min(end);
-            let part = if right > left { share(at, next.max(at)) } else { cover };
-            let in_pixel = 0.5 * (at + next.max(at)) - column;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0..=width")]
-            let column = column as usize;
+            let column = (at as usize).min(self.window.size[0]);
+            let next = (column as f64 + 1.0).min(end);
+            let part = if right > left { share(at, next.max(at)) } else { cover };
+            let in_pixel = 0.5 * (at + next.max(at)) - column as f64;
             sums[column] += part * (1.0 - in_pixel).max(0.0);
             sums[column + 1] += part * in_pixel.min(1.0);
             if next >= end {

@@ -23,16 +23,15 @@ pub(super) fn smoothed_closed<T>(values: &[T], kernel: &[f64]) -> Vec<T>
 where
     T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>,
 {
-    let n = values.len();
-    let half = kernel.len() / 2;
+    let (n, half) = (values.len(), kernel.len() / 2);
     // `half` may exceed the length: the sequence is then walked around more than once.
     let start = n * half.div_ceil(n.max(1)) - half;
-    (0..n)
-        .map(|i| {
-            let first = values[(i + start) % n] * kernel[0];
-            (1..kernel.len()).fold(first, |sum, m| sum + values[(i + start + m) % n] * kernel[m])
-        })
-        .collect()
+    let around: Vec<T> = values.iter().copied().cycle().skip(start).take(n + 2 * half).collect();
+    let mut smooth: Vec<T> = around.iter().take(n).map(|&v| v * kernel[0]).collect();
+    for (m, &weight) in kernel.iter().enumerate().skip(1) {
+        smooth.iter_mut().zip(&around[m..]).for_each(|(sum, &v)| *sum = *sum + v * weight);
+    }
+    smooth
 }
 
 /// Unit normals that point to the right of the direction of travel: away from the region, for outer contours

@@ -62,25 +62,37 @@ impl<'a> Image<'a> {
         let [sx, sy] = self.volume.pixel_spacing_xy_mm;
         let [ox, oy] = self.volume.origin_xy_mm;
         let [nx, ny, _] = self.volume.dims;
-        let (columns, wx) = taps((p.x - ox) / sx, nx);
-        let (rows, wy) = taps((p.y - oy) / sy, ny);
+        let (i, wx) = taps((p.x - ox) / sx);
+        let (j, wy) = taps((p.y - oy) / sy);
         let plane = self.volume.plane(self.k);
         let mut sum = 0.0;
-        for (j, w) in rows.into_iter().zip(wy) {
-            let row = &plane[j * nx..(j + 1) * nx];
-            let along: f64 = columns.iter().zip(wx).map(|(&i, v)| v * f64::from(row[i])).sum();
-            sum += w * along;
+        for (o, w) in (-1..).zip(wy) {
+            let row = &plane[pixel(j + o, ny) * nx..][..nx];
+            let values = neighbours(row, i);
+            sum += w * (0..4).map(|c| wx[c] * f64::from(values[c])).sum::<f64>();
         }
         self.sign * sum
     }
 }
 
-/// Indices and weights of the four neighbours of a position on a line of n pixels.
+/// The index of the pixel, or of the border's pixel where it lies beyond.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the pixels")]
-fn taps(x: f64, n: usize) -> ([usize; 4], [f64; 4]) {
-    let base = x.floor();
-    let t = x - base;
-    let index = |o: f64| (base + o).clamp(0.0, n as f64 - 1.0) as usize;
+fn pixel(i: i64, n: usize) -> usize {
+    i.clamp(0, n as i64 - 1) as usize
+}
+
+/// The values of pixels i - 1 .. i + 2; the border goes on outside.
+fn neighbours(row: &[f32], i: i64) -> [f32; 4] {
+    let within = usize::try_from(i - 1).ok().and_then(|first| row.get(first..)?.first_chunk());
+    within.copied().unwrap_or_else(|| [-1, 0, 1, 2].map(|o| row[pixel(i + o, row.len())]))
+}
+
+/// The pixel at or below a position on a line, and the weights of it, of the one before it and the two behind it.
+#[expect(clippy::cast_possible_truncation, reason = "far outside any image lies the border")]
+fn taps(x: f64) -> (i64, [f64; 4]) {
+    let cut = x.clamp(-1e9, 1e9) as i64;
+    let base = cut - i64::from(cut as f64 > x);
+    let t = x - base as f64;
     let (t2, t3) = (t * t, t * t * t);
     let weights = [
         0.5 * (-t + 2.0 * t2 - t3),
@@ -88,7 +100,7 @@ fn taps(x: f64, n: usize) -> ([usize; 4], [f64; 4]) {
         0.5 * (t + 4.0 * t2 - 3.0 * t3),
         0.5 * (t3 - t2),
     ];
-    ([index(-1.0), index(0.0), index(1.0), index(2.0)], weights)
+    (base, weights)
 }
 
 /// A contour as evenly spaced points on the way to the boundary.

@@ -4,6 +4,7 @@
 //! above) are searched for runs to go on with (scan-line seed fill: Heckbert, "A seed fill algorithm", Graphics
 //! Gems, 1990, here in 3-D). The fill goes on where it meets the border of the image, and remembers the place.
 
+use super::bits::BitRows;
 use super::corrections::Rules;
 use super::{Mask, Polarity};
 use crate::ct::Volume;
@@ -94,20 +95,16 @@ impl Slab<'_> {
         Some(range)
     }
 
-    fn index(&self, [i, j, k]: Voxel) -> usize {
-        let [nx, ny, _] = self.volume.dims;
-        ((k - self.planes.start) * ny + j) * nx + i
-    }
-
-    fn n_voxels(&self) -> usize {
-        self.volume.dims[0] * self.volume.dims[1] * self.planes.len()
+    /// The row of a grid that holds these planes alone.
+    fn row(&self, j: usize, k: usize) -> usize {
+        (k - self.planes.start) * self.volume.dims[1] + j
     }
 }
 
-/// Voxels of a slab: one byte each, and the box they fill.
+/// Voxels of a slab: one bit each, and the box they fill.
 #[derive(Debug, Clone)]
 pub(super) struct Grown {
-    inside: Vec<u8>,
+    inside: BitRows,
     first_plane: usize,
     /// Columns, rows and planes that the voxels span; `None` where there is none.
     extent: Option<[Range<usize>; 3]>,
@@ -117,7 +114,9 @@ pub(super) struct Grown {
 
 impl Grown {
     fn empty(slab: &Slab<'_>) -> Self {
-        Self { inside: vec![0; slab.n_voxels()], first_plane: slab.planes.start, extent: None, leak: None }
+        let [nx, ny, _] = slab.volume.dims;
+        let inside = BitRows::new(nx, ny * slab.planes.len());
+        Self { inside, first_plane: slab.planes.start, extent: None, leak: None }
     }
 
     /// Columns, rows and planes that the voxels span.
@@ -132,13 +131,14 @@ impl Grown {
         self.extent = None;
         for k in planes {
             for j in rows.clone() {
-                let start = slab.index([columns.start, j, k]);
+                let row = slab.row(j, k);
                 let mut ends: Option<[usize; 2]> = None;
-                for (i, inside) in columns.clone().zip(&mut self.inside[start..]).filter(|(_, v)| **v != 0) {
+                let held: Vec<usize> = self.inside.ones(row, &columns).collect();
+                for i in held {
                     if keep([i, j, k]) {
                         ends = Some([ends.map_or(i, |e| e[0]), i + 1]);
                     } else {
-                        *inside = 0;
+                        self.inside.clear(row, i);
                     }
                 }
                 if let Some([start, end]) = ends {
@@ -159,22 +159,20 @@ impl Grown {
     ) -> (Range<usize>, Range<usize>) {
         let mut found: Option<[usize; 4]> = None;
         for j in rows.clone() {
-            let start = slab.index([columns.start, j, k]);
-            let row = &self.inside[start..start + columns.len()];
-            let Some(first) = row.iter().position(|&v| v != 0) else { continue };
-            let last = row.iter().rposition(|&v| v != 0).unwrap_or(first);
+            let mut held = self.inside.ones(slab.row(j, k), columns);
+            let Some(first) = held.next() else { continue };
+            let last = held.last().unwrap_or(first);
             let [a, b, top, _] = found.unwrap_or([first, last, j, j]);
             found = Some([a.min(first), b.max(last), top, j]);
         }
-        let [a, b, top, bottom] = found.map_or([0, 0, 0, 0], |f| [f[0], f[1] + 1, f[2], f[3] + 1]);
-        (columns.start + a..columns.start + b, top..bottom)
+        let nothing = [columns.start, columns.start, 0, 0];
+        let [a, b, top, bottom] = found.map_or(nothing, |f| [f[0], f[1] + 1, f[2], f[3] + 1]);
+        (a..b, top..bottom)
     }
 
     /// Adds the voxels of another set of the same slab.
     pub(super) fn add(&mut self, other: &Self) {
-        for (own, more) in self.inside.iter_mut().zip(&other.inside) {
-            *own |= *more;
-        }
+        self.inside.add(&other.inside);
         if let Some(extent) = &other.extent {
             self.widen(&extent.clone());
         }
@@ -199,19 +197,19 @@ impl Grown {
     /// Whether the voxel belongs to the region.
     #[must_use]
     pub(super) fn holds(&self, slab: &Slab<'_>, voxel: Voxel) -> bool {
-        self.inside[slab.index(voxel)] != 0
+        let [i, j, k] = voxel;
+        self.inside.get(slab.row(j, k), i)
     }
 
     fn fill(&mut self, slab: &Slab<'_>, run: &Range<usize>, j: usize, k: usize) {
-        let start = slab.index([run.start, j, k]);
-        self.inside[start..start + run.len()].fill(1);
+        self.inside.set(slab.row(j, k), run);
         self.widen(&[run.clone(), j..j + 1, k..k + 1]);
     }
 
     /// The region cut down to its box.
     #[must_use]
-    pub(super) fn into_mask(self, [nx, ny, _]: [usize; 3]) -> Mask {
-        let at = |i: usize, j: usize, k: usize| self.inside[((k - self.first_plane) * ny + j) * nx + i] != 0;
+    pub(super) fn into_mask(self, [_, ny, _]: [usize; 3]) -> Mask {
+        let at = |i: usize, j: usize, k: usize| self.inside.get((k - self.first_plane) * ny + j, i);
         let [columns, rows, planes] = self.extent();
         Mask::from_fn(columns, rows, planes, at)
     }

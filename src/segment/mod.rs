@@ -26,6 +26,7 @@
 //! assert!(found.mask.contains(16, 16, 0) && !found.mask.contains(25, 16, 0));
 //! ```
 
+mod bits;
 pub mod candidates;
 pub mod corrections;
 mod error;

@@ -309,7 +309,7 @@ impl Intensity {
 
     fn hu(&self, stored: i32) -> f32 {
         #[expect(clippy::cast_possible_truncation, reason = "24 bits hold 16-bit values and their rescaling")]
-        let hu = f64::from(stored).mul_add(self.slope, self.intercept) as f32;
+        let hu = (f64::from(stored) * self.slope + self.intercept) as f32;
         hu
     }
 }

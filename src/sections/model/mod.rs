@@ -151,7 +151,6 @@ struct Finding {
     /// Residuals and blurred residuals at the edge, absolute.
     rough: Vec<f64>,
     smooth: Vec<f64>,
-    residual: Residual,
 }
 
 struct State<'a> {
@@ -189,7 +188,7 @@ pub(super) fn weighed(
     task: &Task<'_>,
 ) -> Result<Fit, Cancelled> {
     let state = State::fitted(scan, starts, views, task)?;
-    let residuals = state.findings().into_iter().map(|f| f.residual).collect();
+    let residuals = state.for_planes(|plane, courses| state.finding(plane, courses).1);
     Ok(Fit { contours: state.contours(), residuals, noise_density: state.noise_density() })
 }
 
@@ -276,15 +275,20 @@ impl<'a> State<'a> {
     }
 
     fn findings(&self) -> Vec<Finding> {
+        self.for_planes(|plane, courses| self.finding(plane, courses).0)
+    }
+
+    fn for_planes<T: Send>(&self, of: impl Fn(&Plane, &[Option<Course>]) -> T + Sync) -> Vec<T> {
         let courses = self.courses(&ring::runs(&self.outlines(), &self.circle));
-        self.planes.par_iter().zip(&courses).map(|(plane, courses)| self.finding(plane, courses)).collect()
+        self.planes.par_iter().zip(&courses).map(|(plane, courses)| of(plane, courses)).collect()
     }
 
     fn outlines(&self) -> Vec<Vec<Outline>> {
         self.planes.iter().map(|p| p.outlines.clone()).collect()
     }
 
-    fn finding(&self, plane: &Plane, courses: &[Option<Course>]) -> Finding {
+    /// What this step finds on a plane, and what it leaves unexplained there.
+    fn finding(&self, plane: &Plane, courses: &[Option<Course>]) -> (Finding, Residual) {
         let (view, optics) = (&plane.view, self.scan.optics);
         let slab_mm = self.scan.volume.slab_thickness_mm;
         let slab = |&i: &usize| Slab::of(&plane.outlines[i], courses[i].as_ref(), slab_mm, &self.circle);
@@ -293,7 +297,10 @@ impl<'a> State<'a> {
         let owners = shares.owners();
         let image = levels::image(&shares, &owners, &plane.levels);
         let most = OUTLIER * self.noise[0];
-        let residual = |(v, m): (&f64, &f64)| if v.is_finite() { (v - m).clamp(-most, most) } else { 0.0 };
+        let residual = |(&v, m): (&f32, &f64)| match f64::from(v) {
+            v if v.is_finite() => (v - m).clamp(-most, most),
+            _ => 0.0,
+        };
         let residual: Vec<f64> = view.values.iter().zip(&image).map(residual).collect();
         let blurred = view.blurred(&residual, optics.blur_mm);
         let is_edge: Vec<bool> = shares.total().into_iter().map(levels::is_edge).collect();
@@ -303,15 +310,15 @@ impl<'a> State<'a> {
             let kept = image.iter().zip(&is_edge).filter(|(_, e)| **e);
             kept.step_by(3).map(|(v, _)| v.abs()).collect()
         };
-        Finding {
+        let finding = Finding {
             moves: (0..plane.outlines.len())
                 .map(|i| self.moves(plane, i, courses[i].as_ref(), &blurred))
                 .collect(),
             equations: levels::equations(view, &shares, &owners, &plane.levels, &residual, optics, weight),
             rough: at_edge(&residual),
             smooth: at_edge(&blurred),
-            residual: Residual { place: view.place, values: residual, is_edge },
-        }
+        };
+        (finding, Residual { place: view.place, values: residual, is_edge })
     }
 
     /// By how much each point of a ring has to move along its ray, read from the blurred residual.

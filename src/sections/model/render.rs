@@ -37,7 +37,7 @@ impl Lattice {
 #[derive(Debug, Clone)]
 pub(super) struct View {
     pub(super) place: Lattice,
-    pub(super) values: Vec<f64>,
+    pub(super) values: Vec<f32>,
 }
 
 /// Blur of the scanner and thickness of the wall, mm.
@@ -98,8 +98,11 @@ impl View {
         };
         let (columns, rows) = (range(low[0], high[0], nx), range(low[1], high[1], ny));
         let plane = volume.plane(k);
-        let row = |j: usize| &plane[j * nx + columns.start..j * nx + columns.end];
-        let values = rows.clone().flat_map(row).map(|&v| sign * f64::from(v)).collect();
+        let sign = if sign < 0.0 { -1.0_f32 } else { 1.0 };
+        let mut values = Vec::with_capacity(columns.len() * rows.len());
+        for j in rows.clone() {
+            values.extend(plane[j * nx..][columns.clone()].iter().map(|v| sign * v));
+        }
         let first = [i64::try_from(columns.start).ok()?, i64::try_from(rows.start).ok()?];
         let window = Window { first, size: [columns.len(), rows.len()] };
         Some(Self { place: Lattice { grid, window }, values })
@@ -109,7 +112,7 @@ impl View {
     pub(super) fn empty() -> Self {
         let grid = PixelGrid { origin: Point2::origin(), pixel_mm: [1.0; 2] };
         let window = Window { first: [0; 2], size: [1; 2] };
-        Self { place: Lattice { grid, window }, values: vec![f64::NAN] }
+        Self { place: Lattice { grid, window }, values: vec![f32::NAN] }
     }
 
     pub(super) fn pixel_mm2(&self) -> f64 {
