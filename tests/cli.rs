@@ -336,7 +336,6 @@ fn a_lumen_that_cannot_be_found_is_refused_with_one_line_and_leaves_nothing_behi
         (2, vec![seed.as_str(), "--z-mm=700,800"], "700"),
         (1, vec!["--seed-mm=-20,-20,3", "--window-hu", "200,600"], "HU, outside the window 200 to 600 HU"),
         (1, vec![seed.as_str(), "--window-hu", "5000,6000"], "window 5000 to 6000 HU selects nothing"),
-        (1, vec![seed.as_str(), "--window-hu=-2000,6000"], "leaks to the image border in plane "),
     ] {
         let error = place.refused(code, &[&["run", "--ct", "ct", "--out", "case"], &*flags].concat());
         assert!(error.contains(part), "{flags:?}: {error}");
@@ -356,15 +355,37 @@ fn a_case_file_starts_the_segmentation_that_it_corrects() {
     file("window_hu = [-2000, 6000]\n");
     let leak = place.refused(1, &["segment", "corrected.toml"]);
     assert!(leak.contains("leaks to the image border in plane "), "{leak}");
-    place.has_only(&["corrected.toml", "ct"]);
+    assert!(leak.ends_with("corrected/leak.png shows it\n") || leak.ends_with("leak.png shows it"), "{leak}");
+    place.has_only(&["corrected", "corrected.toml", "ct"]);
     file("");
     for done in [true, false] {
         let case = place.json(0, &["segment", "corrected.toml"]);
         assert_eq!(case["stages"][0]["done"], done, "{case}");
     }
     assert!(place.path("corrected/sections.json").is_file());
+    assert!(!place.path("corrected/leak.png").exists(), "the region leaks no more");
     let both = place.refused(2, &["segment", "corrected", "--out", "other"]);
     assert!(both.starts_with("--out: found it together with the case "), "{both}");
+}
+
+#[test]
+fn a_leak_leaves_a_case_to_correct_and_a_picture_of_the_place() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let leak = place.refused(1, &["segment", "--ct", "ct", &seed, "--window-hu=-2000,6000", "--out", "case"]);
+    assert!(leak.contains("leaks to the image border in plane ") && leak.contains("leak.png shows it"), "{leak}");
+    let picture = fs::read(place.path("case/leak.png")).unwrap();
+    assert!(picture.starts_with(b"\x89PNG"));
+    let none = place.refused(1, &["solid", "case"]);
+    assert!(none.contains("lumenfab segment"), "{none}");
+    let case = fs::read_to_string(place.path("case/case.toml")).unwrap();
+    let corrected: String =
+        case.lines().filter(|l| !l.starts_with("window_hu")).map(|l| format!("{l}\n")).collect();
+    assert_ne!(case, corrected);
+    fs::write(place.path("case/case.toml"), corrected).unwrap();
+    let done = place.json(0, &["segment", "case"]);
+    assert_eq!(done["stages"][0]["done"], true, "{done}");
+    assert!(place.path("case/sections.json").is_file() && !place.path("case/leak.png").exists());
 }
 
 #[test]

@@ -395,6 +395,22 @@ impl Case {
         self.publish()
     }
 
+    /// Keeps a picture of why a stage could not be done; a case that does not exist yet comes into being, so that the
+    /// operator has a `case.toml` to correct.
+    ///
+    /// # Errors
+    /// [`FileError`] where a disk is full or a directory cannot be written.
+    pub fn keep_refused(&mut self, name: &str, picture: &[u8]) -> Result<(), CaseError> {
+        let base = self.base()?.to_owned();
+        atomic::write(&base.join(name), picture)?;
+        if self.draft.is_some() {
+            self.write_settings(&base)?;
+            self.has_new_settings = false;
+            self.write_manifest(&base)?;
+        }
+        self.publish()
+    }
+
     /// The directory that is written to: the case, or its draft.
     fn base(&self) -> Result<&Path, CaseError> {
         let Some(draft) = &self.draft else { return Ok(&self.dir) };

@@ -98,6 +98,14 @@ pub enum Error {
     /// Finding the lumen.
     #[error(transparent)]
     Segment(#[from] segment::Error),
+    /// The region left the vessel: the case is kept with a picture of the place.
+    #[error("{leak}; {} shows it", picture.display())]
+    Leaked {
+        /// Where it left the vessel.
+        leak: segment::Error,
+        /// The picture.
+        picture: PathBuf,
+    },
     /// Taking over a ready segmentation.
     #[error(transparent)]
     Ready(#[from] ready::Error),
@@ -204,6 +212,7 @@ impl Error {
             | Self::Model { .. }
             | Self::Phantom(_)
             | Self::Segment(_)
+            | Self::Leaked { .. }
             | Self::Sections(_)
             | Self::Solid(_)
             | Self::Invalid(_)

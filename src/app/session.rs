@@ -310,7 +310,7 @@ impl<'a> Session<'a> {
         (self.context.events)(Event::Note { stage, text: text.into() });
     }
 
-    fn remember_ct(&mut self) {
+    pub(crate) fn remember_ct(&mut self) {
         let named = std::mem::take(&mut self.ct_is_named);
         let places = Places { ct: self.ct.clone(), segmentation: self.ready.clone() };
         if !named || places == Places::default() {

@@ -2,6 +2,7 @@
 
 use super::corrections::Fault;
 use super::guard::Beyond;
+use super::mask::Mask;
 use crate::geom::Point3;
 use crate::progress::Cancelled;
 
@@ -162,42 +163,9 @@ pub enum Error {
         /// Level of the wall, HU.
         wall_hu: f64,
     },
-    /// The region runs out of the image.
-    #[error(
-        "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, move the seed, or keep the region out of there with [[segment.block]] in the case file"
-    )]
-    LeaksToBorder {
-        /// Index of the plane, from 0.
-        plane: usize,
-        /// Height of the plane in the stack frame, mm.
-        z_mm: f64,
-        /// The voxel at the border.
-        place: Place,
-        /// Lower end of the window.
-        lo: f64,
-        /// Upper end of the window.
-        hi: f64,
-    },
-    /// The region leaves the vessel.
-    #[error(
-        "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
-    )]
-    Leaks {
-        /// Index of the plane, from 0.
-        plane: usize,
-        /// Height of the plane in the stack frame, mm.
-        z_mm: f64,
-        /// A voxel in the passage.
-        place: Place,
-        /// What lies behind it.
-        into: Beyond,
-        /// How wide the passage is, mm.
-        neck_mm: f64,
-        /// Lower end of the window.
-        lo: f64,
-        /// Upper end of the window.
-        hi: f64,
-    },
+    /// The region leaves the vessel, or runs out of the image.
+    #[error("{0}")]
+    Leaks(Box<Leak>),
     /// No vessel was found by itself.
     #[error(
         "no vessel was found by itself in {planes} planes: give a point inside the lumen with --seed-mm X,Y,Z (patient LPS, mm), or --polarity, --z-mm to look elsewhere"
@@ -272,5 +240,38 @@ pub struct Place(pub Point3);
 impl std::fmt::Display for Place {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "({:.3}, {:.3}, {:.3})", self.0.x, self.0.y, self.0.z)
+    }
+}
+
+/// Where a region leaves the vessel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Leak {
+    /// A voxel in the passage, or at the image's border: column, row, plane.
+    pub voxel: [usize; 3],
+    /// Height of its plane in the stack frame, mm.
+    pub z_mm: f64,
+    /// The same place for the operator.
+    pub place: Place,
+    /// The window of the plane, HU.
+    pub window_hu: [f64; 2],
+    /// What lies behind it, and how wide the passage to it is, mm; `None` where the region reaches the image's border.
+    pub into: Option<(Beyond, f64)>,
+    /// What the region fills in this plane.
+    pub region: Mask,
+}
+
+impl std::fmt::Display for Leak {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { voxel: [_, _, plane], z_mm, place, window_hu: [lo, hi], .. } = self;
+        match &self.into {
+            None => write!(
+                f,
+                "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, move the seed, or keep the region out of there with [[segment.block]] in the case file"
+            ),
+            Some((into, neck_mm)) => write!(
+                f,
+                "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
+            ),
+        }
     }
 }

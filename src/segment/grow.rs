@@ -186,6 +186,13 @@ impl Grown {
         all.filter(|&v| self.holds(slab, v)).collect()
     }
 
+    /// The voxels of plane k as a mask of their own.
+    #[must_use]
+    pub(super) fn mask_of_plane(&self, slab: &Slab<'_>, k: usize) -> Mask {
+        let [columns, rows, _] = self.extent();
+        Mask::from_fn(columns, rows, k..k + 1, |i, j, k| self.holds(slab, [i, j, k]))
+    }
+
     fn widen(&mut self, by: &[Range<usize>; 3]) {
         let union = |a: Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
         self.extent = Some(match self.extent.take() {

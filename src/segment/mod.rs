@@ -38,6 +38,7 @@ mod levels;
 mod lobes;
 pub mod mask;
 mod noise;
+pub mod picture;
 mod plausible;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -46,7 +47,7 @@ mod tests;
 
 pub use candidates::{Candidate, Found, find_unattended};
 pub use corrections::Corrections;
-pub use error::{Error, Place};
+pub use error::{Error, Leak, Place};
 pub use guard::Beyond;
 pub use levels::Levels;
 pub use mask::Mask;
@@ -463,16 +464,16 @@ fn grow_lumen(
         return if polarity == Polarity::Bright {
             Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() })
         } else {
-            Err(border_error(slab, leak))
+            Err(border_error(slab, &grown, leak))
         };
     }
     let air = grow::outside_air(slab, task)?;
     if seeds.iter().any(|&s| air.holds(slab, s)) {
-        return Err(border_error(slab, leak));
+        return Err(border_error(slab, &grown, leak));
     }
     let grown = grow::grow(slab, &from, Some(&air), task)?;
     if let Some(leak) = grown.leak {
-        return Err(border_error(slab, leak));
+        return Err(border_error(slab, &grown, leak));
     }
     let text = format!(
         "the lumen is open to the air around the specimen (reached in plane {}, z {:.3} mm); what is connected to the image border within its plane was taken as outside",
@@ -499,19 +500,19 @@ fn without_leaks(
     let widest = leaks.iter().max_by(|a, b| tells(a).cmp(&tells(b)).then(a.neck_mm.total_cmp(&b.neck_mm)));
     let Some(widest) = widest else {
         return match grown.leak {
-            Some(at) => Err(border_error(slab, at)),
+            Some(at) => Err(border_error(slab, &grown, at)),
             None => Ok((grown, None)),
         };
     };
     if params.on_leak == OnLeak::Refuse || seeds.iter().any(|&s| removed.holds(slab, s)) {
-        return Err(leak_error(slab, widest));
+        return Err(leak_error(slab, &grown, widest));
     }
     if let Some(air) = air {
         removed.add(air);
     }
     let kept = grow::grow(slab, &[seeds, &slab.drawn()].concat(), Some(&removed), task)?;
     if let Some(leak) = kept.leak {
-        return Err(border_error(slab, leak));
+        return Err(border_error(slab, &kept, leak));
     }
     Ok((kept, Some(cut_off(slab, &leaks))))
 }
@@ -544,19 +545,17 @@ fn place_of(slab: &Slab<'_>, [i, j, k]: Voxel) -> (f64, Place) {
     (in_stack.z, Place(slab.volume.patient_from_stack.apply(in_stack)))
 }
 
-fn leak_error(slab: &Slab<'_>, leak: &Site) -> Error {
-    if leak.into == Beyond::Border {
-        return border_error(slab, leak.at);
-    }
-    let (z_mm, place) = place_of(slab, leak.at);
-    let [lo, hi] = slab.window_hu(leak.at[2]);
-    Error::Leaks { plane: leak.at[2], z_mm, place, into: leak.into, neck_mm: leak.neck_mm, lo, hi }
+fn leak_error(slab: &Slab<'_>, grown: &Grown, site: &Site) -> Error {
+    let (z_mm, place) = place_of(slab, site.at);
+    let [_, _, k] = site.at;
+    let into = (site.into != Beyond::Border).then_some((site.into, site.neck_mm));
+    let region = grown.mask_of_plane(slab, k);
+    let leak = Leak { voxel: site.at, z_mm, place, window_hu: slab.window_hu(k), into, region };
+    Error::Leaks(Box::new(leak))
 }
 
-fn border_error(slab: &Slab<'_>, at: Voxel) -> Error {
-    let (z_mm, place) = place_of(slab, at);
-    let [lo, hi] = slab.window_hu(at[2]);
-    Error::LeaksToBorder { plane: at[2], z_mm, place, lo, hi }
+fn border_error(slab: &Slab<'_>, grown: &Grown, at: Voxel) -> Error {
+    leak_error(slab, grown, &Site { at, into: Beyond::Border, neck_mm: 0.0 })
 }
 
 fn range_not_reached(volume: &Volume, asked: &Range<usize>, covered: &Range<usize>) -> Option<Warning> {

@@ -13,7 +13,7 @@ use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
 use crate::sections::{self, PlaneSections, SectionStack};
-use crate::segment::{self, Candidate, OnLeak, Polarity, Segmentation};
+use crate::segment::{self, Candidate, Leak, OnLeak, Polarity, Segmentation};
 use crate::topology;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,8 @@ use std::path::{Path, PathBuf};
 
 /// Contours per CT plane.
 pub(crate) const SECTIONS_FILE: &str = CONTOURS_FILE;
+/// The plane in which the region left the vessel, where it did.
+const LEAK_FILE: &str = "leak.png";
 /// How the lumen was found.
 pub(crate) const SEGMENTATION_FILE: &str = "segmentation.json";
 /// The CT around the lumen.
@@ -80,6 +82,7 @@ impl Session<'_> {
             return self.take_ready();
         }
         self.stage(Stage::Segment, Self::find_contours)?;
+        atomic::remove(&self.case.path(LEAK_FILE))?;
         if self.settings().segment.auto_seed {
             self.candidates = self.segmentation_note()?.map(|n| n.candidates).unwrap_or_default();
         }
@@ -151,7 +154,10 @@ impl Session<'_> {
         self.note(Stage::Segment, "finding the lumen");
         let settings = self.settings();
         let seeds_mm = seeds_mm(&settings.segment, &settings.source);
-        let lumen = find_lumen(&volume, &settings.segment, &seeds_mm, task)?;
+        let lumen = match find_lumen(&volume, &settings.segment, &seeds_mm, task) {
+            Err(segment::Error::Leaks(leak)) => return Err(self.leaked(&volume, leak)),
+            lumen => lumen?,
+        };
         let found = &lumen.segmentation;
         self.note(Stage::Segment, "drawing its contours");
         let contours = sections::Params { boundary: settings.segment.boundary, ..Default::default() };
@@ -165,6 +171,18 @@ impl Session<'_> {
         let note = note(&volume, lumen, series, warnings);
         let kept = volume_file::crop(&volume, lumen_bounds(&extracted.stack), planes);
         self.keep(extracted.stack, kept, note)
+    }
+
+    /// Keeps the case with a picture of the leak, as far as that can be written.
+    fn leaked(&mut self, volume: &Volume, leak: Box<Leak>) -> Error {
+        let picture = segment::picture::picture(volume, &leak);
+        let kept = picture.is_some_and(|bytes| self.case.keep_refused(LEAK_FILE, &bytes).is_ok());
+        let leak = segment::Error::Leaks(leak);
+        if !kept {
+            return leak.into();
+        }
+        self.remember_ct();
+        Error::Leaked { leak, picture: self.case.path(LEAK_FILE) }
     }
 
     fn load_image(&self, task: &Task<'_>) -> Result<Image, Error> {

@@ -26,14 +26,19 @@ fn disc(x: f64, y: f64, cx: f64, r: f64) -> bool {
 fn leak_of(volume: &Volume) -> Beyond {
     let seeded = params([20.0, 20.0, 8.0]);
     let window = Params { window_hu: Some([175.0, 2000.0]), ..seeded };
-    let Err(Error::Leaks { plane, place, into, neck_mm, .. }) = run(volume, &window) else {
+    let Err(Error::Leaks(leak)) = run(volume, &window) else {
         panic!("no leak: {:?}", run(volume, &window).map(|s| s.mask.n_voxels()))
     };
+    let (place, [i, j, plane]) = (leak.place, leak.voxel);
+    let (into, neck_mm) = leak.into.expect("a passage to something");
     assert!(
         (9..11).contains(&plane) && (22.0..36.0).contains(&place.0.x) && (place.0.y - 20.0).abs() < 3.0,
         "{plane} {place}"
     );
     assert!(neck_mm < 4.0, "{neck_mm}");
+    // What is shown of it: the place, the vessel and what it leaked into.
+    assert!(leak.region.contains(i, j, plane) && leak.region.contains(40, 40, plane));
+    assert!(leak.region.contains(72, 40, plane) && !leak.region.contains(40, 40, plane - 1));
     // Nobody attends: it ends there, and is said.
     let cut = run(volume, &Params { on_leak: OnLeak::Cut, ..window }).unwrap();
     assert!(cut.mask.contains(40, 40, 0) && !cut.mask.contains(72, 40, 0));
