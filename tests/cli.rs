@@ -373,7 +373,10 @@ fn a_leak_leaves_a_case_to_correct_and_a_picture_of_the_place() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());
     let leak = place.refused(1, &["segment", "--ct", "ct", &seed, "--window-hu=-2000,6000", "--out", "case"]);
-    assert!(leak.contains("leaks to the image border in plane ") && leak.contains("leak.png shows it"), "{leak}");
+    assert!(
+        leak.contains("leaks to the image border in plane ") && leak.contains("leak.png shows it"),
+        "{leak}"
+    );
     let picture = fs::read(place.path("case/leak.png")).unwrap();
     assert!(picture.starts_with(b"\x89PNG"));
     let none = place.refused(1, &["solid", "case"]);

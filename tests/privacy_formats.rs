@@ -171,7 +171,7 @@ fn plant(object: &mut InMemDicomObject) {
 
 fn values(volume: &Volume) -> Vec<u8> {
     #[expect(clippy::cast_possible_truncation, reason = "a phantom's whole HU")]
-    let bytes = volume.hu.iter().flat_map(|&v| (v as i16).to_le_bytes()).collect();
+    let bytes = volume.hu.iter().flat_map(|v| (v as i16).to_le_bytes()).collect();
     bytes
 }
 
@@ -426,7 +426,7 @@ fn a_multi_frame_ct_tells_nothing() {
 fn segmentations_tell_nothing() {
     let place = Place::new();
     let volume = &place.volume;
-    let n = volume.hu.len();
+    let n: usize = volume.dims.iter().product();
     let labels: Vec<u8> = (0..n).map(|p| u8::from(is_drawn(p, volume))).collect();
     let map = place.put("labels.nrrd", &nrrd(volume, "uint8", &labels));
     let seg = place.put_object("seg.dcm", segmentation(volume), uids::SEGMENTATION_STORAGE);
@@ -449,7 +449,8 @@ fn segmentations_beside_their_ct_tell_nothing() {
         object.put(text(tags::FRAME_OF_REFERENCE_UID, VR::UI, format!("{UID}4")));
         object.write_to_file(&path).unwrap();
     }
-    let labels: Vec<u8> = (0..volume.hu.len()).map(|p| u8::from(is_drawn(p, volume))).collect();
+    let labels: Vec<u8> =
+        (0..volume.dims.iter().product::<usize>()).map(|p| u8::from(is_drawn(p, volume))).collect();
     let map = place.put("labels.nrrd", &nrrd(volume, "uint8", &labels));
     let seg = place.put_object("seg.dcm", segmentation(volume), uids::SEGMENTATION_STORAGE);
     let rt = place.put_object("rt.dcm", structure_set(volume), uids::RT_STRUCTURE_SET_STORAGE);

@@ -3,7 +3,7 @@
 //! A line `lumenfab volume 1`, a line of JSON (dimensions, spacing, place; nothing about the patient), then the
 //! intensities as little-endian `f32`, x fastest, then y, then z.
 
-use crate::ct::Volume;
+use crate::ct::{Volume, Voxels};
 use crate::geom::{Bounds2, RigidTransform};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -61,7 +61,7 @@ pub fn crop(volume: &Volume, bounds: Bounds2, planes: Range<usize>) -> Volume {
     let corner = volume.stack_from_voxel(columns.start as f64, rows.start as f64, planes.start);
     Volume {
         dims: [columns.len(), rows.len(), planes.len()],
-        hu,
+        hu: Voxels::new(&hu, columns.len() * rows.len()),
         origin_xy_mm: [corner.x, corner.y],
         pixel_spacing_xy_mm: volume.pixel_spacing_xy_mm,
         plane_z_mm: volume.plane_z_mm[planes].to_vec(),
@@ -95,7 +95,7 @@ pub fn to_bytes(volume: &Volume) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend(serde_json::to_vec(&header).expect("finite numbers can be written as JSON"));
     bytes.push(b'\n');
-    bytes.extend(volume.hu.iter().flat_map(|v| v.to_le_bytes()));
+    bytes.extend(volume.hu.iter().flat_map(f32::to_le_bytes));
     bytes
 }
 
@@ -119,10 +119,10 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Volume, VolumeFileError> {
     if values.len() != expected {
         return Err(VolumeFileError::Length { found: values.len(), expected });
     }
-    let hu = values.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+    let hu: Vec<f32> = values.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
     Ok(Volume {
         dims: header.dims,
-        hu,
+        hu: Voxels::new(&hu, header.dims[0] * header.dims[1]),
         origin_xy_mm: header.origin_xy_mm,
         pixel_spacing_xy_mm: header.pixel_spacing_xy_mm,
         plane_z_mm: header.plane_z_mm,
@@ -139,7 +139,7 @@ mod tests {
     fn volume() -> Volume {
         Volume {
             dims: [5, 4, 3],
-            hu: (0..60_u8).map(f32::from).collect(),
+            hu: Voxels::new(&(0..60_u8).map(f32::from).collect::<Vec<f32>>(), 20),
             origin_xy_mm: [-10.0, 20.0],
             pixel_spacing_xy_mm: [0.5, 2.0],
             plane_z_mm: vec![1.0, 4.0, 7.0],

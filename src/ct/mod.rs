@@ -28,12 +28,15 @@ mod series;
 mod shift;
 mod stack;
 mod traits;
+mod voxels;
 
 pub use error::Error;
 pub use formats::Fault as ImageFault;
 pub use inspection::{Inspection, Orientation, PixelReport, SeriesReport, Verdict};
+pub use voxels::Voxels;
 
 use crate::geom::{Point3, RigidTransform};
+use std::borrow::Cow;
 
 /// Longest side of an image that is believed, pixels.
 pub(crate) const LONGEST_SIDE: u16 = 8192;
@@ -50,8 +53,8 @@ pub const PHANTOM_TRUTH_FILE: &str = "truth.json";
 pub struct Volume {
     /// Columns, rows, planes.
     pub dims: [usize; 3],
-    /// HU, x fastest, then y, then z: `hu[(k * ny + j) * nx + i]`.
-    pub hu: Vec<f32>,
+    /// HU, plane by plane, x fastest, then y.
+    pub hu: Voxels,
     /// Stack coordinates of the centre of voxel (0, 0) of every plane, mm.
     pub origin_xy_mm: [f64; 2],
     /// Distance between neighbouring columns (along x) and rows (along y), mm.
@@ -187,7 +190,7 @@ impl Volume {
     /// Where an index is out of range.
     #[must_use]
     pub fn at(&self, i: usize, j: usize, k: usize) -> f32 {
-        self.plane(k)[j * self.dims[0] + i]
+        self.hu.at(j * self.dims[0] + i, k)
     }
 
     /// The pixels of plane k, row by row.
@@ -195,9 +198,8 @@ impl Volume {
     /// # Panics
     /// Where k is out of range.
     #[must_use]
-    pub fn plane(&self, k: usize) -> &[f32] {
-        let n = self.dims[0] * self.dims[1];
-        &self.hu[k * n..(k + 1) * n]
+    pub fn plane(&self, k: usize) -> Cow<'_, [f32]> {
+        self.hu.plane(k)
     }
 
     /// Stack coordinates of the centre of voxel (i, j, k), mm; columns and rows may be broken numbers and lie outside.

@@ -2,7 +2,7 @@
 
 use super::vessel::Field;
 use super::{Error, Params, Tissue, Vessel, contours, to_nanometre};
-use crate::ct::Volume;
+use crate::ct::{Volume, Voxels};
 use crate::geom::raster::{Canvas, PixelGrid, Window, blur_reach};
 use crate::geom::{Bounds2, Contour, Point2, RigidTransform, Vector2};
 use crate::progress::{Cancelled, Task};
@@ -42,7 +42,7 @@ pub fn try_volume(params: &Params, task: &Task<'_>) -> Result<Volume, Error> {
     let n = params.n_pixels;
     Ok(Volume {
         dims: [n, n, params.n_planes],
-        hu,
+        hu: Voxels::new(&hu, n * n),
         origin_xy_mm: [origin.x, origin.y],
         pixel_spacing_xy_mm: [params.pixel_mm; 2],
         plane_z_mm: params.plane_z_mm(),

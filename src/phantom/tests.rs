@@ -111,7 +111,7 @@ fn image_holds_the_volume_of_the_tube() {
     let params = Params { slab_mm: 3.0, ..small(Kind::Tube) };
     let volume = volume(&params, &Task::quiet());
     let Tissue { lumen_hu, around_hu, .. } = params.polarity.tissue();
-    let share: f64 = volume.hu.iter().map(|&v| (f64::from(v) - around_hu) / (lumen_hu - around_hu)).sum();
+    let share: f64 = volume.hu.iter().map(|v| (f64::from(v) - around_hu) / (lumen_hu - around_hu)).sum();
     let measured = share * params.pixel_mm * params.pixel_mm * params.plane_step_mm;
     let tube = &Vessel::new(Kind::Tube).tubes[0];
     let n = 1800;
@@ -165,7 +165,7 @@ fn noise_has_its_spread_and_its_seed() {
     let noisy = volume(&params, &Task::quiet());
     let clean = volume(&Params { noise_hu: 0.0, ..params.clone() }, &Task::quiet());
     let inside = |v: &&(f32, f32)| v.1 > -900.0;
-    let pairs: Vec<(f32, f32)> = noisy.hu.iter().copied().zip(clean.hu.iter().copied()).collect();
+    let pairs: Vec<(f32, f32)> = noisy.hu.iter().zip(clean.hu.iter()).collect();
     let differences: Vec<f64> = pairs.iter().filter(inside).map(|(a, b)| f64::from(a - b)).collect();
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n;

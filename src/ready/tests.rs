@@ -1,7 +1,7 @@
 //! Analytic shapes as DICOM SEG and RTSTRUCT, written here and read back.
 
 use super::*;
-use crate::ct::Volume;
+use crate::ct::{Volume, Voxels};
 use crate::geom::{Contour, Point3, RigidTransform, Vector3};
 use crate::sections::ready::Drawn;
 use dicom_core::value::{DataSetSequence, PrimitiveValue};
@@ -528,7 +528,7 @@ fn what_holds_no_contour_lies_nowhere() {
 fn ct(patient_from_stack: RigidTransform) -> Volume {
     Volume {
         dims: [40, 40, 5],
-        hu: vec![0.0; 40 * 40 * 5],
+        hu: Voxels::new(&[0.0; 40 * 40 * 5], 40 * 40),
         origin_xy_mm: [-7.0, -14.0],
         pixel_spacing_xy_mm: [0.5, 0.5],
         plane_z_mm: vec![0.0, 2.0, 4.0, 6.0, 8.0],

@@ -16,6 +16,7 @@
 use super::deviation::Outline;
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Region, Vector2};
+use std::borrow::Cow;
 
 /// Whether the lumen is brighter or darker than its surroundings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -176,7 +177,7 @@ impl<'a> Search<'a> {
 
 /// Bilinear grey values of a plane; NaN outside.
 pub(super) struct Plane<'a> {
-    hu: &'a [f32],
+    hu: Cow<'a, [f32]>,
     n_cols: usize,
     n_rows: usize,
     origin: Point2,
@@ -343,6 +344,7 @@ impl ImageBoundary {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ct::Voxels;
     use crate::report::deviation::{Figures, compare};
     use crate::report::testing::blurred_cylinder;
 
@@ -373,10 +375,20 @@ mod tests {
         assert!((f.bias_mm.unwrap() - 0.2).abs() < 0.03 && f.p95_mm.unwrap() < 0.3, "{f:?}");
     }
 
+    /// Changes the pixels of the first plane by their places.
+    fn change(volume: &mut Volume, by: impl Fn(Point2, &mut f32)) {
+        let n = volume.dims[0];
+        let mut hu: Vec<f32> = volume.hu.iter().collect();
+        for (at, hu) in hu.iter_mut().enumerate().take(n * volume.dims[1]) {
+            by(volume.stack_from_voxel((at % n) as f64, (at / n) as f64, 0).xy(), hu);
+        }
+        volume.hu = Voxels::new(&hu, n * volume.dims[1]);
+    }
+
     #[test]
     fn where_no_edge_is_nothing_is_found() {
         let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
-        volume.hu.fill(40.0);
+        change(&mut volume, |_, hu| *hu = 40.0);
         let contours = [Contour::circle(Point2::origin(), 3.0, 64)];
         let found = boundary(&volume, 0, &contours, Polarity::Bright);
         assert!(found.n_found == 0 && found.n_points > 0 && found.outline.region.is_empty());
@@ -385,15 +397,11 @@ mod tests {
     #[test]
     fn air_behind_a_thin_layer_of_tissue_is_not_taken_for_the_boundary() {
         let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
-        let n = volume.dims[0];
-        for j in 0..volume.dims[1] {
-            for i in 0..n {
-                let p = volume.stack_from_voxel(i as f64, j as f64, 0);
-                if p.x > 3.7 {
-                    volume.hu[j * n + i] = -800.0;
-                }
+        change(&mut volume, |p, hu| {
+            if p.x > 3.7 {
+                *hu = -800.0;
             }
-        }
+        });
         let (f, found) = bias(&volume, 3.0, Polarity::Bright);
         assert!(found.n_found < found.n_points && f.max_mm.unwrap() < 0.1, "{f:?}");
     }
@@ -401,16 +409,12 @@ mod tests {
     #[test]
     fn a_missing_stretch_is_skipped_and_bridged() {
         let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
-        let n = volume.dims[0];
-        for j in 0..volume.dims[1] {
-            for i in 0..n {
-                let p = volume.stack_from_voxel(i as f64, j as f64, 0);
-                // Something as bright as the lumen lies against it over 40 degrees.
-                if p.x > 0.0 && p.y.atan2(p.x).abs() < 0.35 && p.x < 8.0 {
-                    volume.hu[j * n + i] = 300.0;
-                }
+        change(&mut volume, |p, hu| {
+            // Something as bright as the lumen lies against it over 40 degrees.
+            if p.x > 0.0 && p.y.atan2(p.x).abs() < 0.35 && p.x < 8.0 {
+                *hu = 300.0;
             }
-        }
+        });
         let (f, found) = bias(&volume, 3.0, Polarity::Bright);
         assert!(found.n_found < found.n_points && found.n_found * 10 > found.n_points * 8);
         assert!(f.p95_mm.unwrap() < 0.1, "{f:?}");

@@ -81,7 +81,7 @@ impl Window {
             return Self { black_hu: a.min(b) - beyond, white_hu: a.max(b) + beyond };
         }
         let mut values: Vec<f64> =
-            volume.map_or_else(Vec::new, |v| v.hu.iter().step_by(97).map(|hu| f64::from(*hu)).collect());
+            volume.map_or_else(Vec::new, |v| v.hu.iter().step_by(97).map(f64::from).collect());
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
         if values.is_empty() {

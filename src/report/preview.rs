@@ -53,6 +53,7 @@ pub fn of_contours(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ct::Voxels;
     use crate::geom::{Point2, RigidTransform};
     use crate::sections::PlaneSections;
 
@@ -68,7 +69,7 @@ mod tests {
         };
         let volume = Volume {
             dims: [32, 28, 3],
-            hu: (0..32 * 28 * 3).map(|p| if p % 32 > 12 { 300.0 } else { 0.0 }).collect(),
+            hu: Voxels::new(&[[0.0; 13].as_slice(), &[300.0; 19]].concat().repeat(28 * 3), 32 * 28),
             origin_xy_mm: [0.0; 2],
             pixel_spacing_xy_mm: [0.5; 2],
             plane_z_mm: vec![0.0, 3.0, 6.0],

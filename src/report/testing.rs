@@ -2,7 +2,7 @@
 
 use super::image::Polarity;
 use super::record::{Record, Segment};
-use crate::ct::Volume;
+use crate::ct::{Volume, Voxels};
 use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
 use crate::slice::{Layer, LayerSlot};
@@ -65,10 +65,10 @@ pub(super) fn blurred_cylinder(polarity: Polarity, radius_mm: f64, n_planes: usi
         outer + (inner - outer) * part + noise_hu * 12f64.sqrt() * random()
     };
     #[expect(clippy::cast_possible_truncation, reason = "grey values fit")]
-    let hu = (0..n_planes * n * n).map(|v| value(v % n, v / n % n) as f32).collect();
+    let hu: Vec<f32> = (0..n_planes * n * n).map(|v| value(v % n, v / n % n) as f32).collect();
     Volume {
         dims: [n, n, n_planes],
-        hu,
+        hu: Voxels::new(&hu, n * n),
         origin_xy_mm: [first; 2],
         pixel_spacing_xy_mm: [pixel_mm; 2],
         plane_z_mm: (0..n_planes).map(|k| INTERVAL_MM * k as f64).collect(),

@@ -18,6 +18,7 @@ use super::denoise::Spectrum;
 use super::edge::{Edge, Profile};
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Vector2};
+use std::borrow::Cow;
 
 /// Points per pixel along the contour, samples per pixel along the normals.
 const POINTS_PER_PIXEL: f64 = 2.0;
@@ -42,13 +43,13 @@ const N_ROUNDS: usize = 3;
 /// One plane of the image, ready for smooth sampling; lumen bright.
 pub(super) struct Image<'a> {
     volume: &'a Volume,
-    k: usize,
+    plane: Cow<'a, [f32]>,
     sign: f64,
 }
 
 impl<'a> Image<'a> {
     pub(super) fn new(volume: &'a Volume, k: usize, sign: f64) -> Self {
-        Self { volume, k, sign }
+        Self { volume, plane: volume.plane(k), sign }
     }
 
     /// Side of a square pixel of the same area, mm.
@@ -64,10 +65,9 @@ impl<'a> Image<'a> {
         let [nx, ny, _] = self.volume.dims;
         let (i, wx) = taps((p.x - ox) / sx);
         let (j, wy) = taps((p.y - oy) / sy);
-        let plane = self.volume.plane(self.k);
         let mut sum = 0.0;
         for (o, w) in (-1..).zip(wy) {
-            let row = &plane[pixel(j + o, ny) * nx..][..nx];
+            let row = &self.plane[pixel(j + o, ny) * nx..][..nx];
             let values = neighbours(row, i);
             sum += w * (0..4).map(|c| wx[c] * f64::from(values[c])).sum::<f64>();
         }

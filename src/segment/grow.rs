@@ -84,7 +84,7 @@ impl Slab<'_> {
     pub(super) fn value_range_unless_selected(&self) -> Option<[f64; 2]> {
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         for k in self.planes.clone() {
-            for &hu in self.volume.plane(k) {
+            for &hu in self.volume.plane(k).iter() {
                 let hu = f64::from(hu);
                 if self.in_window(k, hu) {
                     return None;

@@ -10,14 +10,15 @@
 //!
 //! What it does not do: it does not close gaps in a wall.
 //!
-//! Cost: some visits per voxel of the region, plus two bytes per voxel of the planes between the heights.
+//! Cost: some visits per voxel of the region, plus three bits per voxel of the planes between the heights.
 //!
 //! ```
-//! use lumenfab::{ct::Volume, geom::{Point3, RigidTransform}, progress::Task, segment};
+//! use lumenfab::{ct::{Volume, Voxels}, geom::{Point3, RigidTransform}, progress::Task, segment};
 //! let disk = |i: usize, j: usize| if (i as f64 - 16.0).hypot(j as f64 - 16.0) < 6.0 { 300.0 } else { 0.0 };
 //! let plane: Vec<f32> = (0..32 * 32).map(|p| disk(p % 32, p / 32)).collect();
 //! let volume = Volume {
-//!     dims: [32, 32, 3], hu: plane.repeat(3), origin_xy_mm: [0.0, 0.0], pixel_spacing_xy_mm: [0.5, 0.5],
+//!     dims: [32, 32, 3], hu: Voxels::new(&plane.repeat(3), 32 * 32),
+//!     origin_xy_mm: [0.0, 0.0], pixel_spacing_xy_mm: [0.5, 0.5],
 //!     plane_z_mm: vec![0.0, 1.0, 2.0], slab_thickness_mm: 1.0, patient_from_stack: RigidTransform::identity(),
 //! };
 //! let params = segment::Params { seeds_patient_mm: vec![Point3::new(8.0, 8.0, 1.0)], ..Default::default() };

@@ -13,10 +13,9 @@
 use super::error::{Error, Place};
 use super::grow::Voxel;
 use super::{Levels, Polarity};
-use crate::ct::{Volume, Warning};
+use crate::ct::{Volume, Voxels, Warning};
 use crate::geom::{Point3, raster};
 use crate::progress::{Cancelled, Task};
-use rayon::prelude::*;
 
 /// Up to this part of the contrast noise is left alone: one pixel in 30 000 crosses half the contrast.
 const NOISY: f64 = 0.125;
@@ -73,7 +72,7 @@ impl Noise {
         }
         let plane = Volume {
             dims: [volume.dims[0], volume.dims[1], 1],
-            hu: smoothed_plane(volume, k, [CLOSER_PIXELS; 2]),
+            hu: Voxels::new(&smoothed_plane(volume, k, [CLOSER_PIXELS; 2]), volume.dims[0] * volume.dims[1]),
             plane_z_mm: vec![volume.plane_z_mm[k]],
             ..*volume
         };
@@ -118,13 +117,10 @@ impl Noise {
 /// [`Cancelled`].
 pub(super) fn smoothed(volume: &Volume, sigma_mm: f64, task: &Task<'_>) -> Result<Volume, Cancelled> {
     let sigma_pixels = volume.pixel_spacing_xy_mm.map(|p| sigma_mm / p);
-    let mut hu = volume.hu.clone();
-    let plane = |(k, plane): (usize, &mut [f32])| {
+    let (hu, _) = Voxels::by_plane(volume.dims[2], |k| {
         task.check()?;
-        plane.copy_from_slice(&smoothed_plane(volume, k, sigma_pixels));
-        Ok(())
-    };
-    hu.par_chunks_exact_mut(volume.dims[0] * volume.dims[1]).enumerate().try_for_each(plane)?;
+        Ok::<_, Cancelled>((smoothed_plane(volume, k, sigma_pixels), ()))
+    })?;
     Ok(Volume { hu, plane_z_mm: volume.plane_z_mm.clone(), ..*volume })
 }
 
@@ -181,7 +177,9 @@ mod tests {
     #[test]
     fn smoothing_leaves_a_slope_and_gaps_as_they_are() {
         let mut volume = Scene { blur_mm: 1e-3, ..Scene::default() }.volume(|x, _, _| 10.0 * x);
-        volume.hu[30 * 64 + 30] = f32::NAN;
+        let mut hu: Vec<f32> = volume.hu.iter().collect();
+        hu[30 * 64 + 30] = f32::NAN;
+        volume.hu = Voxels::new(&hu, 64 * 56);
         let smooth = smoothed(&volume, 0.5, &Task::quiet()).unwrap();
         assert!(smooth.at(30, 30, 0).is_nan());
         assert!((smooth.at(40, 20, 2) - volume.at(40, 20, 2)).abs() < 1e-3);

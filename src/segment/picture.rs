@@ -41,7 +41,7 @@ fn source(at: u32, of: u32, n: usize) -> usize {
 fn paint(canvas: &mut Pixmap, volume: &Volume, leak: &Leak) {
     let [nx, ny, _] = volume.dims;
     let [_, _, k] = leak.voxel;
-    let grey = greys(volume.plane(k));
+    let grey = greys(&volume.plane(k));
     let (width, height) = (canvas.width(), canvas.height());
     for (at, pixel) in (0..).zip(canvas.pixels_mut()) {
         let (i, j) = (source(at % width, width, nx), source(at / width, height, ny));

@@ -5,7 +5,7 @@
     reason = "intensities are single precision; a kernel has a few samples"
 )]
 
-use crate::ct::Volume;
+use crate::ct::{Volume, Voxels};
 use crate::geom::RigidTransform;
 
 /// Sub-pixels per pixel and direction.
@@ -30,10 +30,10 @@ impl Default for Scene {
 impl Scene {
     /// Renders `level(x, y, k)`, HU at stack coordinates x, y of plane k; pixel (0, 0) is at the origin.
     pub(crate) fn volume(&self, level: impl Fn(f64, f64, usize) -> f64) -> Volume {
-        let hu = (0..self.n[2]).flat_map(|k| self.plane(|x, y| level(x, y, k), k)).collect();
+        let hu: Vec<f32> = (0..self.n[2]).flat_map(|k| self.plane(|x, y| level(x, y, k), k)).collect();
         Volume {
             dims: self.n,
-            hu,
+            hu: Voxels::new(&hu, self.n[0] * self.n[1]),
             origin_xy_mm: [0.0, 0.0],
             pixel_spacing_xy_mm: self.pixel_mm,
             plane_z_mm: (0..self.n[2]).map(|k| self.plane_mm * k as f64).collect(),

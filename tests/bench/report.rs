@@ -1,7 +1,7 @@
 //! The report of a vessel that divides: 46 planes, 690 layers, about 270 000 recorded segments.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lumenfab::ct::Volume;
+use lumenfab::ct::{Volume, Voxels};
 use lumenfab::geom::{Contour, Point2, Point3, Region, RigidTransform, SegmentIndex, Vector3};
 use lumenfab::progress::Task;
 use lumenfab::report::{self, BodyKind, Gate, Image, Inputs, Polarity, Record};
@@ -160,7 +160,7 @@ fn image(sections: &SectionStack) -> Volume {
     }
     Volume {
         dims: [n, n, N_PLANES],
-        hu,
+        hu: Voxels::new(&hu, n * n),
         origin_xy_mm: [first; 2],
         pixel_spacing_xy_mm: [pixel_mm; 2],
         plane_z_mm: sections.plane_z_mm(),

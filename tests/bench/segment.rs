@@ -1,7 +1,7 @@
 //! Region growing and contour extraction on 46 planes of 512 x 512, over the noise.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use lumenfab::ct::Volume;
+use lumenfab::ct::{Volume, Voxels};
 use lumenfab::geom::{Point3, RigidTransform};
 use lumenfab::progress::Task;
 use lumenfab::{sections, segment};
@@ -18,7 +18,7 @@ fn volume(noise_hu: f64) -> Volume {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
     };
-    let mut hu = Vec::with_capacity(N * N * N_PLANES);
+    let mut hu: Vec<f32> = Vec::with_capacity(N * N * N_PLANES);
     for k in 0..N_PLANES {
         let apart = 0.25 * (k as f64 - 20.0).max(0.0);
         for p in 0..N * N {
@@ -32,7 +32,7 @@ fn volume(noise_hu: f64) -> Volume {
     }
     Volume {
         dims: [N, N, N_PLANES],
-        hu,
+        hu: Voxels::new(&hu, N * N),
         origin_xy_mm: [-51.0, -51.0],
         pixel_spacing_xy_mm: [PIXEL_MM, PIXEL_MM],
         plane_z_mm: (0..N_PLANES).map(|k| 3.0 * k as f64).collect(),

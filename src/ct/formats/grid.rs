@@ -7,7 +7,7 @@
 
 use super::Fault;
 use crate::ct::axes::along;
-use crate::ct::{Volume, Warning};
+use crate::ct::{Volume, Voxels, Warning};
 use crate::geom::{Point3, RigidTransform, Vector3};
 
 /// What a grid may miss its right angles by over its whole length, in pixels: silently, and with a warning.
@@ -148,7 +148,7 @@ impl Placed {
         self.turn(&mut hu);
         Volume {
             dims: self.dims,
-            hu,
+            hu: Voxels::new(&hu, self.dims[0] * self.dims[1]),
             origin_xy_mm: self.origin_xy_mm,
             pixel_spacing_xy_mm: self.pixel_spacing_xy_mm,
             plane_z_mm: self.plane_z_mm,

@@ -497,7 +497,7 @@ fn nrrd_skips_lines_first_and_bytes_after_them() {
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 2 3\nencoding: raw\n";
     let first = |skips: &str, data: &[u8]| {
         let bytes = [header.as_bytes(), skips.as_bytes(), b"\n", data].concat();
-        read(&bytes, 0).map(|(_, volume)| volume.hu[0])
+        read(&bytes, 0).map(|(_, volume)| volume.at(0, 0, 0))
     };
     let after_both = b"ab\ncdef\nxyz\x01\x02\x03\x04\x05\x06\x07\x08";
     assert_eq!(first("line skip: 2\nbyte skip: 3\n", after_both), Ok(1.0));

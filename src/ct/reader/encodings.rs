@@ -268,7 +268,7 @@ fn stacks_and_phases_of_one_object_are_series_of_their_own() {
     let planes = |number| load(&path, &SeriesChoice::ByNumber(number), &Task::quiet()).unwrap().volume;
     let (first, second) = (planes(1), planes(2));
     assert_eq!(first, phantom::volume(&params(), &Task::quiet()));
-    assert!(first.hu.iter().zip(&second.hu).all(|(a, b)| a + 100.0 == *b));
+    assert!(first.hu.iter().zip(second.hu.iter()).all(|(a, b)| a + 100.0 == b));
 }
 
 #[test]

@@ -427,7 +427,7 @@ mod tests {
         for inside in ["beside.raw", "./beside.raw", "below/values.raw"] {
             let (_place, header) = place(inside);
             let loaded = reader::load(&header, &SeriesChoice::Only, &Task::quiet()).unwrap();
-            assert_eq!((loaded.volume.hu[0], loaded.n_files), (7.0, 2), "{inside}");
+            assert_eq!((loaded.volume.at(0, 0, 0), loaded.n_files), (7.0, 2), "{inside}");
             let files = image_files(&header).unwrap().unwrap();
             assert_eq!(
                 (&files[0], files[1].ends_with(inside.trim_start_matches("./"))),

@@ -30,7 +30,7 @@ use super::series::{Header, Series, listing};
 use super::stack::{Gaps, Stack, arrange};
 use super::{
     Error, FrameOfReference, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume,
-    Warning,
+    Voxels, Warning,
 };
 use crate::progress::{Cancelled, Task};
 use dicom_object::DefaultDicomObject;
@@ -220,22 +220,18 @@ fn choose<'a>(path: &Path, all: &'a [Series], choice: SeriesChoice) -> Result<&'
 fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volume, Findings), Error> {
     let [columns, rows] = stack.size;
     let dims = [columns, rows, stack.images.len()];
-    let mut hu = zeroed(dims)?;
+    check_size(dims)?;
     let inflated = Inflated::of(stack.images.iter().map(|&i| &series.images[i]), task)?;
     let done = AtomicU64::new(0);
     let n_planes = stack.images.len() as u64;
-    let results: Vec<Result<Findings, Error>> = hu
-        .par_chunks_exact_mut(columns * rows)
-        .enumerate()
-        .map(|(k, plane)| {
-            task.check()?;
-            let findings = read_plane(series, stack, k, &inflated, plane)?;
-            task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
-            Ok(findings)
-        })
-        .collect();
-    // The first error in the order of the planes, whichever thread met one first.
-    let findings = results.into_iter().try_fold(Findings::default(), |sum, f| f.map(|f| sum.and(f)))?;
+    let (hu, findings) = Voxels::by_plane(stack.images.len(), |k| {
+        task.check()?;
+        let mut plane = vec![0.0; columns * rows];
+        let findings = read_plane(series, stack, k, &inflated, &mut plane)?;
+        task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
+        Ok::<_, Error>((plane, findings))
+    })?;
+    let findings = findings.into_iter().fold(Findings::default(), Findings::and);
     drop(inflated);
     compare_duplicates(series, stack, task)?;
     let volume = Volume {
@@ -280,12 +276,10 @@ fn stored_plane(
 }
 
 /// The memory of a volume, asked for in a way that may fail: dimensions come from files.
-fn zeroed(dims: [usize; 3]) -> Result<Vec<f32>, Error> {
+/// Refuses what no memory holds before the first plane is read.
+fn check_size(dims: [usize; 3]) -> Result<(), Error> {
     let n = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(Error::TooLarge { dims })?;
-    let mut hu = Vec::new();
-    hu.try_reserve_exact(n).ok().ok_or(Error::TooLarge { dims })?;
-    hu.resize(n, 0.0);
-    Ok(hu)
+    Vec::<f32>::new().try_reserve_exact(n).map_err(|_| Error::TooLarge { dims })
 }
 
 /// Refuses images at one place that are not the same image.

@@ -471,8 +471,8 @@ fn interruption_stops_the_reading() {
 
 #[test]
 fn volumes_beyond_memory_are_refused() {
-    assert!(matches!(zeroed([usize::MAX, 2, 2]), Err(Error::TooLarge { .. })));
-    assert!(matches!(zeroed([1 << 30, 1 << 30, 1]), Err(Error::TooLarge { .. })));
+    assert!(matches!(check_size([usize::MAX, 2, 2]), Err(Error::TooLarge { .. })));
+    assert!(matches!(check_size([1 << 30, 1 << 30, 1]), Err(Error::TooLarge { .. })));
 }
 
 #[test]
@@ -533,7 +533,7 @@ fn a_compressed_series_is_read() {
     let steps = loaded.volume.plane_z_mm.windows(2).map(|w| w[1] - w[0]);
     assert!(steps.into_iter().all(|s| (s - 2.0).abs() < 1e-6));
     assert_eq!(loaded.volume.slab_thickness_mm, 3.0);
-    let (least, most) = loaded.volume.hu.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+    let (least, most) = loaded.volume.hu.iter().fold((f32::MAX, f32::MIN), |(a, b), v| (a.min(v), b.max(v)));
     assert!((-3100.0..=-900.0).contains(&least) && (500.0..5000.0).contains(&most), "{least} {most}");
 }
 

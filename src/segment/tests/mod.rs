@@ -3,6 +3,7 @@ mod unattended;
 
 use super::testing::Scene;
 use super::*;
+use crate::ct::Voxels;
 use crate::geom::{RigidTransform, Vector3};
 use crate::progress::{CancelToken, Cancelled};
 
@@ -297,7 +298,9 @@ fn a_cancelled_task_stops() {
 fn values_that_are_no_numbers_are_never_lumen() {
     let mut volume = disk(300.0);
     let centre = 28 * 64 + 32;
-    volume.hu[centre] = f32::NAN;
+    let mut hu: Vec<f32> = volume.hu.iter().collect();
+    hu[centre] = f32::NAN;
+    volume.hu = Voxels::new(&hu, volume.dims[0] * volume.dims[1]);
     let found = run(&volume, &params([7.0, 6.0, 1.0])).unwrap();
     assert!(!found.mask.contains(32, 28, 0) && found.mask.contains(32, 28, 1));
 }
