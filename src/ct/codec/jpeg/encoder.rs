@@ -50,10 +50,11 @@ pub(super) fn sequential(samples: &[u16], columns: usize, bits: u8, restart_bloc
     let mut out = head(0xc1, rows, columns, bits);
     segment(&mut out, 0xdb, &[&[0][..], &[1; 64]].concat());
     segment(&mut out, 0xc4, &[&[0, 0, 0, 0, 0, 17], &[0; 11][..], &(0..17).collect::<Vec<u8>>()].concat());
-    // Codes of 8 bits for no zeros or end, and of 16 bits for sixteen zeros.
+    // Codes of 8 bits for no zeros or end, and of 16 bits for some or sixteen zeros.
+    let long = after_zeros();
     let mut counts = [0; 16];
-    (counts[7], counts[15]) = (16, 1);
-    segment(&mut out, 0xc4, &[&[0x10][..], &counts, &(0..16).collect::<Vec<u8>>(), &[0xf0]].concat());
+    (counts[7], counts[15]) = (16, u8::try_from(long.len()).unwrap());
+    segment(&mut out, 0xc4, &[&[0x10][..], &counts, &(0..16).collect::<Vec<u8>>(), &long].concat());
     restart(&mut out, restart_blocks);
     segment(&mut out, 0xda, &[1, 1, 0, 0, 63, 0]);
     let (across, down) = (columns.div_ceil(8), rows.div_ceil(8));
@@ -123,6 +124,12 @@ fn word(n: usize) -> [u8; 2] {
     u16::try_from(n).unwrap().to_be_bytes()
 }
 
+/// What the codes of 16 bits stand for: sixteen zeros; 1 to 15 zeros before a coefficient of 1 to 15 bits.
+fn after_zeros() -> Vec<u8> {
+    let some = (1..16_u8).flat_map(|n_zeros| (1..16_u8).map(move |n_bits| n_zeros << 4 | n_bits));
+    std::iter::once(0xf0).chain(some).collect()
+}
+
 #[derive(Default)]
 struct BitWriter {
     bytes: Vec<u8>,
@@ -161,26 +168,34 @@ impl BitWriter {
         self.put(raw.cast_unsigned(), n_bits);
     }
 
-    /// All coefficients of a block but the first, each without zeros before it, the last zeros by the code for the end.
+    /// All coefficients of a block but the first, the last zeros by the code for the end.
     fn coefficients(&mut self, coefficients: &[i32]) {
-        let n = coefficients.iter().rposition(|&c| c != 0).map_or(0, |i| i + 1);
-        let mut i = 0;
-        while i < n {
-            if coefficients[i..].iter().take_while(|&&c| c == 0).count() >= 16 {
-                self.put(0x1000, 16);
-                i += 16;
+        let mut n_zeros = 0;
+        for &value in coefficients {
+            if value == 0 {
+                n_zeros += 1;
                 continue;
             }
-            // A lone zero cannot be coded by these few codes: it becomes a one, which is within the tolerance.
-            let value = if coefficients[i] == 0 { 1 } else { coefficients[i] };
+            for _ in 0..n_zeros / 16 {
+                self.after_zeros(0xf0);
+            }
             let n_bits = 32 - value.unsigned_abs().leading_zeros();
-            self.put(n_bits, 8);
+            match n_zeros % 16 {
+                0 => self.put(n_bits, 8),
+                n => self.after_zeros(n << 4 | n_bits),
+            }
             self.signed(value, n_bits);
-            i += 1;
+            n_zeros = 0;
         }
-        if n < 63 {
+        if n_zeros > 0 {
             self.put(0, 8);
         }
+    }
+
+    /// One of the long codes.
+    fn after_zeros(&mut self, symbol: u32) {
+        let at = after_zeros().iter().position(|&s| u32::from(s) == symbol).unwrap();
+        self.put(0x1000 + u32::try_from(at).unwrap(), 16);
     }
 
     fn finish(mut self) -> Vec<u8> {
