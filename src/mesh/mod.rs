@@ -31,7 +31,6 @@ mod tessellate;
 mod tests;
 pub mod threemf;
 mod tube;
-mod zip;
 
 pub use bodies::bodies;
 pub use check::{Closedness, closedness};

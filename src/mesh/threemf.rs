@@ -5,12 +5,15 @@
 //! programs that know nothing of it pass over. The archive has no dates and the model no names but those given: the
 //! same mesh gives the same bytes.
 
-use super::zip::Archive;
-use super::{Error, TriMesh, bodies};
+use super::{TriMesh, bodies};
 use crate::geom::Point3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::io::{Cursor, Write as _};
+use zip::result::ZipResult;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipWriter};
 
 const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>
@@ -41,18 +44,31 @@ pub type Colour = [u8; 3];
 
 /// The file's bytes; `colours` has one for each vertex of the mesh, or is empty.
 ///
-/// # Errors
-/// [`Error::TooLarge`] at 4 GiB.
-///
 /// # Panics
 /// Where there are colours, but not one a vertex.
-pub fn to_bytes(mesh: &TriMesh, colours: &[Colour], about: &Description) -> Result<Vec<u8>, Error> {
+#[must_use]
+pub fn to_bytes(mesh: &TriMesh, colours: &[Colour], about: &Description) -> Vec<u8> {
     assert!(colours.is_empty() || colours.len() == mesh.vertices.len(), "one colour a vertex");
-    let mut archive = Archive::default();
-    archive.add("[Content_Types].xml", CONTENT_TYPES.as_bytes())?;
-    archive.add("_rels/.rels", RELATIONSHIPS.as_bytes())?;
-    archive.add(MODEL_PART, model(mesh, colours, about).as_bytes())?;
-    archive.finish()
+    let parts = [
+        ("[Content_Types].xml", CONTENT_TYPES),
+        ("_rels/.rels", RELATIONSHIPS),
+        (MODEL_PART, &model(mesh, colours, about)),
+    ];
+    package(&parts).expect("a vector takes every byte")
+}
+
+/// An archive of the parts that is the same whenever it is written: its date is the earliest that the format knows.
+fn package(parts: &[(&str, &str)]) -> ZipResult<Vec<u8>> {
+    let undated = SimpleFileOptions::default()
+        .compression_method(CompressionMethod::Deflated)
+        .last_modified_time(DateTime::default());
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, contents) in parts {
+        let is_large = u32::try_from(contents.len()).is_err();
+        archive.start_file(*name, undated.large_file(is_large))?;
+        archive.write_all(contents.as_bytes())?;
+    }
+    Ok(archive.finish()?.into_inner())
 }
 
 fn model(mesh: &TriMesh, colours: &[Colour], about: &Description) -> String {
@@ -173,8 +189,8 @@ fn key(p: Point3) -> [u32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::zip;
     use super::*;
+    use std::io::Read;
 
     fn cube(at: f64) -> TriMesh {
         let corner =
@@ -201,8 +217,20 @@ mod tests {
         }
     }
 
+    fn parts_of(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+        let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
+        let n_parts = archive.len();
+        let part = |k| {
+            let mut part = archive.by_index(k).unwrap();
+            let mut contents = Vec::new();
+            part.read_to_end(&mut contents).unwrap();
+            (part.name().unwrap().into_owned(), contents)
+        };
+        (0..n_parts).map(part).collect()
+    }
+
     fn model_of(bytes: &[u8]) -> String {
-        let parts = zip::entries(bytes);
+        let parts = parts_of(bytes);
         let names: Vec<&str> = parts.iter().map(|p| p.0.as_str()).collect();
         assert_eq!(names, ["[Content_Types].xml", "_rels/.rels", MODEL_PART]);
         String::from_utf8(parts[2].1.clone()).unwrap()
@@ -221,7 +249,7 @@ mod tests {
     #[test]
     fn bodies_are_objects_with_their_vertices_and_triangles_read_back() {
         let mesh = two_cubes().in_single_precision();
-        let model = model_of(&to_bytes(&mesh, &[], &about()).unwrap());
+        let model = model_of(&to_bytes(&mesh, &[], &about()));
         assert!(model.contains("<model unit=\"millimeter\""));
         assert_eq!(values(&model, "object", "id"), values(&model, "item", "objectid"));
         assert_eq!(values(&model, "object", "name"), ["wall 1", "wall 2"]);
@@ -241,7 +269,7 @@ mod tests {
 
     #[test]
     fn the_model_tells_its_program_and_facts_and_nothing_of_when() {
-        let bytes = to_bytes(&cube(0.0), &[], &about()).unwrap();
+        let bytes = to_bytes(&cube(0.0), &[], &about());
         let model = model_of(&bytes);
         let application =
             format!("<metadata name=\"Application\">lumenfab {}</metadata>", env!("CARGO_PKG_VERSION"));
@@ -249,14 +277,14 @@ mod tests {
         assert!(model.contains("<metadata name=\"lumenfab:DeflectionMm\">0.01</metadata>"));
         assert!(model.contains("<metadata name=\"lumenfab:Skin\">a&lt;b&amp;c</metadata>"));
         assert!(!model.contains("Date") && !model.contains("colorgroup"));
-        assert_eq!(bytes, to_bytes(&cube(0.0), &[], &about()).unwrap());
+        assert_eq!(bytes, to_bytes(&cube(0.0), &[], &about()));
     }
 
     #[test]
     fn colours_of_vertices_are_named_by_the_triangles() {
         let mesh = cube(0.0);
         let colours: Vec<Colour> = (0..8).map(|i| if i < 4 { [255, 0, 16] } else { [1, 2, 3] }).collect();
-        let model = model_of(&to_bytes(&mesh, &colours, &about()).unwrap());
+        let model = model_of(&to_bytes(&mesh, &colours, &about()));
         assert_eq!(values(&model, "m:color", "color"), ["#010203", "#FF0010"]);
         // The bottom, the top, the front's first triangle.
         assert_eq!(values(&model, "triangle", "p3")[..5], ["1", "1", "0", "0", "0"]);

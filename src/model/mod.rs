@@ -10,12 +10,12 @@
 //!
 //! Cost: O(n log n), by parallel sorting.
 
+mod package;
 mod seams;
 pub mod stl;
 pub mod threemf;
-mod zip;
 
-pub use zip::ZipError;
+pub use package::PackageError;
 
 use crate::ct::Warning;
 use crate::geom::Point3;

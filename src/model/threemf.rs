@@ -8,7 +8,7 @@
 //! model says it needs.
 
 use super::Facet;
-use super::zip::{self, ZipError};
+use super::package::{self, PackageError};
 use quick_xml::events::{BytesStart, Event};
 use std::collections::BTreeMap;
 
@@ -29,7 +29,7 @@ const HARMLESS: [&str; 3] =
 pub enum ThreeMfError {
     /// The package.
     #[error("it is no 3MF: {0}: export the model again")]
-    Package(#[from] ZipError),
+    Package(#[from] PackageError),
     /// A part is missing.
     #[error("it is no 3MF: the package holds no {0}: export the model again")]
     Missing(&'static str),
@@ -95,9 +95,9 @@ pub fn is_package(bytes: &[u8]) -> bool {
 /// [`ThreeMfError`].
 pub fn read(bytes: &[u8]) -> Result<Vec<Facet>, ThreeMfError> {
     let relationships =
-        zip::part(bytes, RELATIONSHIPS)?.ok_or(ThreeMfError::Missing("relationships (_rels/.rels)"))?;
+        package::part(bytes, RELATIONSHIPS)?.ok_or(ThreeMfError::Missing("relationships (_rels/.rels)"))?;
     let path = model_path(&relationships)?.ok_or(ThreeMfError::Missing("relationship to a 3D model"))?;
-    let part = zip::part(bytes, &path)?.ok_or(ThreeMfError::Missing("3D model"))?;
+    let part = package::part(bytes, &path)?.ok_or(ThreeMfError::Missing("3D model"))?;
     let document = Document::of(&part)?;
     let mut built = Built::default();
     let scaled = Transform::scaled(document.unit_mm);

@@ -305,7 +305,7 @@ fn mesh_files<'w>(
     }
     if let Some(path) = &wanted.three_mf {
         let colours = colours(made, wanted.colouring);
-        files.push((path, mesh::threemf::to_bytes(&made.mesh, &colours, &about)?));
+        files.push((path, mesh::threemf::to_bytes(&made.mesh, &colours, &about)));
     }
     Ok(files)
 }

@@ -2,47 +2,40 @@ use super::*;
 use crate::mesh::threemf::{Description, to_bytes};
 use crate::model::Model;
 use crate::model::testing::cuboid;
+use std::io::{Cursor, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// A package of parts that are stored as they are.
 fn package(parts: &[(&str, &str)]) -> Vec<u8> {
-    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
+    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    packed(parts, stored)
+}
+
+fn packed(parts: &[(&str, &str)], how: SimpleFileOptions) -> Vec<u8> {
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, contents) in parts {
-        let offset = u32::try_from(bytes.len()).unwrap();
-        let mut crc = flate2::Crc::new();
-        crc.update(contents.as_bytes());
-        let length = u32::try_from(contents.len()).unwrap();
-        let mut header: Vec<u8> = [20u16, 0, 0, 0, 0x21].iter().flat_map(|f| f.to_le_bytes()).collect();
-        header.extend([crc.sum(), length, length].iter().flat_map(|f| f.to_le_bytes()));
-        header.extend(u16::try_from(name.len()).unwrap().to_le_bytes());
-        header.extend([0, 0]);
-        bytes.extend(b"PK\x03\x04");
-        bytes.extend(&header);
-        bytes.extend(name.bytes().chain(contents.bytes()));
-        directory.extend(b"PK\x01\x02\x14\x00");
-        directory.extend(&header);
-        directory.extend([0; 10]);
-        directory.extend(offset.to_le_bytes());
-        directory.extend(name.bytes());
+        archive.start_file(*name, how).unwrap();
+        archive.write_all(contents.as_bytes()).unwrap();
     }
-    let n = u16::try_from(parts.len()).unwrap();
-    let sizes = [directory.len(), bytes.len()].map(|n| u32::try_from(n).unwrap().to_le_bytes());
-    bytes.extend(&directory);
-    bytes.extend(b"PK\x05\x06\x00\x00\x00\x00");
-    bytes.extend([n.to_le_bytes(), n.to_le_bytes()].concat());
-    bytes.extend(sizes.concat());
-    bytes.extend([0, 0]);
-    bytes
+    archive.finish().unwrap().into_inner()
 }
 
 const RELS: &str = r#"<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Id="a" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" Target="/3D/a.model"/></Relationships>"#;
 
-/// A package whose model has this unit, these objects and build items.
-fn model(unit: &str, resources: &str, items: &str) -> Vec<u8> {
-    let text = format!(
+/// A model in this unit, of these objects and build items.
+fn text(unit: &str, resources: &str, items: &str) -> String {
+    format!(
         r#"<?xml version="1.0"?><model unit="{unit}" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>{resources}</resources><build>{items}</build></model>"#
-    );
-    package(&[("_rels/.rels", RELS), ("3D/a.model", &text)])
+    )
 }
+
+/// A package of such a model.
+fn model(unit: &str, resources: &str, items: &str) -> Vec<u8> {
+    package(&[("_rels/.rels", RELS), ("3D/a.model", &text(unit, resources, items))])
+}
+
+const ITEM: &str = r#"<item objectid="1"/>"#;
 
 const CORNER: &str = r#"<object id="1" type="model"><mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/><vertex x="0" y="0" z="1"/></vertices><triangles><triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3"/><triangle v1="1" v2="2" v3="3"/><triangle v1="0" v2="3" v3="2"/></triangles></mesh></object>"#;
 
@@ -55,9 +48,29 @@ fn volume_mm3(bytes: &[u8]) -> f64 {
 #[test]
 fn what_is_written_is_read_again() {
     let model = Model::of(&cuboid([1.5, 2.0, 3.25])).unwrap();
-    let bytes = to_bytes(&model.mesh, &[], &Description::default()).unwrap();
+    let bytes = to_bytes(&model.mesh, &[], &Description::default());
     assert!(is_package(&bytes));
     assert_eq!(Model::of(&read(&bytes).unwrap()).unwrap(), model);
+}
+
+#[test]
+fn packages_of_the_large_kind_and_names_in_other_letters_are_read() {
+    let text = text("millimeter", CORNER, ITEM);
+    for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
+        // What lib3mf writes, however small it is.
+        let large = SimpleFileOptions::default().compression_method(method).large_file(true);
+        let bytes = packed(&[("_RELS/.rels", RELS), ("3d/A.model", &text)], large);
+        assert_eq!(read(&bytes).unwrap().len(), 4);
+    }
+}
+
+#[test]
+fn a_small_file_asks_for_no_memory() {
+    let air = " ".repeat(3 << 20);
+    let deflated = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+    let bytes = packed(&[("_rels/.rels", RELS), ("3D/a.model", &air)], deflated);
+    let refused = read(&bytes).unwrap_err().to_string();
+    assert!(refused.contains("claims 3145728 bytes from"), "{refused}");
 }
 
 #[test]
@@ -121,7 +134,7 @@ fn each_fault_is_named_with_what_was_found() {
     let at = damaged.windows(6).position(|w| w == b"vertex").unwrap();
     damaged[at] = b'w';
     for (bytes, expected) in [
-        (b"PK\x03\x04 and nothing more".to_vec(), "no ZIP archive, or its end is missing"),
+        (b"PK\x03\x04 and nothing more".to_vec(), "no ZIP archive, or a damaged one"),
         (package(&[("a", "b")]), "no relationships"),
         (package(&[("_rels/.rels", RELS)]), "no 3D model"),
         (damaged, "the archive is damaged"),
@@ -145,8 +158,8 @@ fn each_fault_is_named_with_what_was_found() {
 }
 
 #[test]
-fn no_bytes_make_it_panic() {
-    let good = model("millimeter", CORNER, r#"<item objectid="1"/>"#);
+fn no_package_makes_it_panic() {
+    let good = model("millimeter", CORNER, ITEM);
     for at in 0..good.len() {
         for bits in [0x01, 0x80, 0xff] {
             let mut bad = good.clone();
@@ -155,4 +168,21 @@ fn no_bytes_make_it_panic() {
         }
         drop(read(&good[..at]));
     }
+}
+
+/// Packed anew after each damage: a checksum keeps damaged packages from being looked into.
+#[test]
+fn no_model_makes_it_panic() {
+    let good = text("millimeter", CORNER, ITEM);
+    let mut n_read = 0;
+    for at in 0..good.len() {
+        for byte in *b"0<\"/>& -" {
+            let mut bad = good.clone().into_bytes();
+            bad[at] = byte;
+            let bad = String::from_utf8(bad).unwrap();
+            n_read += usize::from(read(&package(&[("_rels/.rels", RELS), ("3D/a.model", &bad)])).is_ok());
+        }
+    }
+    // Some damages are none: a digit for another.
+    assert!((1..good.len() * 8).contains(&n_read), "{n_read}");
 }
