@@ -2,7 +2,8 @@
 //!
 //! - Junction deviation: the speed at which a circle that leaves the corner by the deviation could be driven at the
 //!   acceleration limit, v² = a d s / (1 - s), s the sine of half the angle between the two moves (S. K. Jeon, Improving
-//!   Grbl: Cornering Algorithm, 2011). Filament counts as a fourth axis.
+//!   Grbl: Cornering Algorithm, 2011). Filament counts as a fourth axis. Marlin takes a short move that turns by less than an
+//!   eighth of a circle for a piece of an arc, whose radius is its length over the turn, and lets no axis feel more than its own limit.
 //! - Jerk: no axis changes its speed by more than so much at once. Marlin 1 begins and ends runs with such a jump and
 //!   counts the larger of two speeds where an axis turns back; Repetier measures x and y together and begins at half.
 //! - Square corner (Klipper): a junction deviation for which a right angle is taken at the given speed; in space alone, and
@@ -20,18 +21,36 @@ const STRAIGHT: f64 = 0.999_999_7;
 /// A firmware's rule with the machine's numbers.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Rule {
-    Deviation { mm: f64 },
-    Jerk { mm_s: [f64; 4], dialect: Dialect },
-    SquareCorner { mm_s: f64 },
+    /// `marlin` has the axes' accelerations where the firmware is Marlin, mm/s².
+    Deviation {
+        mm: f64,
+        marlin: Option<[f64; 4]>,
+    },
+    Jerk {
+        mm_s: [f64; 4],
+        dialect: Dialect,
+    },
+    /// `acceleration` is the machine's, mm/s²: the speed is one at that.
+    SquareCorner {
+        mm_s: f64,
+        acceleration: f64,
+    },
 }
 
 impl Rule {
     pub(super) fn of(profile: &Profile) -> Self {
         let machine = &profile.machine;
         match machine.cornering {
-            Cornering::JunctionDeviation => Self::Deviation { mm: machine.junction_deviation_mm },
+            Cornering::JunctionDeviation => {
+                let is_marlin = profile.firmware.dialect == Dialect::Marlin;
+                let marlin = is_marlin.then_some(machine.max_acceleration_mm_s2);
+                Self::Deviation { mm: machine.junction_deviation_mm, marlin }
+            }
             Cornering::Jerk => Self::Jerk { mm_s: machine.jerk_mm_s, dialect: profile.firmware.dialect },
-            Cornering::SquareCorner => Self::SquareCorner { mm_s: machine.square_corner_mm_s },
+            Cornering::SquareCorner => Self::SquareCorner {
+                mm_s: machine.square_corner_mm_s,
+                acceleration: machine.print_acceleration_mm_s2,
+            },
         }
     }
 
@@ -51,9 +70,10 @@ impl Rule {
     pub(super) fn speed2(self, a: &Block, b: &Block) -> f64 {
         let slower = a.speed.min(b.speed);
         let limit2 = match self {
-            Self::Deviation { mm } => deviation_speed2(a, b, mm),
+            Self::Deviation { mm, marlin: None } => deviation_speed2(a, b, mm, b.acceleration),
+            Self::Deviation { mm, marlin: Some(most) } => marlin_speed2(a, b, mm, most),
             Self::Jerk { mm_s, dialect } => jump_speed(a.direction, b.direction, mm_s, dialect).powi(2),
-            Self::SquareCorner { mm_s } => square_corner_speed2(a, b, mm_s),
+            Self::SquareCorner { mm_s, acceleration } => square_corner_speed2(a, b, mm_s, acceleration),
         };
         limit2.min(slower * slower)
     }
@@ -67,13 +87,31 @@ fn along<const N: usize>(a: &Block, b: &Block) -> f64 {
     if norm > 0.0 { dot(u, v) / norm } else { 0.0 }
 }
 
-fn deviation_speed2(a: &Block, b: &Block, mm: f64) -> f64 {
+/// Marlin's turns of less than this, rad, are arcs, where the move is shorter than so much.
+const ARC_TURN: f64 = std::f64::consts::FRAC_PI_4;
+const ARC_LENGTH_MM: f64 = 1.0;
+
+fn marlin_speed2(a: &Block, b: &Block, mm: f64, most: [f64; 4]) -> f64 {
+    let change = [0, 1, 2, 3].map(|i| b.direction[i] - a.direction[i]);
+    let norm = change.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let felt = |(c, most): (&f64, f64)| if c.abs() > 1e-12 { most * norm / c.abs() } else { f64::INFINITY };
+    let acceleration = change.iter().zip(most).map(felt).fold(b.acceleration, f64::min);
+    let limit2 = deviation_speed2(a, b, mm, acceleration);
+    let turn = along::<4>(a, b).clamp(-1.0, 1.0).acos();
+    if b.length < ARC_LENGTH_MM && turn > 0.0 && turn < ARC_TURN {
+        limit2.min(acceleration * b.length / turn)
+    } else {
+        limit2
+    }
+}
+
+fn deviation_speed2(a: &Block, b: &Block, mm: f64, acceleration: f64) -> f64 {
     let along = along::<4>(a, b);
     if along < -0.999_999 {
         return 0.0;
     }
     let sine = (0.5 * (1.0 + along)).max(0.0).sqrt();
-    if sine > STRAIGHT { f64::INFINITY } else { b.acceleration * mm * sine / (1.0 - sine) }
+    if sine > STRAIGHT { f64::INFINITY } else { acceleration * mm * sine / (1.0 - sine) }
 }
 
 /// The speed along both directions at which no axis changes its own by more than it may.
@@ -91,7 +129,7 @@ fn jump_speed(a: [f64; 4], b: [f64; 4], mm_s: [f64; 4], dialect: Dialect) -> f64
     (0..4).map(limit).fold(f64::INFINITY, f64::min)
 }
 
-fn square_corner_speed2(a: &Block, b: &Block, mm_s: f64) -> f64 {
+fn square_corner_speed2(a: &Block, b: &Block, mm_s: f64, acceleration: f64) -> f64 {
     let moves = |block: &Block| block.direction[..3] != [0.0; 3];
     let along = along::<3>(a, b);
     if !moves(a) || !moves(b) || along < -0.999_999 {
@@ -99,8 +137,8 @@ fn square_corner_speed2(a: &Block, b: &Block, mm_s: f64) -> f64 {
     }
     let sine = (0.5 * (1.0 + along.min(0.999_999))).sqrt();
     let tangent = sine / (0.5 * (1.0 - along.min(0.999_999))).sqrt();
-    // The deviation times the acceleration: the block's own acceleration falls out.
-    let round = sine / (1.0 - sine) * mm_s * mm_s * (SQRT_2 - 1.0);
+    let deviation_mm = mm_s * mm_s * (SQRT_2 - 1.0) / acceleration;
+    let round = sine / (1.0 - sine) * deviation_mm * a.acceleration.min(b.acceleration);
     let halves = |block: &Block| 0.5 * block.length * tangent * block.acceleration;
     let step = (b.direction[3] - a.direction[3]).abs().max(1e-12);
     round.min(halves(a)).min(halves(b)).min((EXTRUDER_STEP_MM_S / step).powi(2))
@@ -128,7 +166,9 @@ mod tests {
         assert!((speed(jerk(Dialect::Marlin1), EAST, NORTH) - 8.0).abs() < 1e-9);
         assert!((speed(jerk(Dialect::RepRapFirmware), EAST, NORTH) - 8.0).abs() < 1e-9);
         assert!((speed(jerk(Dialect::Repetier), EAST, NORTH) - 8.0 / SQRT_2).abs() < 1e-9);
-        assert!((speed(Rule::SquareCorner { mm_s: 5.0 }, EAST, NORTH) - 5.0).abs() < 1e-9);
+        assert!(
+            (speed(Rule::SquareCorner { mm_s: 5.0, acceleration: 1000.0 }, EAST, NORTH) - 5.0).abs() < 1e-9
+        );
     }
 
     #[test]
@@ -136,16 +176,34 @@ mod tests {
         let jerk = |dialect| Rule::Jerk { mm_s: [8.0, 8.0, 0.3, 5.0], dialect };
         assert!((speed(jerk(Dialect::Marlin1), EAST, WEST) - 8.0).abs() < 1e-9);
         assert!((speed(jerk(Dialect::RepRapFirmware), EAST, WEST) - 4.0).abs() < 1e-9);
-        assert!(speed(Rule::SquareCorner { mm_s: 5.0 }, EAST, WEST) < 1e-9);
-        assert!(speed(Rule::Deviation { mm: 0.013 }, EAST, WEST) < 1e-9);
+        assert!(speed(Rule::SquareCorner { mm_s: 5.0, acceleration: 1000.0 }, EAST, WEST) < 1e-9);
+        assert!(speed(Rule::Deviation { mm: 0.013, marlin: None }, EAST, WEST) < 1e-9);
+    }
+
+    #[test]
+    fn marlin_drives_short_moves_as_pieces_of_an_arc() {
+        let rule = Rule::Deviation { mm: 0.013, marlin: Some([3000.0, 3000.0, 100.0, 5000.0]) };
+        // A circle of radius 2 mm in pieces of 0.1 mm: the speed at which it is felt as the acceleration.
+        let turn = 0.05_f64;
+        let piece = |at: f64| Block { length: 0.1, ..block([at.cos(), at.sin(), 0.0, 0.0]) };
+        assert!((rule.speed2(&piece(0.0), &piece(turn)).sqrt() - (1000.0 * 2.0_f64).sqrt()).abs() < 1e-6);
+        // Longer ones by the deviation alone.
+        let long = |at: f64| Block { length: 2.0, ..piece(at) };
+        let sine = (0.5 * (1.0 + turn.cos())).sqrt();
+        let expected = (1000.0 * 0.013 * sine / (1.0 - sine)).sqrt().min(100.0);
+        assert!((rule.speed2(&long(0.0), &long(turn)).sqrt() - expected).abs() < 1e-6);
+        // Up from a level move: the z axis feels the corner.
+        let up = rule.speed2(&block(EAST), &block([0.0, 0.0, 1.0, 0.0]));
+        let half = 0.5_f64.sqrt();
+        assert!((up - 100.0 / half * 0.013 * half / (1.0 - half)).abs() < 1e-9);
     }
 
     #[test]
     fn straight_on_is_taken_at_full_speed_by_all() {
         for rule in [
-            Rule::Deviation { mm: 0.013 },
+            Rule::Deviation { mm: 0.013, marlin: None },
             Rule::Jerk { mm_s: [8.0; 4], dialect: Dialect::Repetier },
-            Rule::SquareCorner { mm_s: 5.0 },
+            Rule::SquareCorner { mm_s: 5.0, acceleration: 1000.0 },
         ] {
             assert!((speed(rule, EAST, EAST) - 100.0).abs() < 1e-9, "{rule:?}");
         }

@@ -10,6 +10,7 @@
 mod arc;
 mod corner;
 mod heat;
+mod smooth;
 
 use crate::gcode::reader::{self, Command};
 use crate::gcode::{Mark, Timing};
@@ -190,8 +191,7 @@ impl<'a> Machine<'a> {
                 self.pause(seconds.max(0.0));
             }
             ('G', 28) => self.home(c),
-            // As in Marlin, both also set how E is meant.
-            ('G', 90 | 91) => (self.absolute_xyz, self.absolute_e) = (c.code == 90, c.code == 90),
+            ('G', 90 | 91) => self.set_absolute(c.code == 90),
             ('G', 92) => {
                 for (i, axis) in AXES.into_iter().enumerate() {
                     self.at[i] = c.value(axis).unwrap_or(self.at[i]);
@@ -205,6 +205,23 @@ impl<'a> Machine<'a> {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Marlin and Smoothieware take both words for filament too, the others have words of its own for that.
+    fn set_absolute(&mut self, absolute: bool) {
+        self.absolute_xyz = absolute;
+        if matches!(self.profile.firmware.dialect, Dialect::Marlin | Dialect::Smoothie) {
+            self.absolute_e = absolute;
+        }
+    }
+
+    /// Marlin 1 moves filament by steps where either word says so.
+    fn is_absolute(&self, axis: usize) -> bool {
+        let is_marlin1 = self.profile.firmware.dialect == Dialect::Marlin1;
+        match axis {
+            3 => self.absolute_e && (self.absolute_xyz || !is_marlin1),
+            _ => self.absolute_xyz,
+        }
     }
 
     fn pause(&mut self, seconds: f64) {
@@ -230,8 +247,7 @@ impl<'a> Machine<'a> {
         let mut way = [0.0; 4];
         for (i, axis) in AXES.into_iter().enumerate() {
             let Some(value) = c.value(axis) else { continue };
-            let absolute = if i == 3 { self.absolute_e } else { self.absolute_xyz };
-            way[i] = if absolute { value - self.at[i] } else { value };
+            way[i] = if self.is_absolute(i) { value - self.at[i] } else { value };
         }
         way
     }
@@ -364,6 +380,9 @@ impl Clock {
 /// Duration of each block of a run that begins and ends at rest, s.
 fn durations(blocks: &[Block], profile: &Profile) -> Vec<f64> {
     let rule = corner::Rule::of(profile);
+    if let corner::Rule::SquareCorner { acceleration, .. } = rule {
+        return smooth::durations(blocks, rule, acceleration);
+    }
     // Square of the highest speed at which each block may begin.
     let junctions: Vec<f64> = (0..blocks.len())
         .map(|i| if i == 0 { rule.rest2(&blocks[0]) } else { rule.speed2(&blocks[i - 1], &blocks[i]) })
@@ -453,6 +472,28 @@ mod tests {
             (100.0 - corner) / 2000.0 + (20.0 - ramps) / 50.0
         };
         assert!((total_s("G0 X20 F3000\nG0 Y20") - 2.0 * half).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_g90_and_g91_say_of_filament_is_each_firmware_s_own() {
+        let used = |name: &str, text: &str| {
+            let profile = profile::builtin(name).unwrap();
+            estimate(text, &profile, &Task::quiet()).unwrap().filament_mm
+        };
+        // By steps; then G90; two equal words are two steps or none.
+        let steps = "M83\nG90\nG1 E1 F600\nG1 E1";
+        let absolute = "M82\nG92 E0\nG91\nG1 E1 F600\nG1 E1";
+        for (name, of_steps, of_absolute) in [
+            ("marlin", 1.0, 2.0),
+            ("marlin1", 2.0, 2.0),
+            ("klipper", 2.0, 1.0),
+            ("repetier", 2.0, 1.0),
+            ("reprapfirmware", 2.0, 1.0),
+            ("smoothie", 1.0, 2.0),
+        ] {
+            assert!((used(name, steps) - of_steps).abs() < 1e-12, "{name}");
+            assert!((used(name, absolute) - of_absolute).abs() < 1e-12, "{name}");
+        }
     }
 
     #[test]
