@@ -320,7 +320,7 @@ fn a_volume_that_is_not_there_is_refused_by_its_number() {
     let text = with_file(&nifti(), load, |loaded| loaded.map(|_| ()).unwrap_err().to_string());
     assert_eq!(
         text,
-        "there is no series number 2 (1: unknown, 2 planes of 4 x 3 pixels of 0.5000 x 0.7500 mm): choose one of these numbers"
+        "there is no series number 2 (1: unknown, 2 planes of 4 x 3 pixels of 0.5000 x 0.7500 mm): choose one of these with --series N"
     );
 }
 

@@ -270,6 +270,11 @@ fn the_whole_way_tells_nothing() {
         0,
         &["segment", "--ct", &ct, "--series", SERIES_UID, &place.seed, "--out", "by-uid", "--json"],
     );
+    place.says_nothing(
+        1,
+        &["segment", "--ct", &ct, &place.seed, "--window-hu=-2000,6000", "--out", "leaking", "--json"],
+    );
+    assert!(place.dir.path().join("leaking/leak.png").is_file());
     let case = fs::read_to_string(place.dir.path().join("by-uid/case.toml")).unwrap();
     assert!(case.contains("series = 1"), "{case}");
     let n_written = place.written().len();

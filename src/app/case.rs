@@ -6,7 +6,9 @@
 //! | `stages.toml` | every stage | the hashes (BLAKE3) of what each stage was made from and of what it made |
 //! | `volume.bin` | segment | the CT around the lumen, for the report's pictures ([`super::volume_file`]) |
 //! | `segmentation.json` | segment | window, polarity and planes that the lumen was found with |
+//! | `leak.png` | segment | where the region left the vessel, instead of all others of segment |
 //! | `sections.json` | segment | contours per CT plane |
+//! | `planes/` | solid | pictures of the planes, where their contours make no solid |
 //! | `solid.bin` | solid | what the solid consists of ([`super::packed`]) |
 //! | `topology.json` | solid | which contour continues which, and why |
 //! | `wall.json` | solid | how thick the wall is, as built; `null` for a cast |
@@ -16,8 +18,8 @@
 //!
 //! A stage writes into a hidden directory beside its outputs; when it is through, these are flushed to the disk and
 //! renamed into place, and only then `stages.toml` says so. A new case is put together beside its place and
-//! renamed there with its first stage done: a first stage that fails leaves nothing behind. One process works on a
-//! case at a time (a lock on `stages.lock`).
+//! renamed there with its first stage done: a first stage that fails leaves nothing behind, unless the region leaked, which is
+//! to be corrected in `case.toml`. One process works on a case at a time (a lock on `stages.lock`).
 
 use super::atomic::{self, FileError, failed};
 use super::event::Stage;
@@ -219,8 +221,20 @@ pub struct Case {
     lock: Option<File>,
 }
 
+/// A stage that could not be done.
+#[derive(Debug, Clone, Copy)]
+pub struct Refused<'a> {
+    /// The stage.
+    pub stage: Stage,
+    /// What it would have been made from.
+    pub made_from: &'a MadeFrom,
+}
+
+/// What a stage's parameters are called among what it was made from.
+pub(crate) const PARAMETERS: &str = "parameters";
+
 impl Case {
-    /// A case that does not exist yet: nothing is written before its first stage is done.
+    /// A case that does not exist yet: nothing is written before its first stage is done, or refused with something to look at.
     ///
     /// # Errors
     /// [`CaseError::Occupied`] where something else is in its place.
@@ -396,14 +410,23 @@ impl Case {
     }
 
     /// Keeps a picture of why a stage could not be done; a case that does not exist yet comes into being, so that the
-    /// operator has a `case.toml` to correct.
+    /// operator has a `case.toml` to correct. It keeps what it was started from, without which no other one would be refused;
+    /// the parameters are left out: the stage stays to be done.
     ///
     /// # Errors
     /// [`FileError`] where a disk is full or a directory cannot be written.
-    pub fn keep_refused(&mut self, name: &str, picture: &[u8]) -> Result<(), CaseError> {
+    pub fn keep_refused(
+        &mut self,
+        name: &str,
+        picture: &[u8],
+        refused: Refused<'_>,
+    ) -> Result<(), CaseError> {
         let base = self.base()?.to_owned();
         atomic::write(&base.join(name), picture)?;
         if self.draft.is_some() {
+            let made_from = refused.made_from.iter().filter(|(name, _)| **name != PARAMETERS);
+            let made_from = made_from.map(|(name, hash)| ((*name).to_owned(), hash.clone())).collect();
+            self.manifest.insert(refused.stage, Record { made_from, made: BTreeMap::new() });
             self.write_settings(&base)?;
             self.has_new_settings = false;
             self.write_manifest(&base)?;

@@ -155,7 +155,7 @@ impl<'a> Session<'a> {
         if is_other { Err(CaseError::OtherSource(self.case.dir().to_owned()).into()) } else { Ok(()) }
     }
 
-    /// Starts a case at `dir`; nothing is written before its first stage is done.
+    /// Starts a case at `dir`; nothing is written before its first stage is done, or refused with something to look at.
     ///
     /// # Errors
     /// [`Error`] where something else is in its place, or a parameter is missing or cannot be used.

@@ -282,13 +282,13 @@ impl Error {
                 name(path)
             ),
             Self::SeveralSeries { n, listing } => format!(
-                "{n} series in the folder ({listing}): choose one by its number, or give each its own folder"
+                "{n} series in the folder ({listing}): choose one with --series N or its SeriesInstanceUID, or give each its own folder"
             ),
             Self::NoSuchSeries { number, listing } => {
-                format!("there is no series number {number} ({listing}): choose one of these numbers")
+                format!("there is no series number {number} ({listing}): choose one of these with --series N")
             }
             Self::NoSeriesOfUid { listing } => format!(
-                "no series of the folder has the given SeriesInstanceUID ({listing}): choose one of these by its number"
+                "no series of the folder has the given SeriesInstanceUID ({listing}): choose one of these with --series N"
             ),
             Self::SeriesGone { number, listing } => format!(
                 "the folder no longer holds the series that the case was made from (it was number {number}; now: {listing}): start a new case with another --out"

@@ -202,6 +202,13 @@ impl Volume {
         self.hu.plane(k)
     }
 
+    /// Side of a square pixel of the same area, mm.
+    #[must_use]
+    pub fn pixel_mm(&self) -> f64 {
+        let [x, y] = self.pixel_spacing_xy_mm;
+        (x * y).sqrt()
+    }
+
     /// Stack coordinates of the centre of voxel (i, j, k), mm; columns and rows may be broken numbers and lie outside.
     ///
     /// # Panics

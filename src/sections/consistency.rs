@@ -282,10 +282,11 @@ fn resolve_plane(
         bridge(plane, here, &group, pixel_area_mm2, warnings);
         return true;
     }
-    let doubtful = here
-        .iter()
-        .find(|o| plane.loops[o.at].origin == Origin::Image && two_one_two(o, &links[k - 1], &links[k + 1]));
-    doubtful.is_some_and(|o| split(plane, o, pixel_area_mm2, warnings))
+    let is_doubtful = |o: &&Outer| {
+        plane.loops[o.at].origin == Origin::Image && two_one_two(o, &links[k - 1], &links[k + 1])
+    };
+    let doubtful: Vec<&Outer> = here.iter().filter(is_doubtful).collect();
+    doubtful.into_iter().any(|o| split(plane, o, pixel_area_mm2, warnings))
 }
 
 fn places(outers: &[&Outer]) -> Vec<usize> {

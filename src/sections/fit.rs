@@ -139,8 +139,7 @@ impl<'a> Stack<'a> {
     /// `None` where no contour shows an edge.
     fn half_levels(&self) -> Result<Option<HalfLevels>, Cancelled> {
         let edges = self.over(self.planes, [10, 40], |plane| plane_edges(plane, &self.image(plane)))?;
-        let pixel_mm = self.planes.first().map_or(0.0, |p| self.image(p).pixel_mm());
-        Ok(HalfLevels::of(&edges, pixel_mm))
+        Ok(HalfLevels::of(&edges, self.volume.pixel_mm()))
     }
 
     /// Runs `work` over all jobs in parallel; the order of the results is that of the jobs.
@@ -171,8 +170,7 @@ impl<'a> Stack<'a> {
         if are_simple(&fitted) {
             return Fitted { contours: ordered(fitted), n_crossing: 0, n_parted: 0 };
         }
-        let pixel_mm = self.image(plane).pixel_mm();
-        let first = |l: &Loop| self.finished(&Curve::new(&l.contour, pixel_mm));
+        let first = |l: &Loop| self.finished(&Curve::new(&l.contour, self.volume.pixel_mm()));
         let smooth: Vec<Contour> = plane.loops.iter().map(first).collect();
         let raw = || plane.loops.iter().map(|l| self.unsmoothed(&l.contour)).collect();
         let contours = if are_simple(&smooth) { smooth } else { raw() };

@@ -54,8 +54,7 @@ impl<'a> Image<'a> {
 
     /// Side of a square pixel of the same area, mm.
     pub(super) fn pixel_mm(&self) -> f64 {
-        let [sx, sy] = self.volume.pixel_spacing_xy_mm;
-        (sx * sy).sqrt()
+        self.volume.pixel_mm()
     }
 
     /// Signed value at a point of the stack frame; beyond the border the outermost pixels go on.

@@ -19,13 +19,13 @@ const RING_PX: [f32; 2] = [16.0, 2.5];
 
 /// Draws and encodes; `None` where the picture cannot be held or encoded: it explains an error, and is none itself.
 #[must_use]
-pub fn picture(volume: &Volume, leak: &Leak) -> Option<Vec<u8>> {
+pub fn of_leak(volume: &Volume, leak: &Leak) -> Option<Vec<u8>> {
     let [nx, ny, _] = volume.dims;
     let [sx, sy] = volume.pixel_spacing_xy_mm;
     let size_mm = [nx as f64 * sx, ny as f64 * sy];
     let px_per_mm = SIDE_PX / size_mm[0].max(size_mm[1]);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    let [width, height] = size_mm.map(|mm| (mm * px_per_mm).round().clamp(64.0, SIDE_PX) as u32);
+    let [width, height] = size_mm.map(|mm| (mm * px_per_mm).round().clamp(1.0, SIDE_PX) as u32);
     let mut canvas = Pixmap::new(width, height)?;
     paint(&mut canvas, volume, leak);
     ring(&mut canvas, volume, leak);
@@ -92,4 +92,49 @@ fn label(canvas: &mut Pixmap, volume: &Volume, leak: &Leak, px_per_mm: f64) {
     let title = format!("plane {}   z {:.2} mm", leak.voxel[2], leak.z_mm);
     draw::text(canvas, &title, (12.0, 12.0), 2.0, INK);
     draw::scale_bar(canvas, (16.0, height - 18.0), 0.2 * f64::from(width), px_per_mm, INK);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::error::Place;
+    use crate::segment::testing::Scene;
+    use crate::segment::{Beyond, Mask};
+
+    /// Colours of some places of the picture of a leak at voxel (40, 28, 1), whose region is a box right of column 32.
+    fn colours(at: &[(u32, u32)]) -> Vec<[u8; 3]> {
+        let volume =
+            Scene::default().volume(|x, y, _| if (x - 8.0).hypot(y - 7.0) < 3.0 { 300.0 } else { 60.0 });
+        let leak = Leak {
+            voxel: [40, 28, 1],
+            z_mm: 1.0,
+            place: Place(crate::geom::Point3::new(10.0, 7.0, 1.0)),
+            window_hu: [100.0, 400.0],
+            into: Some((Beyond::Bulk, 1.0)),
+            region: Mask::from_fn(32..48, 20..36, 1..2, |_, _, _| true),
+        };
+        let png = of_leak(&volume, &leak).unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut pixels).unwrap();
+        // 64 x 56 pixels of 0.25 mm.
+        assert_eq!((info.width, info.height), (760, 665));
+        let place = |&(x, y): &(u32, u32)| {
+            let at = 3 * (y * info.width + x) as usize;
+            [pixels[at], pixels[at + 1], pixels[at + 2]]
+        };
+        at.iter().map(place).collect()
+    }
+
+    #[test]
+    fn the_region_is_red_over_grey_with_a_ring_around_the_place() {
+        // Pixels are 11.9 of the picture wide: lumen left of the region, lumen and background in it, background outside.
+        let found = colours(&[(300, 338), (440, 338), (550, 400), (650, 500), (497, 338)]);
+        let is_grey = |[r, g, b]: [u8; 3]| r == g && g == b;
+        let is_red = |[r, g, b]: [u8; 3]| r > g + 60 && r > b + 60;
+        assert!(is_grey(found[0]) && found[0][0] > 200, "{found:?}");
+        assert!(is_red(found[1]) && is_red(found[2]), "{found:?}");
+        assert!(is_grey(found[3]) && found[3][0] < 60, "{found:?}");
+        assert!(is_grey(found[4]) && found[4][0] > 200, "the ring is white: {found:?}");
+    }
 }

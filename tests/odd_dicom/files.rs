@@ -181,6 +181,18 @@ fn truncated_and_damaged() {
         ),
         ("a private sequence in implicit encoding", |f| f.insert(&unknown_sequence(4)), Ok(&[])),
         (
+            "two private sequences in implicit encoding, side by side",
+            |f| f.insert(&[unknown_sequence(4), unknown_sequence(4)].concat()),
+            Ok(&[]),
+        ),
+        (
+            "the second of two private sequences with an element too long",
+            |f| f.insert(&[unknown_sequence(4), unknown_sequence(0xffff_fff0)].concat()),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (an element runs beyond the end of the file): copy or export it again",
+            ),
+        ),
+        (
             "a private sequence with an element too long",
             |f| f.insert(&unknown_sequence(0xffff_fff0)),
             Err(

@@ -156,7 +156,7 @@ pub(crate) fn check(rows: &[Row], allow_gaps: bool) {
         let agrees = match folder.is_usable() {
             None => said.is_err(),
             // Several good series are usable, each for itself.
-            Some(true) => said.as_ref().map_or_else(|e| e.contains("choose one by its number"), |_| true),
+            Some(true) => said.as_ref().map_or_else(|e| e.contains("choose one with --series N"), |_| true),
             Some(false) => said.is_err() || allow_gaps,
         };
         if !agrees {

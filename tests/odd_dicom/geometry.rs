@@ -131,7 +131,7 @@ fn several_series() {
                 })
             },
             Err(
-                "2 series in the folder (1: CT, 4 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000); 2: CT, 4 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000)): choose one by its number, or give each its own folder",
+                "2 series in the folder (1: CT, 4 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000); 2: CT, 4 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000)): choose one with --series N or its SeriesInstanceUID, or give each its own folder",
             ),
         ),
         (
@@ -141,7 +141,7 @@ fn several_series() {
                 f.doubled(|o| put(o, tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE, VR::DS, "30"));
             },
             Err(
-                "2 series in the folder (1: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), cardiac phase 30 %; 2: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), cardiac phase 70 %): choose one by its number, or give each its own folder",
+                "2 series in the folder (1: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), cardiac phase 30 %; 2: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), cardiac phase 70 %): choose one with --series N or its SeriesInstanceUID, or give each its own folder",
             ),
         ),
         (
@@ -151,7 +151,7 @@ fn several_series() {
                 f.doubled(|o| put(o, tags::CONVOLUTION_KERNEL, VR::SH, "B60f"));
             },
             Err(
-                "2 series in the folder (1: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), kernel B30f; 2: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), kernel B60f): choose one by its number, or give each its own folder",
+                "2 series in the folder (1: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), kernel B30f; 2: CT, 8 images, 24 x 24 pixels of 0.5000 x 0.5000 mm, normal (0.000, 0.000, 1.000), kernel B60f): choose one with --series N or its SeriesInstanceUID, or give each its own folder",
             ),
         ),
         (

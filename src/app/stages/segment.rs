@@ -2,9 +2,9 @@
 
 use super::{read_json, to_json};
 use crate::app::atomic::{self, FileError};
-use crate::app::case::{CONTOURS_FILE, CaseError, MadeFrom};
+use crate::app::case::{CONTOURS_FILE, CaseError, MadeFrom, PARAMETERS, Refused};
 use crate::app::error::Error;
-use crate::app::event::Stage;
+use crate::app::event::{Event, Stage};
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::{SegmentSettings, Source};
 use crate::app::volume_file::{self, MARGIN_MM};
@@ -81,8 +81,11 @@ impl Session<'_> {
         if matches!(self.settings().source, Source::Ready { .. }) {
             return self.take_ready();
         }
-        self.stage(Stage::Segment, Self::find_contours)?;
-        atomic::remove(&self.case.path(LEAK_FILE))?;
+        self.stage(Stage::Segment, |session, task| {
+            // That of another attempt.
+            atomic::remove(&session.case.path(LEAK_FILE))?;
+            session.find_contours(task)
+        })?;
         if self.settings().segment.auto_seed {
             self.candidates = self.segmentation_note()?.map(|n| n.candidates).unwrap_or_default();
         }
@@ -132,7 +135,7 @@ impl Session<'_> {
             Source::Phantom(params) => ("phantom", hash_of(params)),
             _ => ("ct", self.ct_hash()?),
         };
-        Ok(MadeFrom::from([image, ("parameters", hash_of(&self.settings().segment))]))
+        Ok(MadeFrom::from([image, (PARAMETERS, hash_of(&self.settings().segment))]))
     }
 
     /// The hash of the CT's files; that of the last time where nobody knows where they are.
@@ -175,14 +178,27 @@ impl Session<'_> {
 
     /// Keeps the case with a picture of the leak, as far as that can be written.
     fn leaked(&mut self, volume: &Volume, leak: Box<Leak>) -> Error {
-        let picture = segment::picture::picture(volume, &leak);
-        let kept = picture.is_some_and(|bytes| self.case.keep_refused(LEAK_FILE, &bytes).is_ok());
+        let picture = segment::picture::of_leak(volume, &leak);
+        let kept = picture.map(|bytes| self.keep_leak(&bytes));
         let leak = segment::Error::Leaks(leak);
-        if !kept {
-            return leak.into();
+        match kept {
+            Some(Ok(())) => Error::Leaked { leak, picture: self.case.path(LEAK_FILE) },
+            Some(Err(e)) => {
+                let text = format!("no picture of the leak could be kept: {e}");
+                let warning = Warning::new("app.leak_not_kept", text);
+                (self.context.events)(Event::Warned { stage: Stage::Segment, warning });
+                leak.into()
+            }
+            None => leak.into(),
         }
+    }
+
+    fn keep_leak(&mut self, picture: &[u8]) -> Result<(), Error> {
+        let made_from = self.segment_made_from()?;
+        let refused = Refused { stage: Stage::Segment, made_from: &made_from };
+        self.case.keep_refused(LEAK_FILE, picture, refused)?;
         self.remember_ct();
-        Error::Leaked { leak, picture: self.case.path(LEAK_FILE) }
+        Ok(())
     }
 
     fn load_image(&self, task: &Task<'_>) -> Result<Image, Error> {

@@ -19,17 +19,27 @@ const COD: u8 = 0x52;
 const COC: u8 = 0x53;
 const SOT: u8 = 0x90;
 const SOD: u8 = 0x93;
+/// All markers of segments (T.800 table A.2; those of T.801 and T.814 that the decoder knows). It looks for the next known one behind
+/// any other, whatever length that has, so a segment could hide there.
+const KNOWN: [u8; 20] = [
+    0x50, 0x51, COD, COC, 0x55, 0x57, 0x58, 0x5c, 0x5d, 0x5e, 0x5f, 0x60, 0x61, 0x63, 0x64, 0x74, 0x75, 0x77,
+    0x78, SOT,
+];
 /// Pixels of an image for each of its precincts, on the average: the decoder sets aside about a kilobyte for one, whatever is in it.
 /// Encoders make them of 32 x 32 samples and more.
 const PIXELS_PER_PRECINCT: u64 = 256;
 /// So many precincts are no burden however small the image is.
 const FEW_PRECINCTS: u64 = 4096;
+/// Layers of all precincts: two bytes for each.
+const LAYERS_PER_PRECINCT: u64 = 64;
+/// Code blocks are 32 x 32 or 64 x 64 as a rule; one of fewer samples than this has more about it than in it.
+const LEAST_BLOCK_SAMPLES_LOG2: u8 = 6;
 
 /// Decodes one image.
 pub(super) fn decode(bytes: &[u8], size: Size) -> Result<Samples, Fault> {
     let stream = codestream(bytes)?;
     check_size(stream, size)?;
-    check_precincts(stream, size)?;
+    check_styles(stream, size)?;
     let strict = DecodeParameters::new().strict(true);
     let image = panics_caught(|| Image::from_bytes_with(stream, strict));
     let Some(Ok(image)) = image else {
@@ -90,18 +100,34 @@ fn check_size(stream: &[u8], expected: Size) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Checks that no coding style makes precincts so small that they take more memory than the image.
-fn check_precincts(stream: &[u8], size: Size) -> Result<(), Fault> {
+/// Checks that no coding style makes precincts, layers or code blocks that take more memory than the image.
+fn check_styles(stream: &[u8], size: Size) -> Result<(), Fault> {
     let most = (size.n_pixels() as u64 / PIXELS_PER_PRECINCT).max(FEW_PRECINCTS);
-    let is_small = |style: &[u8]| n_precincts(style, size) <= most;
-    let are_small = segments(stream).all(|(marker, segment)| match (marker, segment) {
-        // Progression, layers and colours stand between whether there are precincts and how many levels.
-        (COD, [flags, _, _, _, _, style @ ..]) | (COC, [_, flags, style @ ..]) if flags & 1 == 1 => {
-            is_small(style)
+    // Of a component's own style the layers are those of the image.
+    let mut n_layers = 1;
+    for segment in segments(stream) {
+        let (flags, style) = match segment? {
+            // Progression and colours stand around the layers.
+            (COD, &[flags, _, high, low, _, ref style @ ..]) => {
+                n_layers = u64::from(u16::from_be_bytes([high, low]));
+                (flags, style)
+            }
+            (COC, &[_, flags, ref style @ ..]) => (flags, style),
+            _ => continue,
+        };
+        let n_precincts =
+            if flags & 1 == 1 { n_precincts(style, size) } else { FEW_PRECINCTS / LAYERS_PER_PRECINCT };
+        if n_precincts > most || n_precincts.saturating_mul(n_layers) > LAYERS_PER_PRECINCT * most {
+            return Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts"));
         }
-        _ => true,
-    });
-    if are_small { Ok(()) } else { Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts")) }
+        if let [_, width, height, ..] = style
+            && (width & 0xf) + (height & 0xf) + 4 < LEAST_BLOCK_SAMPLES_LOG2
+            && size.n_pixels() as u64 > FEW_PRECINCTS
+        {
+            return Err(Fault::Damaged("the JPEG 2000 pixels have too many code blocks"));
+        }
+    }
+    Ok(())
 }
 
 /// Precincts of all resolutions together, as if the image were one tile: `style` is the number of levels, four numbers of
@@ -120,25 +146,42 @@ fn n_precincts(style: &[u8], size: Size) -> u64 {
     (0..=*n_levels).zip(exponents).map(of).sum()
 }
 
-/// Markers and contents of the segments of the main header and of those of the tile parts (T.800 A.1), as far as they can be followed.
-fn segments(stream: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+/// Markers and contents of the segments of the main header and of those of the tile parts (T.800 A.1), up to the end of the codestream
+/// or of its bytes. A header that cannot be followed to its end ends them with a fault.
+fn segments(stream: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), Fault>> {
     // Behind the start of the codestream, which stands alone.
     let mut at = 2;
     let mut next_part = None;
+    let mut is_lost = false;
     std::iter::from_fn(move || {
-        if stream.get(at..at + 2)? == [0xff, SOD] {
-            at = next_part.filter(|&next| next > at)?;
+        if is_lost {
+            return None;
         }
-        let &[0xff, marker, high, low] = stream.get(at..at + 4)? else { return None };
-        let end = at + 2 + usize::from(u16::from_be_bytes([high, low]));
-        let segment = stream.get(at + 4..end)?;
+        if stream.get(at..at + 2) == Some(&[0xff, SOD]) {
+            at = next_part.filter(|&next| next > at)?;
+            // Behind a tile part stands another one, or the end.
+            if stream.get(at..at + 2) != Some(&[0xff, SOT]) {
+                return None;
+            }
+        }
+        let segment = segment_at(stream, at);
+        is_lost = segment.is_none();
+        let Some((marker, segment)) = segment else {
+            return Some(Err(Fault::Damaged("the JPEG 2000 header cannot be followed")));
+        };
         if let (SOT, &[_, _, a, b, c, d, ..]) = (marker, segment) {
             let length = u32::from_be_bytes([a, b, c, d]) as usize;
             next_part = Some(at.saturating_add(length));
         }
-        at = end;
-        Some((marker, segment))
+        at += 4 + segment.len();
+        Some(Ok((marker, segment)))
     })
+}
+
+fn segment_at(stream: &[u8], at: usize) -> Option<(u8, &[u8])> {
+    let &[0xff, marker, high, low] = stream.get(at..at + 4)? else { return None };
+    let end = at + 2 + usize::from(u16::from_be_bytes([high, low]));
+    KNOWN.contains(&marker).then_some((marker, stream.get(at + 4..end)?))
 }
 
 #[cfg(test)]
@@ -208,7 +251,7 @@ mod tests {
     #[test]
     fn precincts_are_counted_before_the_library_sets_memory_aside() {
         let (bytes, _) = stream("bits08_unsigned");
-        let of_style = |stream: &[u8]| segments(stream).find(|s| s.0 == COD).unwrap().1.to_vec();
+        let of_style = |stream: &[u8]| segments(stream).flatten().find(|s| s.0 == COD).unwrap().1.to_vec();
         let style = of_style(&bytes);
         let n_levels = style[5];
         let at = bytes.windows(2).position(|w| w == [0xff, COD]).unwrap();
@@ -231,17 +274,41 @@ mod tests {
         let size = Size { columns: 4096, rows: 4096 };
         let checked = |exponents| {
             let stream = with_precincts(exponents);
-            check_size(&stream, size).and_then(|()| check_precincts(&stream, size))
+            check_size(&stream, size).and_then(|()| check_styles(&stream, size))
         };
         assert_eq!(checked(0x77), Ok(()));
         assert_eq!(checked(0x11), Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts")));
         assert_eq!(n_precincts(&[1, 0, 0, 0, 0, 0x00, 0x11], Size { columns: 8, rows: 6 }), 4 * 3 + 4 * 3);
         // A tile part may bring a style of its own.
         let mut stream = bytes.clone();
-        let tile = segments(&bytes).position(|s| s.0 == SOT);
+        let tile = segments(&bytes).flatten().position(|s| s.0 == SOT);
         assert!(tile.is_some(), "the headers are followed to the tiles");
         stream.truncate(at);
-        assert!(segments(&stream).all(|s| s.0 != COD));
+        assert!(segments(&stream).flatten().all(|s| s.0 != COD));
+        // The decoder goes on two bytes behind an unknown marker, whatever length that has.
+        let lost = Err(Fault::Damaged("the JPEG 2000 header cannot be followed"));
+        for length in [[0xff, 0xff], [0, 2], [0, 0]] {
+            let mut hidden = with_precincts(0x11);
+            hidden.splice(at..at, [&[0xff, 0x30][..], &length].concat());
+            assert_eq!(check_styles(&hidden, size), lost);
+        }
+    }
+
+    #[test]
+    fn layers_and_code_blocks_are_counted_too() {
+        let (bytes, _) = stream("bits08_unsigned");
+        let at = bytes.windows(2).position(|w| w == [0xff, COD]).unwrap();
+        let changed = |offset: usize, value: &[u8], size: Size| {
+            let mut changed = bytes.clone();
+            changed[at + offset..at + offset + value.len()].copy_from_slice(value);
+            check_styles(&changed, size)
+        };
+        let size = Size { columns: 4096, rows: 4096 };
+        // Behind marker and length: flags, progression, two bytes of layers, colours, levels, exponents of a block's sides less two.
+        assert_eq!(changed(6, &[0, 20], size), Ok(()));
+        assert_eq!(changed(10, &[4, 4], size), Ok(()));
+        assert!(changed(10, &[0, 0], size).is_err());
+        assert_eq!(changed(10, &[0, 0], SIZE), Ok(()));
     }
 
     #[test]

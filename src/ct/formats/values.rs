@@ -258,7 +258,7 @@ impl<T, F: Fn(f64, usize) -> Result<T, Fault>> Taken<'_, T, F> {
                 let refused = Fault::TooLarge { dims: self.header.grid.dims };
                 self.values.try_reserve(BUFFER_BYTES).ok().ok_or(refused)?;
             }
-            self.values.push((self.convert)(value.mul_add(slope, intercept), voxel)?);
+            self.values.push((self.convert)(value * slope + intercept, voxel)?);
         }
         Ok(())
     }

@@ -18,7 +18,7 @@ use std::path::Path;
 pub(super) fn open(path: &Path, until: Option<Tag>) -> Result<(DefaultDicomObject, Layout), Error> {
     let layout = lengths::check(path)?;
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
-    let reader = BufReader::new(Cut { file, position: 0, cuts: layout.cuts.clone() });
+    let reader = BufReader::new(Cut { file, position: 0, cuts: layout.cuts.clone(), next: 0 });
     let options = until.into_iter().fold(OpenFileOptions::new(), OpenFileOptions::read_until);
     // The library's own words are left out: they may quote what identifies a patient.
     let object = options.from_reader(reader).ok();
@@ -31,15 +31,18 @@ struct Cut {
     position: u64,
     /// Ascending, none within another.
     cuts: Vec<Range<u64>>,
+    /// The first of them that lies ahead.
+    next: usize,
 }
 
 impl Read for Cut {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        if let Some(cut) = self.cuts.iter().find(|c| c.contains(&self.position)) {
-            self.position = self.file.seek(SeekFrom::Start(cut.end))?;
+        // One may begin where another ends.
+        while let Some(cut) = self.cuts.get(self.next).filter(|cut| cut.start <= self.position) {
+            self.position = self.file.seek(SeekFrom::Start(cut.end.max(self.position)))?;
+            self.next += 1;
         }
-        let next = self.cuts.iter().map(|c| c.start).find(|&start| start > self.position);
-        let most = next.map_or(u64::MAX, |start| start - self.position);
+        let most = self.cuts.get(self.next).map_or(u64::MAX, |cut| cut.start - self.position);
         let n = (&mut self.file).take(most).read(bytes)?;
         self.position += n as u64;
         Ok(n)
