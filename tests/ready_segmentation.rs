@@ -120,6 +120,16 @@ fn a_label_map_becomes_a_case_with_its_ct_or_without() {
 }
 
 #[test]
+fn a_case_file_names_a_segmentation_and_nothing_more() {
+    let place = prepared();
+    for (file, ct) in [("with.toml", "ct = \"ct\"\n"), ("alone.toml", "")] {
+        let text = format!("{ct}segmentation = \"doe-jane.seg\"\nlabel = 2\n");
+        fs::write(place.path(file), text).unwrap();
+        assert_eq!(place.done(&["segment", file])["stages"][0]["done"], true);
+    }
+}
+
+#[test]
 fn labels_are_listed_and_another_file_is_another_case() {
     let place = prepared();
     let args = ["segment", "--segmentation", "doe-jane.seg", "--out", "case"];

@@ -46,7 +46,8 @@ pub fn read_case_file(path: &Path) -> Result<CaseFile, Error> {
         return Err(problem("this is the copy inside a case: name its directory instead".into()));
     }
     // What flags may still add is no fault of the file; what it says has to be right.
-    let seed_mm = file.seed_mm.clone().or_else(|| Some(Seeds(vec![Seed::Point([0.0; 3])])));
+    let any_seed = || file.segmentation.is_none().then(|| Seeds(vec![Seed::Point([0.0; 3])]));
+    let seed_mm = file.seed_mm.clone().or_else(any_seed);
     let ct = file.ct.clone().or_else(|| file.phantom.is_none().then(PathBuf::new));
     // A UID is looked up once the CT is known.
     let series = file.series.clone().map(|key| match key {
