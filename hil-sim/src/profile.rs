@@ -96,6 +96,8 @@ pub struct Profile {
     pub planner_blocks: usize,
     /// Longest line, bytes with the terminating zero (MAX_CMD_SIZE).
     pub line_bytes: usize,
+    /// Whether opening the port resets the board (its DTR line does).
+    pub resets_on_open: bool,
 }
 
 const HOTEND: HeaterData = HeaterData {
@@ -140,6 +142,7 @@ const MARLIN_MACHINE: Profile = Profile {
     command_slots: 4,
     planner_blocks: 16,
     line_bytes: 96,
+    resets_on_open: false,
 };
 
 /// Marlin 1's jerk: eased where an axis turns back, runs begin and end with a jump.
@@ -187,7 +190,8 @@ const PROFILES: [Profile; 9] = [
             rest_share: 0.0,
         },
         rx_ring_bytes: 1024,
-        command_slots: 8,
+        // A line is read when the one before it is done.
+        command_slots: 1,
         planner_blocks: 40,
         line_bytes: 256,
         ..MARLIN_MACHINE
@@ -208,6 +212,8 @@ const PROFILES: [Profile; 9] = [
             planar: true,
             rest_share: 0.5,
         },
+        // GCODE_BUFFER_SIZE
+        command_slots: 1,
         ..MARLIN_MACHINE
     },
     Profile {
@@ -220,6 +226,7 @@ const PROFILES: [Profile; 9] = [
         travel_acceleration_mm_s2: 2000.0,
         cornering: Cornering::Deviation(0.05),
         rx_ring_bytes: 256,
+        command_slots: 1,
         planner_blocks: 32,
         ..MARLIN_MACHINE
     },

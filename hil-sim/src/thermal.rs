@@ -43,6 +43,7 @@ pub struct Heater {
     pub dead: bool,
     /// Its sensor is open.
     pub sensor_open: bool,
+    given_up: bool,
 }
 
 impl Heater {
@@ -58,6 +59,7 @@ impl Heater {
             guard: Guard::Off,
             dead: false,
             sensor_open: false,
+            given_up: false,
         }
     }
 
@@ -103,7 +105,7 @@ impl Heater {
     /// Sets the target, bounded by the highest; 0 is off.
     pub fn set_target(&mut self, t_s: f64, target_c: f64) {
         self.rebase(t_s);
-        self.target_c = target_c.clamp(0.0, self.model.max_target_c);
+        self.target_c = if self.given_up { 0.0 } else { target_c.clamp(0.0, self.model.max_target_c) };
         self.guard = if self.target_c <= 0.0 {
             Guard::Off
         } else if self.reading_c(t_s) + WATCH_INCREASE_C + 1.0 < self.target_c {
@@ -124,9 +126,18 @@ impl Heater {
         self.dead = true;
     }
 
+    /// The firmware has given it up at `t_s`: off, and it takes no target any more.
+    pub fn fail(&mut self, t_s: f64) {
+        self.set_target(t_s, 0.0);
+        self.given_up = true;
+    }
+
     /// Looks at it, as the firmware does at least every second; the fault it finds.
     pub fn check(&mut self, t_s: f64) -> Option<&'static str> {
         let reading = self.reading_c(t_s);
+        if self.given_up {
+            return None;
+        }
         if self.sensor_open {
             return Some("MINTEMP triggered");
         }
@@ -156,7 +167,7 @@ impl Heater {
     /// Whether there is anything for the protection to look at.
     #[must_use]
     pub fn is_guarded(&self) -> bool {
-        self.target_c > 0.0 || self.sensor_open
+        self.target_c > 0.0 || self.sensor_open && !self.given_up
     }
 }
 

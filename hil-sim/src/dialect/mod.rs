@@ -1,8 +1,20 @@
 //! What a firmware says and how it reads, word by word, as data.
 //!
 //! The texts of Marlin 2.1 and of Klipper's terminal are those observed from the real firmware. What is said of the others, and
-//! how all of them round corners and arcs, is from knowledge of their sources; no such machine was measured. A dialect that differs in words only is another constant; one that differs in kind (no line
-//! numbers, say) has another variant of one of the enums here.
+//! how all of them round corners and arcs, is from knowledge of their sources; no such machine was measured. A dialect that
+//! differs in words only is another constant; one that differs in kind (no line numbers, say)
+//! has another variant of one of the enums here.
+//!
+//! Sources: Marlin 2.1 and 1.1.9 (`queue.cpp`, `M114.cpp`, `M115.cpp`, `manage_inactivity`), Prusa-Firmware 3.13
+//! (`Marlin_main.cpp`), Klipper (`klippy/gcode.py`, `gcode_move.py`, `idle_timeout.py`, `mcu.py`), RepRapFirmware 3
+//! (`StringParser.cpp`, `GCodes2.cpp`), Repetier-Firmware 1 (`gcode.cpp`, `Commands.cpp`), Smoothieware
+//! (`GcodeDispatch.cpp`, `Robot.cpp`).
+
+mod firmware;
+
+pub use firmware::{KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, SMOOTHIE};
+
+use crate::receive::Emergency;
 
 /// Which firmware it is: what its commands mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,7 +39,8 @@ pub enum Numbering {
     CheckedRepeatsSilent,
     /// The same, but a number it already has is refused like any other wrong one.
     CheckedRepeatsRefused,
-    /// The same, but a number it already has is answered by `skip` and `ok`.
+    /// The same, but one of the last forty numbers it has is answered by `skip` and `ok`, and so are wrong numbers after a
+    /// request to send again, fourteen at most.
     CheckedRepeatsSkipped,
     /// Numbers and checksums are read over.
     Ignored,
@@ -42,6 +55,74 @@ pub enum Refusal {
     Expected,
     /// Nothing.
     Silent,
+}
+
+/// What relative positions (G91) mean for the extruder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExtruderMode {
+    /// G90 and G91 set its mode too, until M82 or M83.
+    WithAxes,
+    /// It is relative after G91 or M83, whichever holds.
+    RelativeIfEither,
+    /// M82 and M83 alone.
+    Own,
+}
+
+/// Orders that do not wait for their turn in the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Urgent {
+    /// Obeyed as their bytes arrive.
+    pub by_byte: &'static [Emergency],
+    /// Obeyed when their line is read into the command queue.
+    pub by_line: &'static [Emergency],
+}
+
+/// How the position is told (M114).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PositionForm {
+    /// `X:50.00 Y:50.00 Z:5.00 E:0.00 Count X:4000 Y:4000 Z:2000`: the end of the last command, then the motors' steps now.
+    MarlinSteps,
+    /// The same, the motors' places in mm: `Count X: 50.00 Y:50.00 Z:5.00 E:0.00`.
+    MarlinPlaces,
+    /// `X:50.000 Y:50.000 Z:5.000 E:0.000`
+    Klipper,
+    /// `X:50.000 Y:50.000 Z:5.000 E:0.000 E0:0.0 Count 4000 4000 2000 Machine 50.000 50.000 5.000 Bed comp 0.000`: the motors
+    /// after the last whole move.
+    RepRapFirmware,
+    /// `X:50.00 Y:50.00 Z:5.000 E:0.0000`
+    Repetier,
+    /// `ok C: X:50.0000 Y:50.0000 Z:5.0000 E:0.0000`
+    Smoothie,
+}
+
+/// What a firmware does by itself when nobody asks anything of it; 0: never. All s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IdleRule {
+    /// After this long the motors are off, and where the axes are is no longer known.
+    pub motors_s: f64,
+    /// After this long the heaters are off.
+    pub heaters_s: f64,
+    /// Whether that also means the motors.
+    pub heaters_take_motors: bool,
+    /// What is said then.
+    pub heaters_text: &'static [&'static str],
+    /// Whether any command keeps it awake; if not, only motion does.
+    pub commands_count: bool,
+}
+
+/// What M112, a fault or a reset of the board leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Halt {
+    /// Silence until a reset.
+    Silent,
+    /// Silence, but M999 is obeyed.
+    SilentUntilM999,
+    /// Every command is refused with the reason, but for those that only ask; `FIRMWARE_RESTART` starts it anew.
+    Klipper,
+    /// Every command repeats the error; M999 ends it, and nothing is forgotten.
+    RepeatsError,
+    /// `!!` to every command until M999.
+    Alarm,
 }
 
 /// How the firmware divides an arc into chords. All limits hold at once.
@@ -95,13 +176,44 @@ pub struct Dialect {
     pub resend: &'static str,
     /// Whether `ok` follows that request.
     pub ok_after_resend: bool,
+    /// Number of the line before the first.
+    pub first_last_line: i64,
+    /// Whether a refusal empties the receive ring.
+    pub clears_on_refusal: bool,
+    /// Whether the second `N` of `N4 M110 N3` counts.
+    pub m110_takes_second: bool,
     /// Whether `ok` carries line number, free planner blocks and free command slots.
     pub advanced_ok: bool,
-    /// Whether M108, M112 and M410 act when they arrive rather than when they are executed.
-    pub emergency_parser: bool,
+    /// Whether `ok` (with the number of the last numbered line) is said when a line is taken into the queue, not when it is
+    /// done.
+    pub ok_when_taken: bool,
+    /// Said each second while there is nothing to do; empty: nothing.
+    pub wait: &'static str,
+    /// What does not wait for its turn.
+    pub urgent: Urgent,
+    /// Said first when M112 is obeyed.
+    pub kill_order: &'static [&'static str],
+    /// What a stop for good looks like.
+    pub halt: Halt,
+    /// How M114 is answered.
+    pub position: PositionForm,
+    /// What relative positions mean for the extruder.
+    pub extruder_mode: ExtruderMode,
+    /// Whether an axis that is not home may be moved.
+    pub moves_unhomed: bool,
+    /// Whether the soft endstops hold for an axis that is not home.
+    pub endstops_unhomed: bool,
+    /// What it does by itself.
+    pub idle: IdleRule,
+    /// Said when the filament has run out.
+    pub runout: &'static [&'static str],
+    /// Whether it then changes the filament (M600) by itself.
+    pub runout_changes: bool,
+    /// Whether what it asks the user is told to the host (`//action:prompt_begin` and so on).
+    pub prompts: bool,
     /// Said every two seconds while a command takes its time; empty: nothing.
     pub busy: &'static str,
-    /// First line of the answer to M115, without the machine's name.
+    /// First line of the answer to M115; `{machine}` is the machine's name.
     pub firmware: &'static str,
     /// Further lines of that answer.
     pub capabilities: &'static [&'static str],
@@ -182,7 +294,7 @@ const MARLIN_1_CODES: &[(u8, u32)] = &[
 ];
 
 /// What Marlin 2 has besides that.
-const MARLIN_2_CODES: &[(u8, u32)] = &[(b'M', 486), (b'M', 876)];
+const MARLIN_2_CODES: &[(u8, u32)] = &[(b'M', 486), (b'M', 600), (b'M', 876)];
 
 impl Dialect {
     /// Whether there is such a command.
@@ -224,237 +336,21 @@ impl Dialect {
         }
     }
 
+    /// Whether a line with a number must have a checksum.
+    #[must_use]
+    pub const fn demands_checksum(&self) -> bool {
+        matches!(self.family, Family::Marlin)
+    }
+
+    /// Whether it says `ok` and the answer in one line (M115).
+    #[must_use]
+    pub const fn answers_after_ok(&self) -> bool {
+        matches!(self.family, Family::Klipper)
+    }
+
     /// Whether it refuses a move that leaves the machine, rather than cutting it off at the edge.
     #[must_use]
     pub const fn refuses_moves_outside(&self) -> bool {
         matches!(self.family, Family::Klipper)
     }
 }
-
-/// Marlin 2.1 with `ADVANCED_OK`, emergency parser, host actions and prompts.
-pub static MARLIN: Dialect = Dialect {
-    name: "marlin",
-    family: Family::Marlin,
-    boot: &[
-        "start",
-        "PowerUp",
-        "Marlin bugfix-2.1.x",
-        "echo: Last Updated: 2026-01-01 | Author: (hil-sim)",
-        "echo: Compiled: Jan  1 2026",
-        "echo: Free Memory: 4096  PlannerBufferBytes: 1280",
-    ],
-    numbering: Numbering::CheckedRepeatsSilent,
-    refusal: Refusal::LastLine,
-    resend: "Resend: ",
-    ok_after_resend: true,
-    advanced_ok: true,
-    emergency_parser: true,
-    busy: "echo:busy: processing",
-    firmware: "FIRMWARE_NAME:Marlin bugfix-2.1.x (hil-sim) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin \
-               PROTOCOL_VERSION:1.0",
-    capabilities: &[
-        "Cap:SERIAL_XON_XOFF:0",
-        "Cap:BINARY_FILE_TRANSFER:0",
-        "Cap:EEPROM:0",
-        "Cap:VOLUMETRIC:0",
-        "Cap:AUTOREPORT_POS:0",
-        "Cap:AUTOREPORT_TEMP:1",
-        "Cap:PROGRESS:0",
-        "Cap:PRINT_JOB:1",
-        "Cap:AUTOLEVEL:0",
-        "Cap:RUNOUT:1",
-        "Cap:Z_PROBE:0",
-        "Cap:LEVELING_DATA:0",
-        "Cap:BUILD_PERCENT:1",
-        "Cap:SOFTWARE_POWER:0",
-        "Cap:TOGGLE_LIGHTS:0",
-        "Cap:CASE_LIGHT_BRIGHTNESS:0",
-        "Cap:EMERGENCY_PARSER:1",
-        "Cap:HOST_ACTION_COMMANDS:1",
-        "Cap:PROMPT_SUPPORT:1",
-        "Cap:SDCARD:0",
-        "Cap:THERMAL_PROTECTION:1",
-        "Cap:MOTION_MODES:0",
-        "Cap:ARCS:1",
-        "Cap:BABYSTEPPING:0",
-        "Cap:CHAMBER_TEMPERATURE:0",
-    ],
-    halted: &["Error:Printer halted. kill() called!", "//action:poweroff"],
-    codes: MARLIN_2_CODES,
-    words: &[],
-    arcs: Some(ArcRule {
-        longest_mm: 1.0,
-        shortest_mm: 0.1,
-        per_circle: 72.0,
-        per_s: 50.0,
-        deviation_mm: 0.0,
-    }),
-};
-
-/// Marlin 1.1: plain `ok`, no emergency parser, repeated lines refused, arcs in chords of one length.
-const MARLIN_1_WORDS: Dialect = Dialect {
-    name: "marlin1",
-    family: Family::Marlin,
-    boot: &[
-        "start",
-        "echo:Marlin 1.1.9",
-        "echo: Last Updated: 2018-07-31 | Author: (hil-sim)",
-        "echo: Free Memory: 4096  PlannerBufferBytes: 1280",
-    ],
-    numbering: Numbering::CheckedRepeatsRefused,
-    refusal: Refusal::LastLine,
-    resend: "Resend: ",
-    ok_after_resend: true,
-    advanced_ok: false,
-    emergency_parser: false,
-    busy: "echo:busy: processing",
-    firmware: "FIRMWARE_NAME:Marlin 1.1.9 (hil-sim) SOURCE_CODE_URL:https://github.com/MarlinFirmware/Marlin \
-               PROTOCOL_VERSION:1.0",
-    capabilities: &["Cap:EEPROM:0", "Cap:AUTOREPORT_TEMP:1", "Cap:PROGRESS:0", "Cap:EMERGENCY_PARSER:0"],
-    halted: &["Error:Printer halted. kill() called!"],
-    codes: &[],
-    words: &[],
-    arcs: Some(ArcRule::of_length(1.0)),
-};
-
-/// Marlin 1.1.
-pub static MARLIN_1: Dialect = MARLIN_1_WORDS;
-
-/// The firmware of the Prusa MK3, of the family of Marlin 1.
-pub static PRUSA: Dialect = Dialect {
-    name: "prusa",
-    boot: &["start", "echo: 3.13.0-6853", "echo: Free Memory: 2048  PlannerBufferBytes: 1760"],
-    firmware: "FIRMWARE_NAME:Prusa-Firmware 3.13.0 (hil-sim) based on Marlin \
-               FIRMWARE_URL:https://github.com/prusa3d/Prusa-Firmware PROTOCOL_VERSION:1.0",
-    capabilities: &["Cap:AUTOREPORT_TEMP:1", "Cap:PROGRESS:0", "Cap:EXTENDED_M20:0", "Cap:PRUSA_MMU2:0"],
-    arcs: Some(ArcRule { per_circle: 20.0, ..ArcRule::of_length(1.0) }),
-    ..MARLIN_1_WORDS
-};
-
-/// Klipper's terminal: no line numbers, `// ` before information, `!! ` before errors, `ok` after each.
-pub static KLIPPER: Dialect = Dialect {
-    name: "klipper",
-    family: Family::Klipper,
-    boot: &["// Klipper state: Ready"],
-    numbering: Numbering::Ignored,
-    refusal: Refusal::Silent,
-    resend: "",
-    ok_after_resend: false,
-    advanced_ok: false,
-    emergency_parser: false,
-    busy: "",
-    firmware: "FIRMWARE_VERSION:v0.12.0 (hil-sim) FIRMWARE_NAME:Klipper",
-    capabilities: &[],
-    halted: &["// Klipper state: Shutdown"],
-    codes: &[(b'M', 73), (b'M', 118)],
-    words: &[
-        "SET_VELOCITY_LIMIT",
-        "EXCLUDE_OBJECT_DEFINE",
-        "EXCLUDE_OBJECT_START",
-        "EXCLUDE_OBJECT_END",
-        "FIRMWARE_RESTART",
-    ],
-    arcs: None,
-};
-
-/// RepRapFirmware 3.
-pub static REPRAPFIRMWARE: Dialect = Dialect {
-    name: "reprapfirmware",
-    family: Family::RepRapFirmware,
-    boot: &["RepRapFirmware for Duet 3 Mini 5+ is up and running."],
-    numbering: Numbering::CheckedRepeatsRefused,
-    refusal: Refusal::Silent,
-    resend: "rs ",
-    ok_after_resend: true,
-    advanced_ok: false,
-    emergency_parser: false,
-    busy: "",
-    firmware: "FIRMWARE_NAME: RepRapFirmware for Duet 3 Mini 5+ (hil-sim) FIRMWARE_VERSION: 3.5.1 ELECTRONICS: Duet 3",
-    capabilities: &[],
-    halted: &["Error: Emergency Stop! Reset the controller to continue."],
-    codes: &[
-        (b'M', 0),
-        (b'M', 1),
-        (b'M', 17),
-        (b'M', 73),
-        (b'M', 85),
-        (b'M', 92),
-        (b'M', 111),
-        (b'M', 118),
-        (b'M', 201),
-        (b'M', 203),
-        (b'M', 302),
-        (b'M', 486),
-        (b'M', 566),
-        (b'M', 999),
-    ],
-    words: &[],
-    arcs: Some(ArcRule {
-        longest_mm: 2.0,
-        shortest_mm: 0.1,
-        per_circle: 1.0,
-        per_s: 200.0,
-        deviation_mm: 0.005,
-    }),
-};
-
-/// Repetier-Firmware 1.
-pub static REPETIER: Dialect = Dialect {
-    name: "repetier",
-    family: Family::Repetier,
-    boot: &["start", "Info:PowerUp", "Free RAM:2000"],
-    numbering: Numbering::CheckedRepeatsSkipped,
-    refusal: Refusal::Expected,
-    resend: "Resend:",
-    ok_after_resend: true,
-    advanced_ok: false,
-    emergency_parser: false,
-    busy: "busy:processing",
-    firmware: "FIRMWARE_NAME:Repetier_1.0.4 (hil-sim) FIRMWARE_URL:https://github.com/repetier/Repetier-Firmware/ \
-               PROTOCOL_VERSION:1.0",
-    capabilities: &["Cap:PROGRESS:0", "Cap:AUTOREPORT_TEMP:1", "Cap:EEPROM:0"],
-    halted: &["fatal:Printer stopped. Reset or M999 to continue."],
-    codes: &[
-        (b'M', 108),
-        (b'M', 155),
-        (b'M', 201),
-        (b'M', 202),
-        (b'M', 207),
-        (b'M', 302),
-        (b'M', 408),
-        (b'M', 410),
-        (b'M', 999),
-    ],
-    words: &[],
-    arcs: Some(ArcRule::of_length(1.0)),
-};
-
-/// Smoothieware.
-pub static SMOOTHIE: Dialect = Dialect {
-    name: "smoothie",
-    family: Family::Smoothie,
-    boot: &["Smoothie", "ok"],
-    numbering: Numbering::CheckedRepeatsRefused,
-    refusal: Refusal::Silent,
-    resend: "rs N",
-    ok_after_resend: false,
-    advanced_ok: false,
-    emergency_parser: false,
-    busy: "",
-    firmware: "FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//smoothieware.org, X-SOURCE_CODE_URL:https://github.com/\
-               Smoothieware/Smoothieware, FIRMWARE_VERSION:edge (hil-sim)",
-    capabilities: &[],
-    halted: &["!!"],
-    codes: &[
-        (b'M', 17),
-        (b'M', 92),
-        (b'M', 203),
-        (b'M', 205),
-        (b'M', 302),
-        (b'M', 500),
-        (b'M', 503),
-        (b'M', 999),
-    ],
-    words: &[],
-    arcs: Some(ArcRule { deviation_mm: 0.01, ..ArcRule::of_length(5.0) }),
-};
