@@ -1,5 +1,6 @@
 //! The printer as a host sees it, on a made-up clock.
 
+mod closed_form;
 mod dialects;
 mod matrix;
 mod resume;
