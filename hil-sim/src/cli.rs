@@ -6,7 +6,7 @@ use crate::{
     printer::Options,
     profile::Profile,
     replay,
-    scenario::{BAUD, Scenario, Speed},
+    scenario::{BAUD, NOISE_C, Scenario, Speed},
     spec::FaultSpec,
 };
 use clap::{Args, Parser, Subcommand};
@@ -86,7 +86,7 @@ struct RunArgs {
     #[arg(long, value_name = "SPEC")]
     fault: Vec<String>,
     /// TOML file with the same options and faults (keys profile, speed, baud, seed, once,
-    /// reset-on-open, faults; [[fault]] tables)
+    /// sensor-noise-c, reset-on-open, faults; [[fault]] tables)
     #[arg(long, value_name = "F.toml")]
     scenario: Option<PathBuf>,
     /// Seed of the faults [default: 0]
@@ -95,6 +95,9 @@ struct RunArgs {
     /// End when the user closes the port
     #[arg(long)]
     once: bool,
+    /// By how much a temperature reading may be off, °C [default: 0]
+    #[arg(long, value_name = "C")]
+    sensor_noise_c: Option<f64>,
     /// Reset the board whenever the port is opened, as many boards do
     #[arg(long)]
     reset_on_open: bool,
@@ -165,6 +168,12 @@ fn configure(args: RunArgs) -> Result<Config, Error> {
     }
     let name = args.profile.or(scenario.profile).unwrap_or_else(|| "marlin".to_owned());
     let mut profile = Profile::by_name(&name)?;
+    profile.sensor_noise_c = args.sensor_noise_c.or(scenario.sensor_noise_c).unwrap_or(0.0);
+    if !NOISE_C.contains(&profile.sensor_noise_c) {
+        let problem =
+            format!("{} found, {} to {} is expected", profile.sensor_noise_c, NOISE_C.start(), NOISE_C.end());
+        return Err(wrong("--sensor-noise-c", problem));
+    }
     profile.resets_on_open |= args.reset_on_open || scenario.reset_on_open.unwrap_or(false);
     let link = args.link.ok_or_else(|| {
         wrong("--link", "a path is needed, which becomes a link to the terminal".to_owned())
@@ -230,6 +239,7 @@ mod tests {
             (&["--profile", "marlin"][..], "--link"),
             (&["--link", "x", "--profile", "no"], "unknown profile `no`"),
             (&["--link", "x", "--speed", "0"], "--speed"),
+            (&["--link", "x", "--sensor-noise-c", "70"], "70 found, 0 to 5 is expected"),
             (&["--link", "x", "--fault", "explode"], "unknown kind `explode`"),
         ] {
             let error = configured(args).unwrap_err();

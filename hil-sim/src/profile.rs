@@ -88,6 +88,8 @@ pub struct Profile {
     pub ambient_c: f64,
     /// Hotend and bed.
     pub heaters: [HeaterData; 2],
+    /// By how much a temperature reading may be off, °C.
+    pub sensor_noise_c: f64,
     /// Bytes of the serial receive ring.
     pub rx_ring_bytes: usize,
     /// Commands that wait for execution (BUFSIZE).
@@ -138,6 +140,7 @@ const MARLIN_MACHINE: Profile = Profile {
     min_extrusion_c: 170.0,
     ambient_c: 21.0,
     heaters: [HOTEND, BED],
+    sensor_noise_c: 0.0,
     rx_ring_bytes: 128,
     command_slots: 4,
     planner_blocks: 16,

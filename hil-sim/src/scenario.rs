@@ -15,7 +15,7 @@
 //! mm = 0.4
 //! ```
 //!
-//! Further keys: `reset-on-open`. What the command line says goes before; its faults are added.
+//! Further keys: `reset-on-open`, `sensor-noise-c`. What the command line says goes before; its faults are added.
 
 use crate::{Error, profile::Profile, spec::FaultSpec};
 use serde::Deserialize;
@@ -23,6 +23,9 @@ use std::{ops::RangeInclusive, path::Path, str::FromStr};
 
 /// Speeds of the wire that make sense, bits per second.
 pub const BAUD: RangeInclusive<u32> = 300..=10_000_000;
+
+/// Noise of a sensor that makes sense, °C.
+pub const NOISE_C: RangeInclusive<f64> = 0.0..=5.0;
 
 /// How fast simulated time passes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,6 +70,7 @@ struct File {
     seed: Option<u64>,
     once: Option<bool>,
     reset_on_open: Option<bool>,
+    sensor_noise_c: Option<f64>,
     #[serde(default)]
     faults: Vec<String>,
     #[serde(default)]
@@ -86,6 +90,8 @@ pub struct Scenario {
     pub seed: Option<u64>,
     /// Whether to end when the user leaves.
     pub once: Option<bool>,
+    /// By how much a temperature reading may be off, °C.
+    pub sensor_noise_c: Option<f64>,
     /// Whether opening the port resets the board.
     pub reset_on_open: Option<bool>,
     /// Faults.
@@ -109,6 +115,7 @@ impl Scenario {
             seed: file.seed,
             once: file.once,
             reset_on_open: file.reset_on_open,
+            sensor_noise_c: file.sensor_noise_c,
         };
         scenario.check().map_err(fail)?;
         Ok(scenario)
@@ -117,6 +124,10 @@ impl Scenario {
     fn check(&self) -> Result<(), String> {
         if let Some(name) = &self.profile {
             Profile::by_name(name).map_err(|error| format!("profile: {error}"))?;
+        }
+        if let Some(noise) = self.sensor_noise_c.filter(|noise| !NOISE_C.contains(noise)) {
+            let (low, high) = (NOISE_C.start(), NOISE_C.end());
+            return Err(format!("sensor-noise-c is {noise}; {low} to {high} is expected"));
         }
         match self.baud {
             Some(baud) if !BAUD.contains(&baud) => {
@@ -191,6 +202,7 @@ mod tests {
             ("profile = \"gutenberg\"", "profile: unknown profile `gutenberg`: choose one of marlin"),
             ("baud = 3", "baud is 3; 300 to 10000000 is expected"),
             ("once = 1", "expected a boolean"),
+            ("sensor-noise-c = -1.0", "sensor-noise-c is -1; 0 to 5 is expected"),
             ("seed = -1", "line 1, column 8"),
             ("faults = [\"kil\"]", "faults, entry 1, `kil`: unknown kind `kil`"),
             ("faults = [\"kill\", \"kill:line=x\"]", "entry 2, `kill:line=x`: line is `x`; a whole number"),

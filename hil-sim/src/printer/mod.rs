@@ -233,7 +233,9 @@ impl Printer {
             unplugged_until_s: 0.0,
             planner: Planner::new(profile.planner_blocks),
             motion: Motion::new(&profile),
-            heaters: profile.heaters.map(|model| Heater::new(model, profile.ambient_c)),
+            heaters: profile
+                .heaters
+                .map(|model| Heater::new(model, profile.ambient_c).with_noise(profile.sensor_noise_c)),
             fan: 0,
             deposit: Deposit::new(&profile),
             faults: armed,
