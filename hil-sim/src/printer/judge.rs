@@ -3,8 +3,13 @@
 //! Figures that stop counting where the host wants it so: a planner that is empty because of M400, a dwell or a wait is not
 //! dry. Beads are compared within the last layers only, so that memory is bounded by a layer.
 
-use super::{Printer, Wait};
-use crate::{event::Bead, planner::Block, whole};
+use super::{Life, Printer, Wait};
+use crate::{
+    event::{Bead, Summary},
+    planner::Block,
+    thermal::Heater,
+    whole,
+};
 use std::collections::{BTreeMap, HashSet, VecDeque};
 
 /// Heaters that are on for longer than this without a byte from the host are unattended, s.
@@ -123,5 +128,53 @@ impl Printer {
     /// Whether the host wants the planner to run empty.
     pub(super) const fn is_draining(&self) -> bool {
         matches!(self.wait, Some(Wait::Drain(_)))
+    }
+
+    /// What the run has come to so far.
+    #[must_use]
+    pub fn summary(&self) -> Summary {
+        let temperature = |heater: &Heater| [heater.temperature_c(self.now_s), heater.target_c];
+        let heaters_on = self.heaters.iter().any(|heater| heater.target_c > 0.0);
+        let quiet_s = self.now_s - self.traffic_s;
+        let unattended_s = self.judge.unattended_s.max(if heaters_on { quiet_s } else { 0.0 });
+        Summary {
+            profile: self.profile.name.to_owned(),
+            seed: self.seed,
+            simulated_s: self.now_s,
+            overrun_bytes: self.incoming.overrun_bytes,
+            layers: self.deposit.layers.count() as u64,
+            filament_mm: self.deposit.net_mm,
+            last_state: self.state_name().to_owned(),
+            last_line: self.receiver.last_line,
+            position_mm: self.motion.position,
+            hotend_c: temperature(&self.heaters[0]),
+            bed_c: temperature(&self.heaters[1]),
+            least_planner_depth: self.judge.min_depth,
+            planner_dry_s: self.judge.dry_s,
+            heaters_on,
+            quiet_s,
+            unattended_hot_s: unattended_s,
+            host_gone_s: self.alone_s.map(|since_s| self.now_s - since_s),
+            repeated_move_lines: self.judge.repeated_lines,
+            repeated_beads: self.judge.repeated_beads,
+            unsafe_states: self.judge.unsafe_states.clone(),
+            ..self.summary.clone()
+        }
+    }
+
+    fn state_name(&self) -> &'static str {
+        match (self.life, &self.wait) {
+            (Life::Off, _) => "off",
+            (Life::Down, _) => "down",
+            (Life::Killed | Life::Halted, _) => "killed",
+            _ if !self.is_plugged() => "unplugged",
+            _ if self.is_silent() => "silent",
+            (_, Some(Wait::Heat(_))) => "heating",
+            (_, Some(Wait::User { .. })) if self.change.is_some() => "waiting-for-filament",
+            (_, Some(Wait::User { .. })) => "waiting-for-user",
+            (_, Some(_)) => "busy",
+            (_, None) if self.has_moves() => "moving",
+            (_, None) => "idle",
+        }
     }
 }

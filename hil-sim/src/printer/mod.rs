@@ -15,6 +15,7 @@ mod commands;
 mod faults;
 mod filament;
 mod idle;
+mod intake;
 mod judge;
 mod life;
 mod limits;
@@ -524,78 +525,6 @@ impl Printer {
         }
     }
 
-    /// Reads lines while the command queue has room.
-    fn fetch(&mut self) -> bool {
-        let mut read = false;
-        while self.queue.len() < self.profile.command_slots
-            && self.listens()
-            && !self.is_silent()
-            && let Some(line) = self.receiver.next_line()
-        {
-            read = true;
-            self.summary.lines_received += 1;
-            match line {
-                Received::Command(text) => self.accept(text),
-                Received::Repeated(text) => self.pass_over(text),
-                Received::Refused(text, reason) => {
-                    self.say_refusal(&text, reason);
-                    self.request_resend();
-                    self.record_refused(text, reason.trim_end_matches(", Last Line: "));
-                }
-            }
-            self.strike_machine(true);
-        }
-        read
-    }
-
-    /// A line that is there already.
-    fn pass_over(&mut self, text: Vec<u8>) {
-        self.summary.repeated_lines += 1;
-        if self.profile.dialect.numbering == Numbering::CheckedRepeatsSkipped {
-            self.say(&format!("skip {}", receive::number_of(&text)));
-            self.say("ok");
-        }
-        self.record_refused(text, "repeated");
-    }
-
-    fn accept(&mut self, text: Vec<u8>) {
-        if self.record_commands {
-            self.events.push(Event::Command { t_s: self.now_s, text: text.clone() });
-        }
-        if let Some(order) = early_order(&text).filter(|o| self.profile.dialect.urgent.by_line.contains(o)) {
-            self.emergency(order);
-            if order == Emergency::Kill {
-                return;
-            }
-        }
-        let is_answered = self.profile.dialect.ok_when_taken;
-        if is_answered {
-            let number = self.receiver.last_line;
-            self.say(&format!("ok {number}"));
-        }
-        self.queue.push_back(Queued { text, is_answered });
-        self.strike_spurious_resend();
-    }
-
-    fn record_refused(&mut self, text: Vec<u8>, reason: &'static str) {
-        if self.record_commands {
-            self.events.push(Event::Refused { t_s: self.now_s, text, reason });
-        }
-    }
-
-    fn request_resend(&mut self) {
-        let error = self.resend_error.take().unwrap_or(0);
-        let number = (self.receiver.last_line + 1 + error).max(0);
-        self.summary.resend_requests += 1;
-        if self.profile.dialect.family == Family::Repetier {
-            self.say("");
-        }
-        self.say(&format!("{}{number}", self.profile.dialect.resend));
-        if self.profile.dialect.ok_after_resend {
-            self.say("ok");
-        }
-    }
-
     /// Goes on with the command at the head of the queue.
     fn work(&mut self) -> bool {
         let Some(front) = self.queue.front_mut() else { return false };
@@ -684,66 +613,8 @@ impl Printer {
         }
     }
 
-    /// What the run has come to so far.
-    #[must_use]
-    pub fn summary(&self) -> Summary {
-        let temperature = |heater: &Heater| [heater.temperature_c(self.now_s), heater.target_c];
-        let heaters_on = self.heaters.iter().any(|heater| heater.target_c > 0.0);
-        let quiet_s = self.now_s - self.traffic_s;
-        let unattended_s = self.judge.unattended_s.max(if heaters_on { quiet_s } else { 0.0 });
-        Summary {
-            profile: self.profile.name.to_owned(),
-            seed: self.seed,
-            simulated_s: self.now_s,
-            overrun_bytes: self.incoming.overrun_bytes,
-            layers: self.deposit.layers.count() as u64,
-            filament_mm: self.deposit.net_mm,
-            last_state: self.state_name().to_owned(),
-            last_line: self.receiver.last_line,
-            position_mm: self.motion.position,
-            hotend_c: temperature(&self.heaters[0]),
-            bed_c: temperature(&self.heaters[1]),
-            least_planner_depth: self.judge.min_depth,
-            planner_dry_s: self.judge.dry_s,
-            heaters_on,
-            quiet_s,
-            unattended_hot_s: unattended_s,
-            host_gone_s: self.alone_s.map(|since_s| self.now_s - since_s),
-            repeated_move_lines: self.judge.repeated_lines,
-            repeated_beads: self.judge.repeated_beads,
-            unsafe_states: self.judge.unsafe_states.clone(),
-            ..self.summary.clone()
-        }
-    }
-
-    fn state_name(&self) -> &'static str {
-        match (self.life, &self.wait) {
-            (Life::Off, _) => "off",
-            (Life::Down, _) => "down",
-            (Life::Killed | Life::Halted, _) => "killed",
-            _ if !self.is_plugged() => "unplugged",
-            _ if self.is_silent() => "silent",
-            (_, Some(Wait::Heat(_))) => "heating",
-            (_, Some(Wait::User { .. })) if self.change.is_some() => "waiting-for-filament",
-            (_, Some(Wait::User { .. })) => "waiting-for-user",
-            (_, Some(_)) => "busy",
-            (_, None) if self.has_moves() => "moving",
-            (_, None) => "idle",
-        }
-    }
-
     /// Where the motors are.
     fn driven(&self) -> Position {
         self.planner.position_at(self.now_s).unwrap_or(self.motion.driven)
-    }
-}
-
-/// The order in a line, for firmware that looks at lines rather than bytes.
-fn early_order(text: &[u8]) -> Option<Emergency> {
-    match text.get(..4)? {
-        b"M108" => Some(Emergency::Continue),
-        b"M112" => Some(Emergency::Kill),
-        b"M410" => Some(Emergency::QuickStop),
-        _ => None,
     }
 }
