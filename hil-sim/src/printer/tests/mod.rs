@@ -4,6 +4,7 @@ mod closed_form;
 mod dialects;
 mod matrix;
 mod resume;
+mod robust;
 
 use super::*;
 use proptest::prelude::*;

@@ -243,3 +243,20 @@ fn what_lies_behind_the_sensor_still_prints() {
     let laid_mm = (printer.summary().deposited_mm3 - before_mm3) / printer.profile.filament_area_mm2();
     assert!((laid_mm - 50.0).abs() < 1e-9, "{laid_mm}");
 }
+
+#[test]
+fn runout_is_told_in_each_firmware_s_words() {
+    for (profile, told, state) in [
+        ("marlin", "//action:paused filament_runout 0", "waiting-for-filament"),
+        ("prusa-mk3s", "echo:busy: processing", "waiting-for-filament"),
+        ("klipper", "// action:paused", "idle"),
+        ("reprapfirmware", "Error: Filament error on extruder 0: no filament", "idle"),
+        ("repetier", "RequestPause:No filament detected!", "idle"),
+        ("smoothie", "// Filament Detector has detected a filament jam", "idle"),
+    ] {
+        let mut printer = half_way(profile, &["filament-out:line=10"]);
+        let lines = ask(&mut printer, "M107\nM107\n");
+        assert!(lines.contains(&told.to_owned()), "{profile}: {lines:?}");
+        assert_eq!(printer.summary().last_state, state, "{profile}");
+    }
+}
