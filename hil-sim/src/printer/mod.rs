@@ -283,14 +283,20 @@ impl Printer {
         self.incoming.bytes_under_way() > 4096
     }
 
-    /// A host has opened the port: a printer that is off or has stopped for good starts, and so does one that the port's
-    /// lines reset.
+    /// A host has opened the port: a printer that is off starts, and so does one that the port's lines reset. One that has
+    /// stopped for good stays so until its power is switched.
     pub fn host_arrived(&mut self) {
         self.alone_s = None;
         self.state("host-arrived", String::new());
-        if matches!(self.life, Life::Off | Life::Killed) || self.profile.resets_on_open {
+        if self.life == Life::Off || self.profile.resets_on_open {
             self.reset();
         }
+    }
+
+    /// Somebody switches the printer off and on.
+    pub fn switch_off_and_on(&mut self) {
+        self.reset();
+        self.settle();
     }
 
     /// The host has closed the port: what it has written still arrives, what is said is lost.
