@@ -91,13 +91,7 @@ pub static MARLIN: Dialect = Dialect {
     halted: &["Error:Printer halted. kill() called!", "//action:poweroff"],
     codes: MARLIN_2_CODES,
     words: &[],
-    arcs: Some(ArcRule {
-        longest_mm: 1.0,
-        shortest_mm: 0.1,
-        per_circle: 72.0,
-        per_s: 50.0,
-        deviation_mm: 0.0,
-    }),
+    arcs: Some(ArcRule::Marlin2),
 };
 
 /// Marlin 1.1: plain `ok`, no emergency parser, repeated lines refused, arcs in chords of one length.
@@ -139,7 +133,7 @@ const MARLIN_1_WORDS: Dialect = Dialect {
     halted: &["Error:Printer halted. kill() called!"],
     codes: &[],
     words: &[],
-    arcs: Some(ArcRule::of_length(1.0)),
+    arcs: Some(ArcRule::Marlin1),
 };
 
 /// Marlin 1.1.
@@ -164,7 +158,7 @@ pub static PRUSA: Dialect = Dialect {
     prompts: false,
     codes: &[(b'M', 86), (b'M', 600)],
     capabilities: &["Cap:AUTOREPORT_TEMP:1", "Cap:PROGRESS:0", "Cap:EXTENDED_M20:0", "Cap:PRUSA_MMU2:0"],
-    arcs: Some(ArcRule { per_circle: 20.0, ..ArcRule::of_length(1.0) }),
+    arcs: Some(ArcRule::Prusa),
     ..MARLIN_1_WORDS
 };
 
@@ -268,13 +262,7 @@ pub static REPRAPFIRMWARE: Dialect = Dialect {
         (b'M', 999),
     ],
     words: &[],
-    arcs: Some(ArcRule {
-        longest_mm: 2.0,
-        shortest_mm: 0.1,
-        per_circle: 1.0,
-        per_s: 200.0,
-        deviation_mm: 0.005,
-    }),
+    arcs: Some(ArcRule::RepRapFirmware),
 };
 
 /// Repetier-Firmware 1.
@@ -324,7 +312,7 @@ pub static REPETIER: Dialect = Dialect {
         (b'M', 999),
     ],
     words: &[],
-    arcs: Some(ArcRule::of_length(1.0)),
+    arcs: Some(ArcRule::Repetier),
 };
 
 /// Smoothieware.
@@ -370,5 +358,5 @@ pub static SMOOTHIE: Dialect = Dialect {
         (b'M', 999),
     ],
     words: &[],
-    arcs: Some(ArcRule { deviation_mm: 0.01, ..ArcRule::of_length(5.0) }),
+    arcs: Some(ArcRule::Smoothie),
 };

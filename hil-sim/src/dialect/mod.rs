@@ -125,37 +125,61 @@ pub enum Halt {
     Alarm,
 }
 
-/// How the firmware divides an arc into chords. All limits hold at once.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArcRule {
-    /// Longest chord, mm.
-    pub longest_mm: f64,
-    /// Shortest chord that a rule on speed or deviation may ask for, mm.
-    pub shortest_mm: f64,
-    /// Fewest chords of a whole circle.
-    pub per_circle: f64,
-    /// Chords a second, at the commanded speed; 0: no such rule.
-    pub per_s: f64,
-    /// Farthest from the arc, mm; 0: no such rule.
-    pub deviation_mm: f64,
+/// How the firmware divides an arc into chords.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArcRule {
+    /// As many whole ones of 1 mm as go in, 72 a circle at least, none longer than 1 mm or shorter than 0.1 mm (Marlin 2.1:
+    /// `MAX_ARC_SEGMENT_MM`, `MIN_CIRCLE_SEGMENTS`).
+    Marlin2,
+    /// As many whole ones of 1 mm as go in, along the climb too (Marlin 1.1: `MM_PER_ARC_SEGMENT`).
+    Marlin1,
+    /// 1 mm at most, 20 a circle at least (Prusa).
+    Prusa,
+    /// 0.005 mm off the arc, 200 a second at most, 0.1 to 1 mm long; four fifths of one count as one (RepRapFirmware 3).
+    RepRapFirmware,
+    /// As many whole ones of 1 mm as go in; above 60 mm/s, of a sixtieth of a second, 3 mm at most (Repetier).
+    Repetier,
+    /// As many whole ones as go in that leave the arc by 0.01 mm (Smoothieware).
+    Smoothie,
 }
 
 impl ArcRule {
-    const fn of_length(longest_mm: f64) -> Self {
-        Self { longest_mm, shortest_mm: 0.0, per_circle: 1.0, per_s: 0.0, deviation_mm: 0.0 }
-    }
-
-    /// Longest chord of an arc of `radius_mm` driven at `speed_mm_s`, mm.
+    /// Number of chords of an arc of `radius_mm` through `turn` (> 0, radians) that climbs by `rise_mm`, commanded at
+    /// `speed_mm_s`.
     #[must_use]
-    pub fn chord_mm(&self, radius_mm: f64, speed_mm_s: f64) -> f64 {
-        let mut chord = self.longest_mm;
-        if self.per_s > 0.0 {
-            chord = chord.min((speed_mm_s / self.per_s).max(self.shortest_mm));
-        }
-        if self.deviation_mm > 0.0 {
-            chord = chord.min((8.0 * radius_mm * self.deviation_mm).sqrt().max(self.shortest_mm));
-        }
-        chord.min(std::f64::consts::TAU * radius_mm / self.per_circle)
+    pub fn n_chords(self, radius_mm: f64, turn: f64, rise_mm: f64, speed_mm_s: f64) -> usize {
+        use std::f64::consts::TAU;
+        let flat = radius_mm * turn;
+        let n = match self {
+            Self::Marlin2 => {
+                let n = flat.floor().max((72.0 * turn / TAU).ceil());
+                if flat / n > 1.0 {
+                    flat.ceil()
+                } else if flat / n < 0.1 {
+                    (flat / 0.1).floor()
+                } else {
+                    n
+                }
+            }
+            Self::Marlin1 => flat.hypot(rise_mm).floor(),
+            Self::Prusa => (flat.hypot(rise_mm) / (TAU * radius_mm / 20.0).min(1.0)).ceil(),
+            Self::RepRapFirmware => {
+                let chord = (8.0 * radius_mm * 0.005).sqrt().min(speed_mm_s / 200.0).clamp(0.1, 1.0);
+                (flat / chord + 0.8).floor()
+            }
+            Self::Repetier if speed_mm_s > 60.0 => (flat / (speed_mm_s * 0.016_66).min(3.0)).floor(),
+            Self::Repetier => flat.floor(),
+            Self::Smoothie => {
+                let error = 0.01;
+                let chord = if 2.0 * radius_mm > error {
+                    2.0 * (error * 2.0_f64.mul_add(radius_mm, -error)).sqrt()
+                } else {
+                    0.5
+                };
+                (flat.hypot(rise_mm) / chord).floor()
+            }
+        };
+        crate::whole::floor_to_usize(n).clamp(1, 10_000)
     }
 }
 

@@ -9,7 +9,6 @@ use crate::{
     gcode::Command,
     planner::{Limits, Position},
     profile::Profile,
-    whole,
 };
 use std::collections::VecDeque;
 
@@ -273,8 +272,9 @@ impl Printer {
         self.note_numbered_move(command);
         let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
         let rule = self.profile.dialect.arcs.expect("arcs are known to a dialect that has a rule for them");
-        let chord_mm = rule.chord_mm(radius, self.motion.feedrate);
-        for point in arc_points(from, target, centre, clockwise, chord_mm) {
+        let turn = arc_turn(from, target, centre, clockwise);
+        let n_chords = rule.n_chords(radius, turn, target[2] - from[2], self.motion.feedrate);
+        for point in arc_points([from, target], centre, if clockwise { -turn } else { turn }, n_chords) {
             self.plan(point);
         }
         Outcome::Wait(Wait::Moves)
@@ -297,28 +297,23 @@ fn arc_centre(command: &Command<'_>, from: Position, to: Position, clockwise: bo
     (i.hypot(j) > 1e-9).then_some([from[0] + i, from[1] + j])
 }
 
-/// Points along an arc, the last one exactly `to`.
-fn arc_points(
-    from: Position,
-    to: Position,
-    centre: [f64; 2],
-    clockwise: bool,
-    chord_mm: f64,
-) -> Vec<Position> {
+/// The angle that an arc goes through, more than 0 and a whole turn at most.
+fn arc_turn(from: Position, to: Position, centre: [f64; 2], clockwise: bool) -> f64 {
     use std::f64::consts::TAU;
     let start = (from[1] - centre[1]).atan2(from[0] - centre[0]);
     let end = (to[1] - centre[1]).atan2(to[0] - centre[0]);
-    let mut turn = if clockwise { (start - end).rem_euclid(TAU) } else { (end - start).rem_euclid(TAU) };
-    if turn < 1e-9 {
-        turn = TAU;
-    }
+    let turn = if clockwise { (start - end).rem_euclid(TAU) } else { (end - start).rem_euclid(TAU) };
+    if turn < 1e-9 { TAU } else { turn }
+}
+
+/// The ends of the `n` chords of an arc through `turn` (positive: counter-clockwise), the last one exactly `to`.
+fn arc_points([from, to]: [Position; 2], centre: [f64; 2], turn: f64, n: usize) -> Vec<Position> {
+    let start = (from[1] - centre[1]).atan2(from[0] - centre[0]);
     let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
-    let n = whole::floor_to_usize((turn * radius / chord_mm).ceil()).clamp(1, 10_000);
-    let sign = if clockwise { -1.0 } else { 1.0 };
     let mut points: Vec<Position> = (1..n)
         .map(|k| {
             let share = k as f64 / n as f64;
-            let angle = (sign * turn).mul_add(share, start);
+            let angle = turn.mul_add(share, start);
             let along = |axis: usize| (to[axis] - from[axis]).mul_add(share, from[axis]);
             [
                 radius.mul_add(angle.cos(), centre[0]),

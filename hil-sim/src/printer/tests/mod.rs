@@ -89,7 +89,17 @@ fn ready(faults: &[&str]) -> Printer {
 /// Chords are as long as the firmware makes them: an arc of 4 mm radius through half a turn.
 #[test]
 fn arcs_are_driven_in_the_firmware_s_own_chords() {
-    for (profile, n_chords) in [("marlin", 36), ("marlin1", 13), ("prusa-mk3s", 13), ("repetier", 13)] {
+    for (profile, n_chords) in [
+        ("marlin", 36),
+        ("marlin1", 12),
+        ("prusa-mk3s", 13),
+        // At 100 mm/s: 1.666 mm.
+        ("repetier", 7),
+        // sqrt(8 r 0.005) = 0.4 mm, 31.4 + 0.8.
+        ("reprapfirmware", 32),
+        // 2 sqrt(0.01 (8 - 0.01)) = 0.5653 mm.
+        ("smoothie", 22),
+    ] {
         let mut printer = printer_of(profile);
         ask(&mut printer, "G28\nG90\nG1 X100 Y100 F6000\nM400\n");
         let before = printer.summary().moves;
