@@ -397,11 +397,13 @@ impl Printer {
             ),
             "echo:; Advanced (J<junc_dev>):".to_owned(),
             match limits.cornering {
-                Cornering::Deviation(mm) => format!("echo: M205 J{mm:.3}"),
-                Cornering::Jerk { axes: [x, y, z, e], .. } => {
+                Cornering::Deviation(mm) | Cornering::SmoothieDeviation(mm) => format!("echo: M205 J{mm:.3}"),
+                Cornering::ClassicJerk { axes: [x, y, z, e], .. }
+                | Cornering::InstantChange([x, y, z, e])
+                | Cornering::PlanarJerk([x, y, z, e]) => {
                     format!("echo: M205 X{x:.2} Y{y:.2} Z{z:.2} E{e:.2}")
                 }
-                Cornering::SquareCorner(mm_s) => format!("echo: square corner velocity {mm_s:.2}"),
+                Cornering::SquareCorner { speed, .. } => format!("echo: square corner velocity {speed:.2}"),
             },
         ];
         for line in lines {
