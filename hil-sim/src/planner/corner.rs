@@ -9,7 +9,7 @@
 //! | junction deviation of X, Y, Z, blunt at both ends | Smoothieware | `Planner.cpp` |
 //! | junction deviation that follows from the speed of a right angle | Klipper | `toolhead.py`, `extruder.py` |
 //!
-//! Junction deviation: Jeon, "Improving Grbl: cornering algorithm" (2011). Legend as in [`super`].
+//! Junction deviation: Jeon, "Improving Grbl: cornering algorithm" (2011). Legend as in the planner.
 
 use super::{Block, Limits};
 

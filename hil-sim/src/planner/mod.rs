@@ -1,8 +1,8 @@
 //! Moves to trapezoids: a planner with look-ahead, as in Grbl and Marlin.
 //!
 //! Every move accelerates, cruises and decelerates along its straight line. At a junction the speed is bounded by the
-//! firmware's own rule ([`corner`]). A backward pass bounds every entry speed so that the machine can stop at the end of what
-//! is known, a forward pass bounds it by what can be reached; Klipper besides holds peaks down ([`smooth`]). A move's profile
+//! firmware's own rule (`corner`). A backward pass bounds every entry speed so that the machine can stop at the end of what
+//! is known, a forward pass bounds it by what can be reached; Klipper besides holds peaks down (`smooth`). A move's profile
 //! is fixed when it starts.
 //!
 //! Legend: lengths mm, speeds mm/s (squares mm²/s²), accelerations mm/s², times s on the simulated clock.

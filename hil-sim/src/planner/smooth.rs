@@ -2,7 +2,7 @@
 //!
 //! Besides the plan at full acceleration there is a virtual one at a lower one, `(1 - minimum_cruise_ratio)` of it; where that
 //! plan accelerates and brakes, its peak bounds the real cruising speed of all moves up to the next such place (`toolhead.py`,
-//! `LookAheadQueue.flush`, up to 2024 `MoveQueue.flush` with `max_accel_to_decel`). Legend as in [`super`].
+//! `LookAheadQueue.flush`, up to 2024 `MoveQueue.flush` with `max_accel_to_decel`). Legend as in the planner.
 
 use super::{Block, Cornering, Limits};
 
