@@ -49,6 +49,8 @@ pub static MARLIN: Dialect = Dialect {
     extruder_mode: ExtruderMode::WithAxes,
     moves_unhomed: true,
     endstops_unhomed: false,
+    // TEMP_RESIDENCY_TIME
+    residency_s: 10.0,
     idle: MARLIN_IDLE,
     runout: &[
         "//action:prompt_begin FilamentRunout T0",
@@ -121,6 +123,7 @@ const MARLIN_1_WORDS: Dialect = Dialect {
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: true,
     endstops_unhomed: true,
+    residency_s: 10.0,
     idle: MARLIN_IDLE,
     runout: &[],
     runout_changes: false,
@@ -148,6 +151,7 @@ pub static PRUSA: Dialect = Dialect {
                EXTRUDER_COUNT:1 UUID:00000000-0000-0000-0000-000000000000",
     position: PositionForm::MarlinPlaces,
     extruder_mode: ExtruderMode::Own,
+    residency_s: 3.0,
     idle: IdleRule {
         motors_s: 60.0,
         heaters_s: 1800.0,
@@ -184,6 +188,7 @@ pub static KLIPPER: Dialect = Dialect {
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: false,
     endstops_unhomed: true,
+    residency_s: 0.0,
     idle: IdleRule {
         motors_s: 0.0,
         heaters_s: 600.0,
@@ -236,6 +241,7 @@ pub static REPRAPFIRMWARE: Dialect = Dialect {
     extruder_mode: ExtruderMode::Own,
     moves_unhomed: false,
     endstops_unhomed: false,
+    residency_s: 0.0,
     idle: NEVER_IDLE,
     runout: &["Error: Filament error on extruder 0: no filament"],
     runout_changes: false,
@@ -287,6 +293,8 @@ pub static REPETIER: Dialect = Dialect {
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: true,
     endstops_unhomed: false,
+    // EXT0_WATCHPERIOD
+    residency_s: 1.0,
     idle: IdleRule { motors_s: 360.0, ..MARLIN_IDLE },
     runout: &["RequestPause:No filament detected!"],
     runout_changes: false,
@@ -337,6 +345,7 @@ pub static SMOOTHIE: Dialect = Dialect {
     extruder_mode: ExtruderMode::WithAxes,
     moves_unhomed: true,
     endstops_unhomed: false,
+    residency_s: 0.0,
     idle: NEVER_IDLE,
     runout: &["// Filament Detector has detected a filament jam"],
     runout_changes: false,

@@ -227,6 +227,8 @@ pub struct Dialect {
     pub moves_unhomed: bool,
     /// Whether the soft endstops hold for an axis that is not home.
     pub endstops_unhomed: bool,
+    /// How long a temperature must hold before M109 and M190 are done, s.
+    pub residency_s: f64,
     /// What it does by itself.
     pub idle: IdleRule,
     /// Said when the filament has run out.

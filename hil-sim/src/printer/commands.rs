@@ -10,8 +10,6 @@ use crate::{
 
 /// A heater is at its target within this, °C.
 const WINDOW_C: f64 = 1.0;
-/// How long it must be there, s.
-const RESIDENCY_S: f64 = 10.0;
 /// Homing takes this long per axis besides the way, s.
 const HOMING_BUMP_S: f64 = 2.5;
 
@@ -344,7 +342,7 @@ impl Printer {
         }
         let near = (heater.reading_c(self.now_s) - heater.target_c).abs() <= WINDOW_C;
         heat.reached_s = if near { heat.reached_s.or(Some(self.now_s)) } else { None };
-        let left_s = heat.reached_s.map(|since| RESIDENCY_S - (self.now_s - since));
+        let left_s = heat.reached_s.map(|since| self.profile.dialect.residency_s - (self.now_s - since));
         if left_s.is_some_and(|left| left <= 0.0) {
             self.state("heated", format!("{:.1}", self.heaters[heat.heater as usize].target_c));
             return Outcome::Done;

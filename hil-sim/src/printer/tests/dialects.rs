@@ -219,3 +219,18 @@ fn urgent_orders_pass_the_queue_where_the_firmware_lets_them() {
         assert_eq!(printer.summary().hotend_c[1], 0.0, "{profile}");
     }
 }
+
+#[test]
+fn warming_up_is_over_when_the_temperature_has_held_as_long_as_the_firmware_wants() {
+    let heated_s = |profile: &str| {
+        let mut printer = printer_of(profile);
+        ask(&mut printer, "M109 S200\n");
+        printer.now_s()
+    };
+    let at_once_s = heated_s("klipper");
+    for (profile, residency_s) in
+        [("marlin", 10.0), ("marlin1", 10.0), ("prusa-mk3s", 3.0), ("repetier", 1.0), ("smoothie", 0.0)]
+    {
+        assert!((heated_s(profile) - at_once_s - residency_s).abs() < 1e-9, "{profile}");
+    }
+}
