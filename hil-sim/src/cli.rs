@@ -6,7 +6,7 @@ use crate::{
     printer::Options,
     profile::Profile,
     replay,
-    scenario::{Scenario, Speed},
+    scenario::{BAUD, NOISE_C, Scenario, Speed},
     spec::FaultSpec,
 };
 use clap::{Args, Parser, Subcommand};
@@ -23,7 +23,7 @@ Faults (--fault, repeatable): KIND[:key=value,...]
   on the wire   bit-error lost-byte doubled-byte half-line garbage delay   (dir=rx, the default, or dir=tx)
                 lost-ok spurious-resend wrong-resend
   of the port   disconnect silent
-  of the board  reset kill runaway sensor-open
+  of the board  reset power-cut (for-s=T: how long it is down)  kill runaway sensor-open
   of the print  layer-shift (mm=1, axis=x|y|z)  clog (percent=50)  leak (percent=20)  filament-out
   when          rate=P   probability per line            line=N   from the Nth line received on
                 layer=N  from layer N on (first is 0)    at-s=T   from simulated second T on
@@ -80,12 +80,13 @@ struct RunArgs {
     #[arg(long, value_name = "SPEED")]
     speed: Option<String>,
     /// Speed of the wire, bits per second [default: takes no time, flow-controlled as USB is]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(300..=10_000_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(i64::from(*BAUD.start())..=i64::from(*BAUD.end())))]
     baud: Option<u32>,
     /// Fault to inject (see below); may be given several times
     #[arg(long, value_name = "SPEC")]
     fault: Vec<String>,
-    /// TOML file with the same options and faults (keys profile, speed, baud, seed, once, faults; [[fault]] tables)
+    /// TOML file with the same options and faults (keys profile, speed, baud, seed, once,
+    /// sensor-noise-c, reset-on-open, faults; [[fault]] tables)
     #[arg(long, value_name = "F.toml")]
     scenario: Option<PathBuf>,
     /// Seed of the faults [default: 0]
@@ -94,6 +95,12 @@ struct RunArgs {
     /// End when the user closes the port
     #[arg(long)]
     once: bool,
+    /// By how much a temperature reading may be off, °C [default: 0]
+    #[arg(long, value_name = "C")]
+    sensor_noise_c: Option<f64>,
+    /// Reset the board whenever the port is opened, as many boards do
+    #[arg(long)]
+    reset_on_open: bool,
     /// Print the summary as one JSON document on stdout in the end
     #[arg(long)]
     json: bool,
@@ -159,13 +166,21 @@ fn configure(args: RunArgs) -> Result<Config, Error> {
     for spec in &args.fault {
         faults.push(spec.parse::<FaultSpec>()?);
     }
-    let profile = args.profile.or(scenario.profile).unwrap_or_else(|| "marlin".to_owned());
+    let name = args.profile.or(scenario.profile).unwrap_or_else(|| "marlin".to_owned());
+    let mut profile = Profile::by_name(&name)?;
+    profile.sensor_noise_c = args.sensor_noise_c.or(scenario.sensor_noise_c).unwrap_or(0.0);
+    if !NOISE_C.contains(&profile.sensor_noise_c) {
+        let problem =
+            format!("{} found, {} to {} is expected", profile.sensor_noise_c, NOISE_C.start(), NOISE_C.end());
+        return Err(wrong("--sensor-noise-c", problem));
+    }
+    profile.resets_on_open |= args.reset_on_open || scenario.reset_on_open.unwrap_or(false);
     let link = args.link.ok_or_else(|| {
         wrong("--link", "a path is needed, which becomes a link to the terminal".to_owned())
     })?;
     Ok(Config {
         options: Options {
-            profile: Profile::by_name(&profile)?,
+            profile,
             baud: args.baud.or(scenario.baud),
             faults,
             seed: args.seed.or(scenario.seed).unwrap_or(0),
@@ -224,6 +239,7 @@ mod tests {
             (&["--profile", "marlin"][..], "--link"),
             (&["--link", "x", "--profile", "no"], "unknown profile `no`"),
             (&["--link", "x", "--speed", "0"], "--speed"),
+            (&["--link", "x", "--sensor-noise-c", "70"], "70 found, 0 to 5 is expected"),
             (&["--link", "x", "--fault", "explode"], "unknown kind `explode`"),
         ] {
             let error = configured(args).unwrap_err();

@@ -93,8 +93,10 @@ pub struct Deposit {
     last_area_mm2: f64,
     /// How far the axes have slipped.
     pub shift_mm: [f64; 3],
-    /// Which part of what is pushed comes out: 1 unless clogged or empty.
+    /// Which part of what is pushed comes out: 1 unless clogged.
     pub yield_share: f64,
+    /// Filament before its end, mm.
+    pub left_mm: f64,
     /// Which part of the last bead's cross-section drips on travel moves.
     pub leak_share: f64,
 }
@@ -112,6 +114,7 @@ impl Deposit {
             last_area_mm2: 0.0,
             shift_mm: [0.0; 3],
             yield_share: 1.0,
+            left_mm: f64::INFINITY,
             leak_share: 0.0,
         }
     }
@@ -133,7 +136,9 @@ impl Deposit {
         }
         let from_share = ((self.most_mm - before) / pulled).clamp(0.0, 1.0);
         self.most_mm = self.net_mm;
-        let volume = fresh * self.filament_area_mm2 * self.yield_share;
+        let there_mm = fresh.min(self.left_mm);
+        self.left_mm -= there_mm;
+        let volume = there_mm * self.filament_area_mm2 * self.yield_share;
         let start = block.at(from_share);
         let length = distance(&start, &block.to);
         if length < 1e-9 {

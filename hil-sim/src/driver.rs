@@ -3,7 +3,8 @@
 //! The only part of the simulator that reads a clock. At a given speed, simulated time follows the clock. At the
 //! fastest, time jumps from event to event while a command or the wire waits, follows the clock while the host is to
 //! notice it (an outage, a late line, a wait for the user), and stands still otherwise; moves that nobody waits for are
-//! finished when the host has been quiet for half a second, or leaves.
+//! finished when the host has been quiet for half a second, or leaves. What a host has written before it leaves still
+//! arrives and is done, as behind a real port.
 
 use crate::{
     Error,
@@ -199,8 +200,12 @@ impl Session {
     }
 
     fn host_left(&mut self) {
-        self.flush_moves();
         self.printer.host_left();
+        // What it has written is still done; what takes the user is not waited for.
+        if self.speed == Speed::Max {
+            while self.printer.pace() == Pace::Work && self.printer.step() {}
+        }
+        self.flush_moves();
         self.present = false;
         self.left = true;
     }

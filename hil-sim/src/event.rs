@@ -103,6 +103,8 @@ pub struct Summary {
     pub planner_dry: u64,
     /// Moves cut off at the machine's limits.
     pub soft_endstop_hits: u64,
+    /// Moves refused because an axis was not home.
+    pub unhomed_refusals: u64,
     /// Extrusions refused because the hotend was cold.
     pub cold_extrusions: u64,
     /// Faults injected, by kind.
@@ -117,4 +119,24 @@ pub struct Summary {
     pub hotend_c: [f64; 2],
     /// Bed at the end, °C, and its target.
     pub bed_c: [f64; 2],
+    /// Fewest moves that were left in the planner when one ended and another followed, unless the host waited for the end of
+    /// all; none without such a moment.
+    pub least_planner_depth: Option<u64>,
+    /// Time in which the planner was dry between two moves, s.
+    pub planner_dry_s: f64,
+    /// Whether a heater has a target at the end.
+    pub heaters_on: bool,
+    /// Time since the last byte from the host, s.
+    pub quiet_s: f64,
+    /// Longest time for which a heater was on without a byte from the host, s.
+    pub unattended_hot_s: f64,
+    /// For how long nobody has had the port open at the end, s; none if somebody has.
+    pub host_gone_s: Option<f64>,
+    /// Moves of numbered lines whose number was not above that of an earlier move (since the last M110 or reset).
+    pub repeated_move_lines: u64,
+    /// Beads laid exactly where there was one already, in the last layers.
+    pub repeated_beads: u64,
+    /// What was unsafe, and how often: `moved-unhomed`, `extruded-unhomed` (moves while an axis was not home),
+    /// `homed-z-onto-print` (Z was homed with something on the bed), `heated-unattended` (for ten minutes without a byte).
+    pub unsafe_states: std::collections::BTreeMap<&'static str, u64>,
 }

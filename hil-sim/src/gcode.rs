@@ -14,6 +14,8 @@ pub struct Command<'a> {
     pub letter: u8,
     /// The number behind it.
     pub code: u32,
+    /// Number of its line, where it has one.
+    pub number: Option<i64>,
     /// Letters seen, bit 0 = A.
     seen: u32,
     /// Letters with a number.
@@ -42,9 +44,9 @@ impl Command<'_> {
 /// Reads one line.
 #[must_use]
 pub fn parse(line: &[u8]) -> Command<'_> {
-    let text = command_text(line);
+    let (number, text) = command_text(line);
     let mut command =
-        Command { letter: b'?', code: 0, seen: 0, valued: 0, values: [0.0; 26], text, argument: &[] };
+        Command { letter: b'?', code: 0, number, seen: 0, valued: 0, values: [0.0; 26], text, argument: &[] };
     let Some((&letter @ (b'G' | b'M' | b'T'), rest)) = text.split_first() else { return command };
     let rest = skip_blanks(rest);
     let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
@@ -88,15 +90,20 @@ fn read_parameters<'a>(command: &mut Command<'a>, mut rest: &'a [u8]) {
     }
 }
 
-/// The command without blanks in front, line number, checksum and blanks behind.
-fn command_text(line: &[u8]) -> &[u8] {
+/// The line number, and the command without blanks in front, checksum and blanks behind.
+fn command_text(line: &[u8]) -> (Option<i64>, &[u8]) {
     let mut text = skip_blanks(line);
-    if let [b'N', b'0'..=b'9' | b'-', tail @ ..] = text {
-        text = skip_blanks(&tail[tail.iter().take_while(|b| b.is_ascii_digit()).count()..]);
+    let mut number = None;
+    if let [b'N', head @ (b'0'..=b'9' | b'-'), tail @ ..] = text {
+        let (digits, rest) = tail.split_at(tail.iter().take_while(|b| b.is_ascii_digit()).count());
+        let first = if *head == b'-' { 0 } else { i64::from(head - b'0') };
+        let size = digits.iter().fold(first, |n, b| n.saturating_mul(10).saturating_add(i64::from(b - b'0')));
+        number = Some(if *head == b'-' { -size } else { size });
+        text = skip_blanks(rest);
     }
     let star = text.iter().position(|&b| b == b'*').unwrap_or(text.len());
     let text = &text[..star];
-    &text[..text.iter().rposition(|&b| b != b' ').map_or(0, |last| last + 1)]
+    (number, &text[..text.iter().rposition(|&b| b != b' ').map_or(0, |last| last + 1)])
 }
 
 fn skip_blanks(text: &[u8]) -> &[u8] {
@@ -145,6 +152,7 @@ mod tests {
     fn numbered_move_is_read() {
         let command = parse(b"N12 G1 X10.5 Y-3 E0.01234 F1800*97");
         assert_eq!((command.letter, command.code), (b'G', 1));
+        assert_eq!(command.number, Some(12));
         assert_eq!(command.value(b'X'), Some(10.5));
         assert_eq!(command.value(b'Y'), Some(-3.0));
         assert_eq!(command.value(b'E'), Some(0.01234));

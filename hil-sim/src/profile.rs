@@ -88,6 +88,8 @@ pub struct Profile {
     pub ambient_c: f64,
     /// Hotend and bed.
     pub heaters: [HeaterData; 2],
+    /// By how much a temperature reading may be off, °C.
+    pub sensor_noise_c: f64,
     /// Bytes of the serial receive ring.
     pub rx_ring_bytes: usize,
     /// Commands that wait for execution (BUFSIZE).
@@ -96,6 +98,8 @@ pub struct Profile {
     pub planner_blocks: usize,
     /// Longest line, bytes with the terminating zero (MAX_CMD_SIZE).
     pub line_bytes: usize,
+    /// Whether opening the port resets the board (its DTR line does).
+    pub resets_on_open: bool,
 }
 
 const HOTEND: HeaterData = HeaterData {
@@ -136,21 +140,18 @@ const MARLIN_MACHINE: Profile = Profile {
     min_extrusion_c: 170.0,
     ambient_c: 21.0,
     heaters: [HOTEND, BED],
+    sensor_noise_c: 0.0,
     rx_ring_bytes: 128,
     command_slots: 4,
     planner_blocks: 16,
     line_bytes: 96,
+    resets_on_open: false,
 };
-
-/// Marlin 1's jerk: eased where an axis turns back, runs begin and end with a jump.
-const fn classic_jerk(axes: [f64; 4]) -> Cornering {
-    Cornering::Jerk { axes, eased: true, planar: false, rest_share: 1.0 }
-}
 
 const MARLIN_1_MACHINE: Profile = Profile {
     name: "marlin1",
     dialect: &MARLIN_1,
-    cornering: classic_jerk([8.0, 8.0, 0.3, 5.0]),
+    cornering: Cornering::ClassicJerk { axes: [8.0, 8.0, 0.3, 5.0], from_prusa: false },
     ..MARLIN_MACHINE
 };
 
@@ -166,7 +167,7 @@ const PROFILES: [Profile; 9] = [
         print_acceleration_mm_s2: 3000.0,
         travel_acceleration_mm_s2: 3000.0,
         retract_acceleration_mm_s2: 1500.0,
-        cornering: Cornering::SquareCorner(5.0),
+        cornering: Cornering::SquareCorner { speed: 5.0, cruise_ratio: 0.5 },
         rx_ring_bytes: 4096,
         command_slots: 16,
         planner_blocks: 64,
@@ -180,14 +181,10 @@ const PROFILES: [Profile; 9] = [
         max_acceleration_mm_s2: [2500.0, 2500.0, 100.0, 3000.0],
         print_acceleration_mm_s2: 1500.0,
         travel_acceleration_mm_s2: 2500.0,
-        cornering: Cornering::Jerk {
-            axes: [9.0, 9.0, 0.5, 5.0],
-            eased: false,
-            planar: false,
-            rest_share: 0.0,
-        },
+        cornering: Cornering::InstantChange([9.0, 9.0, 0.5, 5.0]),
         rx_ring_bytes: 1024,
-        command_slots: 8,
+        // A line is read when the one before it is done.
+        command_slots: 1,
         planner_blocks: 40,
         line_bytes: 256,
         ..MARLIN_MACHINE
@@ -202,12 +199,9 @@ const PROFILES: [Profile; 9] = [
         travel_acceleration_mm_s2: 1e9,
         retract_acceleration_mm_s2: 1e9,
         travel_max_acceleration_mm_s2: Some([1500.0, 1500.0, 100.0, 4000.0]),
-        cornering: Cornering::Jerk {
-            axes: [20.0, 20.0, 0.3, 20.0],
-            eased: false,
-            planar: true,
-            rest_share: 0.5,
-        },
+        cornering: Cornering::PlanarJerk([20.0, 20.0, 0.3, 20.0]),
+        // GCODE_BUFFER_SIZE
+        command_slots: 1,
         ..MARLIN_MACHINE
     },
     Profile {
@@ -218,8 +212,9 @@ const PROFILES: [Profile; 9] = [
         max_acceleration_mm_s2: [1e9, 1e9, 100.0, 3000.0],
         print_acceleration_mm_s2: 2000.0,
         travel_acceleration_mm_s2: 2000.0,
-        cornering: Cornering::Deviation(0.05),
+        cornering: Cornering::SmoothieDeviation(0.05),
         rx_ring_bytes: 256,
+        command_slots: 1,
         planner_blocks: 32,
         ..MARLIN_MACHINE
     },
@@ -232,7 +227,7 @@ const PROFILES: [Profile; 9] = [
         print_acceleration_mm_s2: 1250.0,
         retract_acceleration_mm_s2: 1250.0,
         travel_acceleration_mm_s2: 1250.0,
-        cornering: classic_jerk([8.0, 8.0, 0.4, 1.5]),
+        cornering: Cornering::ClassicJerk { axes: [8.0, 8.0, 0.4, 1.5], from_prusa: true },
         ..MARLIN_1_MACHINE
     },
     Profile {

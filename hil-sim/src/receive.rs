@@ -3,10 +3,10 @@
 //! As Marlin does it. Bytes wait in the ring until the command queue has room. A line ends at LF or CR; `;` begins a
 //! comment; a backspace takes a byte back; `\` protects the next byte; what exceeds the line buffer is dropped. A line that
 //! begins with `N` must have the next number, then a checksum (the XOR of all before the last `*`); the number is looked at
-//! first. One that does not begin with `N` is taken as it is, `*` or not. On an error the ring is emptied, so a
-//! line that has come in half is taken, later, for what its second half says.
+//! first. One that does not begin with `N` is taken as it is, `*` or not. On an error Marlin empties the ring, so a
+//! line that has come in half is taken, later, for what its second half says. The others differ as their dialect says.
 
-use crate::dialect::Numbering;
+use crate::dialect::{Dialect, Numbering};
 use std::collections::VecDeque;
 
 /// What a line turned out to be.
@@ -38,7 +38,12 @@ pub enum Emergency {
     QuickStop,
 }
 
-/// Looks at every byte that arrives for M108, M112 and M410, with or without a line number.
+/// How many numbers back Repetier takes a line for one it has.
+const REMEMBERED_LINES: i64 = 40;
+/// How many wrong lines Repetier skips after a request to send again before it asks anew.
+const SKIPPED_LINES: u32 = 14;
+
+/// Looks at every byte that arrives for M108, M112, M410 and M876 (the answer to a prompt), with or without a line number.
 #[derive(Debug, Clone, Default)]
 struct EmergencyParser {
     /// What has matched of `M108` etc.; letters and digits only.
@@ -50,7 +55,7 @@ impl EmergencyParser {
     fn feed(&mut self, byte: u8) -> Option<Emergency> {
         if matches!(byte, b'\n' | b'\r') {
             let order = match self.matched.as_slice() {
-                b"M108" => Some(Emergency::Continue),
+                b"M108" | b"M876" => Some(Emergency::Continue),
                 b"M112" => Some(Emergency::Kill),
                 b"M410" => Some(Emergency::QuickStop),
                 _ => None,
@@ -67,7 +72,7 @@ impl EmergencyParser {
     }
 
     fn extend(&mut self, byte: u8) {
-        const WORDS: [&[u8]; 3] = [b"M108", b"M112", b"M410"];
+        const WORDS: [&[u8]; 4] = [b"M108", b"M112", b"M410", b"M876"];
         match (self.matched.as_slice(), byte) {
             (b"" | b"N", b' ') | (b"N", b'0'..=b'9' | b'-') => {}
             (b"", b'N') => self.matched.push(b'N'),
@@ -104,7 +109,9 @@ pub struct Receiver {
     line_bytes: usize,
     filter: Filter,
     emergency: EmergencyParser,
-    numbering: Numbering,
+    dialect: &'static Dialect,
+    /// How many wrong lines are still skipped after a request to send again.
+    to_skip: u32,
     /// Number of the last line accepted.
     pub last_line: i64,
 }
@@ -112,7 +119,7 @@ pub struct Receiver {
 impl Receiver {
     /// An empty one.
     #[must_use]
-    pub fn new(ring_bytes: usize, line_bytes: usize, numbering: Numbering) -> Self {
+    pub fn new(ring_bytes: usize, line_bytes: usize, dialect: &'static Dialect) -> Self {
         Self {
             ring: VecDeque::with_capacity(ring_bytes),
             ring_bytes,
@@ -120,8 +127,9 @@ impl Receiver {
             line_bytes,
             filter: Filter::Normal,
             emergency: EmergencyParser::default(),
-            numbering,
-            last_line: 0,
+            dialect,
+            to_skip: 0,
+            last_line: dialect.first_last_line,
         }
     }
 
@@ -184,7 +192,7 @@ impl Receiver {
     }
 
     fn judge(&mut self, text: Vec<u8>) -> Received {
-        if self.numbering == Numbering::Ignored {
+        if self.dialect.numbering == Numbering::Ignored {
             return Received::Command(text);
         }
         let start = text.iter().take_while(|&&b| b == b' ').count();
@@ -193,29 +201,67 @@ impl Receiver {
             return Received::Command(text);
         }
         let sets_number = command.windows(4).any(|word| word == b"M110");
-        let number = stated_number(command, sets_number);
-        if !sets_number && number != self.last_line + 1 {
-            let repeated = (self.last_line - 1..=self.last_line).contains(&number);
-            return if repeated && self.numbering != Numbering::CheckedRepeatsRefused {
-                Received::Repeated(text)
-            } else {
-                self.refuse(text, WRONG_NUMBER)
-            };
+        let number = stated_number(command, sets_number && self.dialect.m110_takes_second);
+        match self.dialect.numbering {
+            // The sum is looked at first, then the number.
+            Numbering::CheckedRepeatsSkipped => match wrong_sum(command) {
+                Some(reason) if reason == WRONG_CHECKSUM => self.refuse(text, reason),
+                _ if sets_number || number == self.last_line + 1 => self.take(text, number),
+                _ => self.skip_or_refuse(text, number),
+            },
+            _ if !sets_number && number != self.last_line + 1 => self.wrong_number(text, number),
+            _ => match wrong_sum(command) {
+                Some(reason) if reason == WRONG_CHECKSUM || self.dialect.demands_checksum() => {
+                    self.refuse(text, reason)
+                }
+                _ => self.take(text, number),
+            },
         }
-        let Some(star) = command.iter().rposition(|&b| b == b'*') else {
-            return self.refuse(text, NO_CHECKSUM);
-        };
-        let sum = command[..star].iter().fold(0, |sum, byte| sum ^ byte);
-        if leading_integer(&command[star + 1..]) != i64::from(sum) {
-            return self.refuse(text, WRONG_CHECKSUM);
-        }
+    }
+
+    fn take(&mut self, text: Vec<u8>, number: i64) -> Received {
         self.last_line = number;
+        self.to_skip = 0;
         Received::Command(text)
     }
 
+    fn wrong_number(&mut self, text: Vec<u8>, number: i64) -> Received {
+        let repeated = (self.last_line - 1..=self.last_line).contains(&number);
+        if repeated && self.dialect.numbering == Numbering::CheckedRepeatsSilent {
+            Received::Repeated(text)
+        } else {
+            self.refuse(text, WRONG_NUMBER)
+        }
+    }
+
+    /// Repetier passes over what it has, and over what was under way when it asked for a line.
+    fn skip_or_refuse(&mut self, text: Vec<u8>, number: i64) -> Received {
+        if (0..REMEMBERED_LINES).contains(&(self.last_line - number)) {
+            return Received::Repeated(text);
+        }
+        match self.to_skip.checked_sub(1) {
+            Some(left) => {
+                self.to_skip = left;
+                Received::Repeated(text)
+            }
+            None => self.refuse(text, WRONG_NUMBER),
+        }
+    }
+
     fn refuse(&mut self, text: Vec<u8>, reason: &'static str) -> Received {
-        self.ring.clear();
+        if self.dialect.clears_on_refusal {
+            self.ring.clear();
+        }
+        if self.dialect.numbering == Numbering::CheckedRepeatsSkipped {
+            self.to_skip = SKIPPED_LINES;
+        }
         Received::Refused(text, reason)
+    }
+
+    /// Whether a line was begun and not ended, or one was asked for and has not come.
+    #[must_use]
+    pub const fn is_waiting_for_more(&self) -> bool {
+        !self.line.is_empty() || self.to_skip > 0
     }
 
     /// Forgets what has come in; the last line number stays.
@@ -223,7 +269,28 @@ impl Receiver {
         self.ring.clear();
         self.line.clear();
         self.filter = Filter::Normal;
+        self.to_skip = 0;
     }
+
+    /// Forgets a line that was begun.
+    pub fn drop_line(&mut self) {
+        self.line.clear();
+        self.filter = Filter::Normal;
+    }
+
+    /// Forgets everything, as a reset does.
+    pub fn reset(&mut self) {
+        self.clear();
+        self.emergency = EmergencyParser::default();
+        self.last_line = self.dialect.first_last_line;
+    }
+}
+
+/// What is wrong with the checksum of a numbered line.
+fn wrong_sum(command: &[u8]) -> Option<&'static str> {
+    let Some(star) = command.iter().rposition(|&b| b == b'*') else { return Some(NO_CHECKSUM) };
+    let sum = command[..star].iter().fold(0, |sum, byte| sum ^ byte);
+    (leading_integer(&command[star + 1..]) != i64::from(sum)).then_some(WRONG_CHECKSUM)
 }
 
 /// The number that a numbered line gives itself.
@@ -233,9 +300,9 @@ pub fn number_of(text: &[u8]) -> i64 {
     stated_number(&text[start..], false)
 }
 
-/// The number after the first `N`, or for M110 after the second if there is one.
-fn stated_number(command: &[u8], sets_number: bool) -> i64 {
-    let second = command.iter().skip(4).position(|&b| b == b'N').filter(|_| sets_number);
+/// The number after the first `N`, or after the second if there is one and it counts.
+fn stated_number(command: &[u8], takes_second: bool) -> i64 {
+    let second = command.iter().skip(4).position(|&b| b == b'N').filter(|_| takes_second);
     leading_integer(&command[second.map_or(1, |at| at + 5)..])
 }
 
@@ -257,10 +324,11 @@ fn leading_integer(text: &[u8]) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dialect::{MARLIN, REPETIER, SMOOTHIE};
     use proptest::prelude::*;
 
     fn receiver() -> Receiver {
-        Receiver::new(128, 96, Numbering::CheckedRepeatsSilent)
+        Receiver::new(128, 96, &MARLIN)
     }
 
     fn feed(receiver: &mut Receiver, text: &[u8]) -> Vec<Received> {
@@ -318,6 +386,31 @@ mod tests {
     }
 
     #[test]
+    fn repetier_skips_what_it_has_and_what_was_under_way() {
+        let mut receiver = Receiver::new(1000, 96, &REPETIER);
+        for n in 1..4 {
+            feed(&mut receiver, &numbered(n, "G28"));
+        }
+        for (n, expected) in
+            [(2, "repeated"), (6, WRONG_NUMBER), (7, "repeated"), (4, "command"), (9, WRONG_NUMBER)]
+        {
+            assert_eq!(reason(&feed(&mut receiver, &numbered(n, "G28"))), expected, "{n}");
+        }
+        // The first number of a line counts, and a numbered line needs no checksum.
+        assert_eq!(reason(&feed(&mut receiver, b"N5 G28\n")), "command");
+        assert_eq!(reason(&feed(&mut receiver, &numbered(30, "M110 N3"))), "command");
+        assert_eq!(receiver.last_line, 30);
+    }
+
+    #[test]
+    fn smoothie_s_first_line_is_number_0() {
+        let mut receiver = Receiver::new(1000, 96, &SMOOTHIE);
+        assert_eq!(reason(&feed(&mut receiver, &numbered(1, "G28"))), WRONG_NUMBER);
+        assert_eq!(reason(&feed(&mut receiver, &numbered(0, "M110 N7"))), "command");
+        assert_eq!(receiver.last_line, 0);
+    }
+
+    #[test]
     fn damaged_n_runs_as_an_unnumbered_line() {
         let mut receiver = receiver();
         let mut line = numbered(1, "G1 X1");
@@ -348,7 +441,7 @@ mod tests {
 
     #[test]
     fn comments_blank_lines_and_overlong_lines() {
-        let mut receiver = Receiver::new(1000, 96, Numbering::CheckedRepeatsSilent);
+        let mut receiver = Receiver::new(1000, 96, &MARLIN);
         let received = feed(&mut receiver, b"\r\n\n; nothing\nG28 ; home\r\n");
         assert_eq!(received, [Received::Command(b"G28 ".to_vec())]);
         let long = [b"M117 ".to_vec(), vec![b'x'; 200], b"\n".to_vec()].concat();

@@ -1,7 +1,8 @@
 //! A picture of one layer of a record.
 //!
 //! Beads of `beads.csv` are drawn from above as rectangles of their recorded width, blue on white, x to the right and y up;
-//! where they overlap, the colour is deeper. Layers are found as the recorder finds them, from the heights in the order of
+//! where they overlap, the colour is deeper. Grey lines every 10 mm of the bed show where the layer lies and how large it is.
+//! Layers are found as the recorder finds them, from the heights in the order of
 //! the rows.
 
 use crate::{
@@ -24,6 +25,10 @@ const MOST_PIXELS: f64 = 8192.0;
 const MARGIN_MM: f64 = 1.0;
 /// What one bead leaves of the light, red, green, blue.
 const TINT: [f64; 3] = [0.35, 0.55, 0.9];
+
+/// Distance of the bed's grid lines, mm, and what they leave of the light.
+const GRID_MM: f64 = 10.0;
+const GRID_LIGHT: f64 = 0.85;
 
 /// A bead from above.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +75,7 @@ pub fn draw_file(dir: &Path, layer: usize, out: &Path, pixel_mm: Option<f64>) ->
     let path = dir.join(BEADS_FILE);
     let file = File::open(&path).map_err(|error| Error::io("read", &path, error))?;
     let strokes = read_layer(BufReader::new(file), &path, layer)?;
-    write_png(&draw(&strokes, pixel_mm), out)
+    write_png(&draw(&strokes, pixel_mm, GRID_LIGHT), out)
 }
 
 /// The beads of one layer.
@@ -118,7 +123,7 @@ struct Picture {
     rgb: Vec<u8>,
 }
 
-fn draw(strokes: &[Stroke], pixel_mm: Option<f64>) -> Picture {
+fn draw(strokes: &[Stroke], pixel_mm: Option<f64>, grid_light: f64) -> Picture {
     let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     let bounds = strokes
         .iter()
@@ -129,11 +134,26 @@ fn draw(strokes: &[Stroke], pixel_mm: Option<f64>) -> Picture {
     let longest = extent[0].max(extent[1]);
     let pixel = pixel_mm.unwrap_or(longest / DEFAULT_PIXELS).max(longest / MOST_PIXELS);
     let size = extent.map(|mm| whole::floor_to_usize((mm / pixel).ceil()).max(1));
-    let mut light = vec![1.0_f64; size[0] * size[1] * 3];
+    let mut light = grid(size, corner, pixel, grid_light);
     for stroke in strokes {
         shade(&mut light, size, stroke, corner, pixel);
     }
     Picture { size, rgb: light.iter().map(|light| whole::to_u8(light * 255.0)).collect() }
+}
+
+/// The empty bed.
+fn grid(size: [usize; 2], corner: [f64; 2], pixel: f64, grid_light: f64) -> Vec<f64> {
+    let is_line = |mm: f64| (mm - (mm / GRID_MM).round() * GRID_MM).abs() <= pixel / 2.0;
+    let columns: Vec<bool> =
+        (0..size[0]).map(|i| is_line((i as f64 + 0.5).mul_add(pixel, corner[0]))).collect();
+    let mut light = Vec::with_capacity(size[0] * size[1] * 3);
+    for j in 0..size[1] {
+        let row = is_line((j as f64 + 0.5).mul_add(-pixel, corner[1]));
+        for column in &columns {
+            light.extend([if row || *column { grid_light } else { 1.0 }; 3]);
+        }
+    }
+    light
 }
 
 fn shade(light: &mut [f64], size: [usize; 2], stroke: &Stroke, corner: [f64; 2], pixel: f64) {
@@ -194,10 +214,20 @@ mod tests {
 
     #[test]
     fn drawn_area_is_length_times_width() {
-        let picture = draw(&[Stroke { from: [0.0, 0.0], to: [8.0, 6.0], width: 2.0 }], Some(0.05));
+        let picture = draw(&[Stroke { from: [0.0, 0.0], to: [8.0, 6.0], width: 2.0 }], Some(0.05), 1.0);
         let dark: f64 =
             picture.rgb.chunks(3).map(|rgb| (255.0 - f64::from(rgb[0])) / (255.0 * (1.0 - TINT[0]))).sum();
         assert!((dark * 0.05 * 0.05 / 20.0 - 1.0).abs() < 0.005, "{}", dark * 0.0025);
+    }
+
+    #[test]
+    fn grid_lies_on_the_bed_s_tens() {
+        // From x = 7 mm on: there is a line at 10 mm.
+        let picture = draw(&[Stroke { from: [8.0, 20.5], to: [12.0, 20.5], width: 0.1 }], Some(0.1), 0.5);
+        let grey = |i: usize, j: usize| picture.rgb[(j * picture.size[0] + i) * 3];
+        // 3 mm from the left.
+        assert!((28..=32).any(|i| grey(i, 0) < 200), "no line at x = 10");
+        assert_eq!(grey(5, 0), 255);
     }
 
     #[test]

@@ -15,11 +15,17 @@
 //! mm = 0.4
 //! ```
 //!
-//! What the command line says goes before; its faults are added.
+//! Further keys: `reset-on-open`, `sensor-noise-c`. What the command line says goes before; its faults are added.
 
-use crate::{Error, spec::FaultSpec};
+use crate::{Error, profile::Profile, spec::FaultSpec};
 use serde::Deserialize;
-use std::{path::Path, str::FromStr};
+use std::{ops::RangeInclusive, path::Path, str::FromStr};
+
+/// Speeds of the wire that make sense, bits per second.
+pub const BAUD: RangeInclusive<u32> = 300..=10_000_000;
+
+/// Noise of a sensor that makes sense, °C.
+pub const NOISE_C: RangeInclusive<f64> = 0.0..=5.0;
 
 /// How fast simulated time passes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,13 +62,15 @@ enum SpeedText {
 }
 
 #[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct File {
     profile: Option<String>,
     speed: Option<SpeedText>,
     baud: Option<u32>,
     seed: Option<u64>,
     once: Option<bool>,
+    reset_on_open: Option<bool>,
+    sensor_noise_c: Option<f64>,
     #[serde(default)]
     faults: Vec<String>,
     #[serde(default)]
@@ -82,6 +90,10 @@ pub struct Scenario {
     pub seed: Option<u64>,
     /// Whether to end when the user leaves.
     pub once: Option<bool>,
+    /// By how much a temperature reading may be off, °C.
+    pub sensor_noise_c: Option<f64>,
+    /// Whether opening the port resets the board.
+    pub reset_on_open: Option<bool>,
     /// Faults.
     pub faults: Vec<FaultSpec>,
 }
@@ -90,41 +102,70 @@ impl Scenario {
     /// Reads the text of the file at `path` (the path is for messages only).
     ///
     /// # Errors
-    /// [`Error::Scenario`] with line and column for what is no TOML or has unknown keys; [`Error::Fault`].
+    /// [`Error::Scenario`], which names the file, the line and column or the key, what was found and what is expected.
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
         let fail = |problem: String| Error::Scenario { path: path.to_owned(), problem };
         let file: File =
             toml::from_str(text).map_err(|error| fail(error.to_string().trim_end().to_owned()))?;
-        let speed = match file.speed {
-            None => None,
-            Some(SpeedText::Word(word)) => Some(word.parse()),
-            Some(SpeedText::Factor(factor)) => Some(factor.to_string().parse()),
-            Some(SpeedText::Whole(factor)) => Some(factor.to_string().parse()),
-        };
-        let mut faults =
-            file.faults.iter().map(|spec| spec.parse()).collect::<Result<Vec<FaultSpec>, _>>()?;
-        for table in &file.fault {
-            faults.push(fault_from_table(table)?);
-        }
-        Ok(Self {
+        let scenario = Self {
+            speed: file.speed.map(speed).transpose().map_err(fail)?,
+            faults: faults(&file.faults, &file.fault).map_err(fail)?,
             profile: file.profile,
-            speed: speed.transpose().map_err(|problem| fail(format!("speed {problem}")))?,
             baud: file.baud,
             seed: file.seed,
             once: file.once,
-            faults,
-        })
+            reset_on_open: file.reset_on_open,
+            sensor_noise_c: file.sensor_noise_c,
+        };
+        scenario.check().map_err(fail)?;
+        Ok(scenario)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if let Some(name) = &self.profile {
+            Profile::by_name(name).map_err(|error| format!("profile: {error}"))?;
+        }
+        if let Some(noise) = self.sensor_noise_c.filter(|noise| !NOISE_C.contains(noise)) {
+            let (low, high) = (NOISE_C.start(), NOISE_C.end());
+            return Err(format!("sensor-noise-c is {noise}; {low} to {high} is expected"));
+        }
+        match self.baud {
+            Some(baud) if !BAUD.contains(&baud) => {
+                Err(format!("baud is {baud}; {} to {} is expected", BAUD.start(), BAUD.end()))
+            }
+            _ => Ok(()),
+        }
     }
 }
 
-fn fault_from_table(table: &toml::Table) -> Result<FaultSpec, Error> {
-    let fail = |problem| Error::Fault { spec: format!("[[fault]] {table}").replace('\n', " "), problem };
-    let kind = table.get("kind").and_then(toml::Value::as_str);
-    let kind = kind.ok_or_else(|| fail("the key `kind` is missing or not a text".to_owned()))?;
-    let mut spec = FaultSpec::of_kind(kind).map_err(fail)?;
+fn speed(found: SpeedText) -> Result<Speed, String> {
+    let text = match found {
+        SpeedText::Word(word) => word,
+        SpeedText::Factor(factor) => factor.to_string(),
+        SpeedText::Whole(factor) => factor.to_string(),
+    };
+    text.parse().map_err(|problem| format!("speed is {problem}"))
+}
+
+/// Both forms, each entry named by its place in the file.
+fn faults(specs: &[String], tables: &[toml::Table]) -> Result<Vec<FaultSpec>, String> {
+    let specs = specs.iter().enumerate().map(|(index, text)| {
+        let named = |problem| format!("faults, entry {}, `{text}`: {problem}", index + 1);
+        FaultSpec::parse(text).map_err(named)
+    });
+    let tables = tables.iter().enumerate().map(|(index, table)| {
+        fault_from_table(table).map_err(|problem| format!("[[fault]] number {}: {problem}", index + 1))
+    });
+    specs.chain(tables).collect()
+}
+
+fn fault_from_table(table: &toml::Table) -> Result<FaultSpec, String> {
+    let kind = table.get("kind").ok_or("the key `kind` is missing")?;
+    let name = kind.as_str().ok_or_else(|| format!("kind is `{kind}`; a text is expected"))?;
+    let mut spec = FaultSpec::of_kind(name)?;
     for (key, value) in table.iter().filter(|(key, _)| *key != "kind") {
         let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-        spec.set(key, &text).map_err(fail)?;
+        spec.set(key, &text)?;
     }
     Ok(spec)
 }
@@ -156,15 +197,26 @@ mod tests {
     fn wrong_files_say_what_is_wrong() {
         for (text, part) in [
             ("profil = \"x\"", "unknown field `profil`"),
-            ("speed = \"fast\"", "realtime, max or a factor"),
-            ("speed = -2", "realtime, max or a factor"),
-            ("faults = [\"kil\"]", "unknown kind `kil`"),
-            ("[[fault]]\nlayer = 3", "`kind` is missing"),
-            ("[[fault]]\nkind = \"kill\"\nmm = 3", "kill has no key `mm`"),
-            ("seed = ", "s.toml"),
+            ("speed = \"fast\"", "speed is `fast`: realtime, max or a factor"),
+            ("speed = -2", "speed is `-2`: realtime, max or a factor"),
+            ("profile = \"gutenberg\"", "profile: unknown profile `gutenberg`: choose one of marlin"),
+            ("baud = 3", "baud is 3; 300 to 10000000 is expected"),
+            ("once = 1", "expected a boolean"),
+            ("sensor-noise-c = -1.0", "sensor-noise-c is -1; 0 to 5 is expected"),
+            ("seed = -1", "line 1, column 8"),
+            ("faults = [\"kil\"]", "faults, entry 1, `kil`: unknown kind `kil`"),
+            ("faults = [\"kill\", \"kill:line=x\"]", "entry 2, `kill:line=x`: line is `x`; a whole number"),
+            ("[[fault]]\nlayer = 3", "[[fault]] number 1: the key `kind` is missing"),
+            ("[[fault]]\nkind = 3", "kind is `3`; a text is expected"),
+            ("[[fault]]\nkind = \"kill\"\nmm = 3", "kill has no key `mm`; its keys are rate, line"),
+            (
+                "[[fault]]\nkind = \"clog\"\npercent = [1]",
+                "percent is `[1]`; a number, 0 to 100, is expected",
+            ),
+            ("seed = ", "line 1, column 8"),
         ] {
             let message = parse(text).unwrap_err();
-            assert!(message.contains(part), "{text}: {message}");
+            assert!(message.starts_with("scenario s.toml: ") && message.contains(part), "{text}: {message}");
         }
     }
 }

@@ -32,8 +32,10 @@ pub enum Kind {
     Garbage,
     /// The port vanishes.
     Disconnect,
-    /// The firmware starts anew.
+    /// The firmware starts anew, after a while if one is given.
     Reset,
+    /// No power for a while: everything stops, heaters cool, then the firmware starts anew.
+    PowerCut,
     /// The firmware stops for good.
     Kill,
     /// The hotend's heater fails.
@@ -61,7 +63,7 @@ const PERCENT: &str = "percent";
 const COMMON: [&str; 6] = ["rate", "line", "layer", "at-s", "for-s", "count"];
 
 /// Every kind with its name and its own keys.
-const KINDS: [(Kind, &str, &[&str]); 19] = [
+const KINDS: [(Kind, &str, &[&str]); 20] = [
     (Kind::BitError, "bit-error", &[DIR]),
     (Kind::LostByte, "lost-byte", &[DIR]),
     (Kind::DoubledByte, "doubled-byte", &[DIR]),
@@ -73,6 +75,7 @@ const KINDS: [(Kind, &str, &[&str]); 19] = [
     (Kind::Garbage, "garbage", &[DIR]),
     (Kind::Disconnect, "disconnect", &[]),
     (Kind::Reset, "reset", &[]),
+    (Kind::PowerCut, "power-cut", &[]),
     (Kind::Kill, "kill", &[]),
     (Kind::Runaway, "runaway", &[]),
     (Kind::SensorOpen, "sensor-open", &[]),
@@ -225,20 +228,34 @@ impl FaultSpec {
     }
 }
 
+impl FaultSpec {
+    /// Reads a SPEC.
+    ///
+    /// # Errors
+    /// What is wrong and what is expected; the SPEC itself is not named.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (kind, keys) = text.split_once(':').unwrap_or((text, ""));
+        let mut spec = Self::of_kind(kind.trim())?;
+        let mut seen = Vec::new();
+        for pair in keys.split(',').filter(|pair| !pair.trim().is_empty()) {
+            let (key, value) = pair
+                .split_once('=')
+                .ok_or_else(|| format!("`{pair}` has no value; key=value is expected"))?;
+            if seen.contains(&key.trim()) {
+                return Err(format!("{} is given twice", key.trim()));
+            }
+            seen.push(key.trim());
+            spec.set(key.trim(), value.trim())?;
+        }
+        Ok(spec)
+    }
+}
+
 impl FromStr for FaultSpec {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        let fail = |problem| Error::Fault { spec: text.to_owned(), problem };
-        let (kind, keys) = text.split_once(':').unwrap_or((text, ""));
-        let mut spec = Self::of_kind(kind.trim()).map_err(fail)?;
-        for pair in keys.split(',').filter(|pair| !pair.trim().is_empty()) {
-            let (key, value) = pair
-                .split_once('=')
-                .ok_or_else(|| fail(format!("`{pair}` has no value; key=value is expected")))?;
-            spec.set(key.trim(), value.trim()).map_err(fail)?;
-        }
-        Ok(spec)
+        Self::parse(text).map_err(|problem| Error::Fault { spec: text.to_owned(), problem })
     }
 }
 
@@ -362,6 +379,7 @@ mod tests {
             ("layer-shift:axis=e", "x, y or z is expected"),
             ("lost-ok:dir=rx", "dir=tx"),
             ("clog:percent=NaN", "0 to 100"),
+            ("kill:line=3,line=4", "line is given twice"),
         ] {
             let message = parse(text).unwrap_err();
             assert!(message.contains(part), "{text}: {message}");

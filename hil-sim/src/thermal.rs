@@ -7,9 +7,12 @@
 //! (`Heating failed`), falls below its target by the hysteresis for the protection time (`Thermal Runaway`), or reads
 //! impossibly cold (`MINTEMP triggered`). Temperatures °C, times s.
 //!
-//! Not done: sensor noise, the fan's cooling, the bed's warmth in the room.
+//! The sensor's noise, where a machine has any, is a bounded, deterministic function of the time, so that a reading does not
+//! depend on how often it is taken.
+//!
+//! Not done: the fan's cooling, the bed's warmth in the room.
 
-use crate::{profile::HeaterData, whole};
+use crate::{profile::HeaterData, rng::Rng, whole};
 
 /// How many degrees it must have warmed within the watch time.
 const WATCH_INCREASE_C: f64 = 2.0;
@@ -43,6 +46,9 @@ pub struct Heater {
     pub dead: bool,
     /// Its sensor is open.
     pub sensor_open: bool,
+    given_up: bool,
+    /// By how much a reading may be off, °C.
+    noise_c: f64,
 }
 
 impl Heater {
@@ -58,7 +64,16 @@ impl Heater {
             guard: Guard::Off,
             dead: false,
             sensor_open: false,
+            given_up: false,
+            noise_c: 0.0,
         }
+    }
+
+    /// The same with a sensor whose readings may be off by `noise_c`, °C.
+    #[must_use]
+    pub const fn with_noise(mut self, noise_c: f64) -> Self {
+        self.noise_c = noise_c;
+        self
     }
 
     /// True temperature at `t_s`, not before the last change.
@@ -77,7 +92,14 @@ impl Heater {
     /// What the sensor says at `t_s`.
     #[must_use]
     pub fn reading_c(&self, t_s: f64) -> f64 {
-        if self.sensor_open { OPEN_SENSOR_C } else { self.temperature_c(t_s) }
+        if self.sensor_open {
+            OPEN_SENSOR_C
+        } else if self.noise_c > 0.0 {
+            let part = 2.0f64.mul_add(Rng::new(t_s.to_bits(), 0).unit(), -1.0);
+            self.noise_c.mul_add(part, self.temperature_c(t_s))
+        } else {
+            self.temperature_c(t_s)
+        }
     }
 
     /// Power at `t_s` as the firmware reports it, 0 to 127.
@@ -103,7 +125,7 @@ impl Heater {
     /// Sets the target, bounded by the highest; 0 is off.
     pub fn set_target(&mut self, t_s: f64, target_c: f64) {
         self.rebase(t_s);
-        self.target_c = target_c.clamp(0.0, self.model.max_target_c);
+        self.target_c = if self.given_up { 0.0 } else { target_c.clamp(0.0, self.model.max_target_c) };
         self.guard = if self.target_c <= 0.0 {
             Guard::Off
         } else if self.reading_c(t_s) + WATCH_INCREASE_C + 1.0 < self.target_c {
@@ -124,9 +146,18 @@ impl Heater {
         self.dead = true;
     }
 
+    /// The firmware has given it up at `t_s`: off, and it takes no target any more.
+    pub fn fail(&mut self, t_s: f64) {
+        self.set_target(t_s, 0.0);
+        self.given_up = true;
+    }
+
     /// Looks at it, as the firmware does at least every second; the fault it finds.
     pub fn check(&mut self, t_s: f64) -> Option<&'static str> {
         let reading = self.reading_c(t_s);
+        if self.given_up {
+            return None;
+        }
         if self.sensor_open {
             return Some("MINTEMP triggered");
         }
@@ -156,7 +187,7 @@ impl Heater {
     /// Whether there is anything for the protection to look at.
     #[must_use]
     pub fn is_guarded(&self) -> bool {
-        self.target_c > 0.0 || self.sensor_open
+        self.target_c > 0.0 || self.sensor_open && !self.given_up
     }
 }
 
@@ -230,6 +261,17 @@ mod tests {
         let (t, fault) = first_fault(&mut heater, 500).unwrap();
         // 4 °C are lost after 3.4 s, then 40 s.
         assert_eq!((t, fault), (544, "Thermal Runaway"));
+    }
+
+    #[test]
+    fn noise_is_bounded_and_raises_no_fault() {
+        let mut heater = hotend().with_noise(0.5);
+        heater.set_target(0.0, 200.0);
+        assert_eq!(first_fault(&mut heater, 0), None);
+        let readings: Vec<f64> = (500..600).map(|t| heater.reading_c(f64::from(t))).collect();
+        assert!(readings.iter().all(|reading| (reading - 200.0).abs() <= 0.5));
+        assert!(readings.iter().any(|reading| (reading - 200.0).abs() > 0.3));
+        assert_eq!(heater.reading_c(512.0), readings[12]);
     }
 
     #[test]

@@ -149,6 +149,11 @@ impl Incoming {
         self.free_s = now_s;
     }
 
+    /// The end of the host's writing: what it has begun goes on its way as it is.
+    pub fn take_rest(&mut self) -> Option<Vec<u8>> {
+        Some(std::mem::take(&mut self.held)).filter(|rest| !rest.is_empty())
+    }
+
     /// Bytes that have not arrived yet.
     #[must_use]
     pub fn bytes_under_way(&self) -> usize {
@@ -252,10 +257,10 @@ fn byte_s(baud: Option<u32>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::Numbering;
+    use crate::dialect::MARLIN;
 
     fn receiver() -> Receiver {
-        Receiver::new(128, 96, Numbering::CheckedRepeatsSilent)
+        Receiver::new(128, 96, &MARLIN)
     }
 
     fn launch_all(wire: &mut Incoming, text: &[u8]) {

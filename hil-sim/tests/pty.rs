@@ -128,8 +128,12 @@ impl Host {
 
     /// Prints a job, three lines at a time with a mark behind them, going back to what is asked for or missing.
     fn print(&mut self, commands: &[String]) {
+        self.print_on(commands, 0);
+    }
+
+    /// The same from behind line `done` on.
+    fn print_on(&mut self, commands: &[String], mut done: usize) {
         let lines: Vec<String> = commands.iter().zip(1..).map(|(text, n)| numbered(n, text)).collect();
-        let mut done = 0;
         for mark in 0.. {
             if done == lines.len() {
                 return;
@@ -284,6 +288,50 @@ fn host_that_comes_back_finds_the_same_printer() {
     assert_eq!(host.until_ok(), ["ok N2 P15 B3"]);
     kill_process(Pid::from_child(&simulator.process), Signal::INT).unwrap();
     simulator.end();
+}
+
+/// A host that dies with lines under way, and another that asks for the last line and goes on behind it.
+#[test]
+fn host_that_dies_at_any_line_can_be_followed_by_one_that_misses_and_repeats_nothing() {
+    let clean = printed(&[]).0;
+    let job = job();
+    for died_at in [5, 211, 1000, 2011] {
+        let simulator = Simulator::start(&[]);
+        let mut host = simulator.open();
+        host.print(&job[..died_at]);
+        let under_way: String =
+            job[died_at..].iter().zip(died_at + 1..).take(3).map(|(c, n)| numbered(n, c)).collect();
+        // The last line is cut off.
+        host.send(&under_way[..under_way.len() - 4]);
+        drop(host);
+        wait_for("the departure", || simulator.record("events.jsonl").contains("host-left"));
+        let mut host = simulator.open();
+        // What is behind a line that is refused is forgotten with it: the question comes after the answer.
+        host.send("\n");
+        while host.answer_soon().is_some() {}
+        host.send(&numbered(1_000_000, "M105"));
+        let last = loop {
+            let answer = host.answer();
+            if answer.starts_with("Error:Line Number")
+                && let Some(last) = answer.split("Last Line: ").nth(1)
+            {
+                break last.parse::<usize>().unwrap();
+            }
+        };
+        host.until_ok();
+        host.print_on(&job, last);
+        kill_process(Pid::from_child(&simulator.process), Signal::TERM).unwrap();
+        let (summary, dir) = simulator.end();
+        assert_eq!(
+            geometry(&clean),
+            geometry(&fs::read_to_string(dir.path().join("record/beads.csv")).unwrap())
+        );
+        assert_eq!(
+            (&summary["repeated_beads"], &summary["repeated_move_lines"]),
+            (&0.into(), &0.into()),
+            "{died_at}"
+        );
+    }
 }
 
 fn run(args: &[&str]) -> Output {

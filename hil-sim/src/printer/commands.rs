@@ -1,6 +1,6 @@
 //! Commands, one after the other, with the firmware's answers.
 
-use super::{After, HeatWait, HeaterName, Printer, Wait};
+use super::{After, HeatWait, HeaterName, Life, Printer, Wait, filament};
 use crate::{
     dialect::Family,
     gcode::{self, Command},
@@ -10,8 +10,6 @@ use crate::{
 
 /// A heater is at its target within this, °C.
 const WINDOW_C: f64 = 1.0;
-/// How long it must be there, s.
-const RESIDENCY_S: f64 = 10.0;
 /// Homing takes this long per axis besides the way, s.
 const HOMING_BUMP_S: f64 = 2.5;
 
@@ -30,8 +28,10 @@ impl Printer {
     /// Begins the command in `line`.
     pub(super) fn execute(&mut self, line: &[u8]) -> Outcome {
         let command = gcode::parse(line);
-        if self.life == super::Life::Halted {
-            return self.refuse_when_halted(&command);
+        if self.life == Life::Halted
+            && let Some(outcome) = self.refuse_when_halted(&command)
+        {
+            return outcome;
         }
         let outcome = match command.letter {
             letter @ (b'G' | b'M') if !self.profile.dialect.knows(letter, command.code) => {
@@ -64,28 +64,18 @@ impl Printer {
     }
 
     fn tell_temperatures(&mut self) -> Outcome {
-        let text = format!("ok{}", self.temperatures());
-        self.say(&text);
+        let text = self.temperatures();
+        if self.profile.dialect.ok_when_taken {
+            return self.tell(text.trim_start());
+        }
+        self.say(&format!("ok{text}"));
         Outcome::Answered
     }
 
-    /// A firmware that has stopped answers nothing but the order to start again.
-    fn refuse_when_halted(&mut self, command: &Command<'_>) -> Outcome {
-        let restarts =
-            command.text.starts_with(b"FIRMWARE_RESTART") || command.letter == b'M' && command.code == 999;
-        if restarts {
-            if self.profile.dialect.family == Family::Klipper {
-                self.say("// Klipper state: Disconnect");
-            }
-            self.reset();
-            return Outcome::Done;
-        }
-        self.say(if self.profile.dialect.family == Family::Klipper {
-            "!! Shutdown due to M112 command"
-        } else {
-            "!!"
-        });
-        Outcome::Done
+    fn tell_position(&mut self) -> Outcome {
+        let text = self.position_text();
+        self.say(&text);
+        if text.starts_with("ok ") { Outcome::Answered } else { Outcome::Done }
     }
 
     /// Commands that are words, `KEY=VALUE` behind them.
@@ -97,7 +87,11 @@ impl Printer {
         }
         match name {
             b"SET_VELOCITY_LIMIT" => self.set_velocity_limit(text),
-            b"FIRMWARE_RESTART" => self.reset(),
+            b"FIRMWARE_RESTART" | b"RESTART" => self.restart_firmware(),
+            b"GET_POSITION" => self.tell_all_positions(),
+            b"STATUS" => self.say("// Klipper state: Ready"),
+            b"SET_IDLE_TIMEOUT" => self.set_idle_timeout(text),
+            b"TURN_OFF_HEATERS" => self.heaters_off(),
             _ => {}
         }
         Outcome::Done
@@ -114,8 +108,7 @@ impl Printer {
             }
             21 => {}
             28 => return Outcome::Wait(Wait::Drain(After::Home(axes_to_home(command)))),
-            90 => self.motion.relative = [false; 4],
-            91 => self.motion.relative = [true; 4],
+            90 | 91 => self.motion.set_relative(command.code == 91, self.profile.dialect.extruder_mode),
             92 => self.motion.set_position(command),
             _ => return self.unknown(command),
         }
@@ -124,13 +117,16 @@ impl Printer {
 
     fn execute_m(&mut self, command: &Command<'_>) -> Outcome {
         match command.code {
+            // RepRapFirmware stops; it does not ask.
+            0 | 1 if self.profile.dialect.family == Family::RepRapFirmware => {
+                return Outcome::Wait(Wait::Drain(After::Nothing));
+            }
             0 | 1 => return self.pause(command),
             // Handled elsewhere, or of no effect here: motors on, print timer, progress, debug flags, message, time-outs.
             17
             | 31
             | 73
             | 75..=77
-            | 85
             | 108
             | 111
             | 117
@@ -143,9 +139,14 @@ impl Printer {
             | 502
             | 876
             | 999 => {}
-            18 | 84 => return Outcome::Wait(Wait::Drain(After::MotorsOff)),
-            82 => self.motion.relative[3] = false,
-            83 => self.motion.relative[3] = true,
+            18 | 84 if !self.sets_idle(command) => return Outcome::Wait(Wait::Drain(After::MotorsOff)),
+            18 | 84 => {}
+            // RepRapFirmware takes M85 and does nothing.
+            85 if self.profile.dialect.family == Family::RepRapFirmware => {}
+            85 | 86 => {
+                self.sets_idle(command);
+            }
+            82 | 83 => self.motion.relative_e = command.code == 83,
             92 => super::limits::set_axes(command, &mut self.motion.steps_per_mm),
             104 => self.set_heater(HeaterName::Hotend, command),
             105 => {
@@ -155,10 +156,13 @@ impl Printer {
             107 => self.fan = 0,
             109 => return self.heat(HeaterName::Hotend, command),
             110 => self.set_line_number(command),
-            112 => self.kill_by_order(),
+            112 => {
+                self.kill_by_order();
+                return Outcome::Answered;
+            }
             113 => self.keepalive_s = command.value(b'S').unwrap_or(self.keepalive_s).clamp(0.0, 60.0),
-            114 => return self.tell(&self.position_text()),
-            115 => self.tell_firmware(),
+            114 => return self.tell_position(),
+            115 => return self.tell_firmware(),
             118 => self.say_bytes(command.argument),
             119 => self.tell_endstops(),
             140 => self.set_heater(HeaterName::Bed, command),
@@ -176,13 +180,22 @@ impl Printer {
             410 => self.quick_stop(),
             500 => return self.tell("Error:EEPROM disabled"),
             503 => self.tell_settings(),
+            600 => return self.begin_change(),
             _ => return self.unknown(command),
         }
         Outcome::Done
     }
 
     fn set_line_number(&mut self, command: &Command<'_>) {
-        if let Some(number) = command.value(b'N') {
+        self.judge.numbering_begins_anew();
+        // Smoothieware looks at the number of a numbered line alone, and Repetier at the first in a line.
+        let line = self.queue.front().map_or(&b""[..], |queued| queued.text.as_slice());
+        let counts = match self.profile.dialect.family {
+            Family::Smoothie => false,
+            Family::Repetier => !line.starts_with(b"N"),
+            _ => true,
+        };
+        if let Some(number) = command.value(b'N').filter(|_| counts) {
             self.receiver.last_line = whole::to_i64(number);
         }
     }
@@ -198,7 +211,8 @@ impl Printer {
         }
     }
 
-    fn set_target(&mut self, heater: HeaterName, target_c: f64) {
+    pub(super) fn set_target(&mut self, heater: HeaterName, target_c: f64) {
+        self.note_unattended();
         let heater = &mut self.heaters[heater as usize];
         heater.set_target(self.now_s, target_c);
         let detail = format!("{} {:.1}", heater.model.id, heater.target_c);
@@ -237,10 +251,10 @@ impl Printer {
         Outcome::Wait(Wait::Drain(After::User(seconds)))
     }
 
-    fn tell_prompt(&mut self) {
-        let begin = [b"//action:prompt_begin ", self.prompt.as_slice()].concat();
-        self.say_bytes(&begin);
-        self.say("//action:prompt_button Continue");
+    /// Asks the host to ask the user.
+    pub(super) fn tell_prompt(&mut self, text: &[u8], button: &str) {
+        self.say_bytes(&[b"//action:prompt_begin ", text].concat());
+        self.say(&format!("//action:prompt_button {button}"));
         self.say("//action:prompt_show");
     }
 
@@ -250,11 +264,12 @@ impl Printer {
             Wait::Moves if self.plan_pending() => Outcome::Done,
             Wait::Moves => Outcome::Wait(Wait::Moves),
             Wait::Drain(after) => self.drained(after),
-            Wait::Until { t_s, home } if t_s <= self.now_s => {
-                self.arrive_home(home);
-                Outcome::Done
-            }
+            Wait::Until { t_s, then } if t_s <= self.now_s => self.drained(then),
             Wait::User { until_s } if until_s <= self.now_s => Outcome::Done,
+            Wait::User { until_s } => {
+                self.cool_while_changing();
+                Outcome::Wait(Wait::User { until_s })
+            }
             Wait::Heat(heat) => self.heated(heat),
             other => Outcome::Wait(other),
         }
@@ -266,22 +281,29 @@ impl Printer {
             return Outcome::Wait(Wait::Drain(after));
         }
         self.ran_dry = false;
-        let until = |t_s: f64, home| Outcome::Wait(Wait::Until { t_s, home });
+        self.judge.pause();
+        let until = |t_s: f64, then| Outcome::Wait(Wait::Until { t_s, then });
         match after {
-            After::Nothing => Outcome::Done,
-            After::Dwell(seconds) => until(self.now_s + seconds, [false; 3]),
-            After::Home(axes) => until(self.now_s + self.homing_s(axes), axes),
-            After::MotorsOff => {
-                self.motion.homed = [false; 3];
-                self.state("motors-off", String::new());
-                Outcome::Done
+            After::Nothing => return Outcome::Done,
+            After::Dwell(seconds) => return until(self.now_s + seconds, After::Nothing),
+            After::Home(axes) => {
+                self.judge_homing(axes);
+                return until(self.now_s + self.homing_s(axes), After::AtHome(axes));
             }
+            After::AtHome(axes) => self.arrive_home(axes),
+            After::MotorsOff => self.motors_off("by order"),
+            After::Unload => return until(self.now_s + filament::UNLOAD_S, After::Unloaded),
+            After::Unloaded => return Outcome::Wait(self.wait_for_filament()),
             After::User(seconds) => {
-                self.tell_prompt();
+                if self.profile.dialect.prompts {
+                    let prompt = std::mem::take(&mut self.prompt);
+                    self.tell_prompt(&prompt, "Continue");
+                }
                 self.state("paused-for-user", String::new());
-                Outcome::Wait(Wait::User { until_s: self.now_s + seconds })
+                return Outcome::Wait(Wait::User { until_s: self.now_s + seconds });
             }
         }
+        Outcome::Done
     }
 
     fn homing_s(&self, axes: [bool; 3]) -> f64 {
@@ -296,16 +318,15 @@ impl Printer {
     }
 
     fn arrive_home(&mut self, axes: [bool; 3]) {
-        if axes == [false; 3] {
-            return;
-        }
         self.motion.arrive_home(axes);
         for axis in (0..3).filter(|&axis| axes[axis]) {
             self.deposit.shift_mm[axis] = 0.0;
         }
         self.state("homed", self.position_text());
-        let position = self.position_text();
-        self.say(&position);
+        if matches!(self.profile.dialect.family, Family::Marlin | Family::Repetier) {
+            let position = self.position_text();
+            self.say(&position);
+        }
     }
 
     /// One look a second, told to the host.
@@ -315,28 +336,36 @@ impl Printer {
         }
         heat.next_tick_s = self.now_s + 1.0;
         let heater = &self.heaters[heat.heater as usize];
+        if heater.target_c <= 0.0 {
+            // It was given up.
+            return Outcome::Done;
+        }
         let near = (heater.reading_c(self.now_s) - heater.target_c).abs() <= WINDOW_C;
         heat.reached_s = if near { heat.reached_s.or(Some(self.now_s)) } else { None };
-        let left_s = heat.reached_s.map(|since| RESIDENCY_S - (self.now_s - since));
+        let left_s = heat.reached_s.map(|since| self.profile.dialect.residency_s - (self.now_s - since));
         if left_s.is_some_and(|left| left <= 0.0) {
             self.state("heated", format!("{:.1}", self.heaters[heat.heater as usize].target_c));
             return Outcome::Done;
         }
         let left = left_s.map_or_else(|| "?".to_owned(), |left| format!("{:.0}", (left - 1.0).max(0.0)));
-        let text = format!("{} W:{left}", self.temperatures());
-        self.say(&text);
+        let temperatures = self.temperatures();
+        match self.profile.dialect.family {
+            Family::Marlin => self.say(&format!("{temperatures} W:{left}")),
+            _ => self.say(temperatures.trim_start()),
+        }
         Outcome::Wait(Wait::Heat(heat))
     }
 
-    fn tell_firmware(&mut self) {
+    fn tell_firmware(&mut self) -> Outcome {
         let dialect = self.profile.dialect;
-        self.say(&format!(
-            "{} MACHINE_TYPE:{} EXTRUDER_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff",
-            dialect.firmware, self.profile.name
-        ));
-        for capability in dialect.capabilities {
-            self.say(capability);
+        let text = dialect.firmware.replace("{machine}", self.profile.name);
+        if dialect.answers_after_ok() {
+            self.say(&format!("ok {text}"));
+            return Outcome::Answered;
         }
+        self.say(&text);
+        self.say_all(dialect.capabilities);
+        Outcome::Done
     }
 
     fn tell_endstops(&mut self) {
@@ -366,11 +395,13 @@ impl Printer {
             ),
             "echo:; Advanced (J<junc_dev>):".to_owned(),
             match limits.cornering {
-                Cornering::Deviation(mm) => format!("echo: M205 J{mm:.3}"),
-                Cornering::Jerk { axes: [x, y, z, e], .. } => {
+                Cornering::Deviation(mm) | Cornering::SmoothieDeviation(mm) => format!("echo: M205 J{mm:.3}"),
+                Cornering::ClassicJerk { axes: [x, y, z, e], .. }
+                | Cornering::InstantChange([x, y, z, e])
+                | Cornering::PlanarJerk([x, y, z, e]) => {
                     format!("echo: M205 X{x:.2} Y{y:.2} Z{z:.2} E{e:.2}")
                 }
-                Cornering::SquareCorner(mm_s) => format!("echo: square corner velocity {mm_s:.2}"),
+                Cornering::SquareCorner { speed, .. } => format!("echo: square corner velocity {speed:.2}"),
             },
         ];
         for line in lines {

@@ -1,7 +1,8 @@
 //! Faults at work.
 
-use super::{HeaterName, Printer};
+use super::{HeaterName, Printer, life::Cause};
 use crate::{
+    dialect::Numbering,
     event::Event,
     spec::{Direction, FaultSpec, Kind},
     wire,
@@ -68,6 +69,10 @@ impl Printer {
 
     /// A line was accepted: asks for the next one as if there had been an error.
     pub(super) fn strike_spurious_resend(&mut self) {
+        if self.profile.dialect.numbering == Numbering::Ignored {
+            // It has no words for that.
+            return;
+        }
         let at = self.progress();
         for index in 0..self.faults.len() {
             if self.faults[index].spec.kind == Kind::SpuriousResend && self.faults[index].strikes(at, true) {
@@ -94,21 +99,27 @@ impl Printer {
         let until_s = spec.for_s.map_or(f64::INFINITY, |for_s| self.now_s + for_s);
         match spec.kind {
             Kind::Disconnect => {
-                self.unplugged_until_s = until_s;
+                self.unplugged_until_s = until_s.max(self.unplugged_until_s);
                 self.incoming.clear(self.now_s);
                 self.outgoing.clear(self.now_s);
             }
-            Kind::Reset => self.reset(),
-            Kind::Kill => self.kill(),
+            Kind::Reset | Kind::PowerCut if spec.for_s.is_some() => self.board_is_down(until_s),
+            Kind::Reset | Kind::PowerCut => self.board_resets(),
+            Kind::Kill => {
+                "Shutdown by an external event".clone_into(&mut self.halt_reason);
+                self.kill(Cause::Button);
+            }
             Kind::Runaway => self.heaters[HeaterName::Hotend as usize].break_element(self.now_s),
             Kind::SensorOpen => {
                 self.heaters[HeaterName::Hotend as usize].sensor_open = true;
                 self.next_check_s = self.next_check_s.max(self.now_s);
             }
-            Kind::Silent => self.silent_until_s = until_s,
+            // Silences that overlap last as long as the longer.
+            Kind::Silent => self.silent_until_s = until_s.max(self.silent_until_s),
             _ => {
                 self.apply_lasting(spec, true);
                 self.lasting.push((until_s, spec.clone()));
+                self.add_up_nozzle();
             }
         }
     }
@@ -119,19 +130,23 @@ impl Printer {
             Kind::LayerShift => {
                 self.deposit.shift_mm[spec.axis] += if begins { spec.mm } else { -spec.mm };
             }
-            Kind::Clog => self.clogged_share = if begins { spec.percent / 100.0 } else { 0.0 },
-            Kind::Leak => self.deposit.leak_share = if begins { spec.percent / 100.0 } else { 0.0 },
-            Kind::FilamentOut => {
-                self.filament_out = begins;
-                if begins {
-                    self.say("//action:prompt_begin FilamentRunout T0");
-                    self.say("//action:prompt_show");
-                    self.say("//action:pause filament_runout 0");
-                }
-            }
+            Kind::Clog | Kind::Leak => {}
+            Kind::FilamentOut if begins => self.filament_ends(),
+            Kind::FilamentOut => self.filament_is_back(),
             _ => {}
         }
-        self.deposit.yield_share = if self.filament_out { 0.0 } else { 1.0 - self.clogged_share };
+    }
+
+    /// What clogs and leaks that overlap come to: each lets its share of what is left through, leaks add up.
+    fn add_up_nozzle(&mut self) {
+        let of = |kind: Kind| {
+            self.lasting
+                .iter()
+                .filter(move |(_, spec)| spec.kind == kind)
+                .map(|(_, spec)| spec.percent / 100.0)
+        };
+        self.deposit.yield_share = of(Kind::Clog).map(|share| 1.0 - share).product();
+        self.deposit.leak_share = of(Kind::Leak).sum();
     }
 
     /// Ends what has lasted long enough.
@@ -143,6 +158,11 @@ impl Printer {
             self.apply_lasting(&spec, false);
             self.state("fault-over", spec.kind.name().to_owned());
         }
+        self.add_up_nozzle();
+        if self.boots_s <= self.now_s {
+            self.boots_s = f64::INFINITY;
+            self.board_resets();
+        }
     }
 
     /// When a fault begins or ends by the clock.
@@ -150,7 +170,11 @@ impl Printer {
         let due = self.faults.iter().filter_map(crate::spec::Armed::due_s);
         let over = self.lasting.iter().map(|lasting| lasting.0);
         let outages = [self.silent_until_s, self.unplugged_until_s].into_iter().filter(|&t| t > self.now_s);
-        due.chain(over).chain(outages).filter(|t| t.is_finite()).min_by(f64::total_cmp)
+        due.chain(over)
+            .chain(outages)
+            .chain(Some(self.boots_s))
+            .filter(|t| t.is_finite())
+            .min_by(f64::total_cmp)
     }
 
     fn note_fault(&mut self, kind: Kind, detail: String) {

@@ -29,6 +29,12 @@ impl Printer {
                 set_axes(command, &mut per_minute);
                 limits.max_speed = per_minute.map(|v| v / S_PER_MIN);
             }
+            (Family::Klipper, 204) => {
+                let both = command.value(b'P').zip(command.value(b'T')).map(|(p, t)| p.min(t));
+                if let Some(accel) = command.value(b'S').or(both).filter(|&a| a > 0.0) {
+                    (limits.print_acceleration, limits.travel_acceleration) = (accel, accel);
+                }
+            }
             (Family::Smoothie, 204) => {
                 set_accelerations(command, limits);
                 let z = command.value(b'Z').filter(|&a| a > 0.0);
@@ -59,7 +65,16 @@ impl Printer {
                 b"ACCEL" => {
                     (limits.print_acceleration, limits.travel_acceleration) = (value, value);
                 }
-                b"SQUARE_CORNER_VELOCITY" => limits.cornering = Cornering::SquareCorner(value),
+                b"SQUARE_CORNER_VELOCITY" => {
+                    if let Cornering::SquareCorner { speed, .. } = &mut limits.cornering {
+                        *speed = value;
+                    }
+                }
+                b"MINIMUM_CRUISE_RATIO" => {
+                    if let Cornering::SquareCorner { cruise_ratio, .. } = &mut limits.cornering {
+                        *cruise_ratio = value.min(1.0);
+                    }
+                }
                 _ => {}
             }
         }
@@ -76,7 +91,10 @@ pub(super) fn set_axes(command: &Command<'_>, values: &mut [f64; 4]) {
 
 /// Per axis, in `unit` mm/s; Repetier's X holds for both axes of the plane. Of no effect where corners are taken otherwise.
 fn set_jerk(command: &Command<'_>, limits: &mut Limits, unit: f64) {
-    if let Cornering::Jerk { axes, .. } = &mut limits.cornering {
+    if let Cornering::ClassicJerk { axes, .. }
+    | Cornering::InstantChange(axes)
+    | Cornering::PlanarJerk(axes) = &mut limits.cornering
+    {
         let mut given = axes.map(|v| v / unit);
         set_axes(command, &mut given);
         *axes = given.map(|v| v * unit);
@@ -87,7 +105,8 @@ fn set_jerk(command: &Command<'_>, limits: &mut Limits, unit: f64) {
 }
 
 fn set_deviation(value: Option<f64>, limits: &mut Limits) {
-    if let (Some(mm), Cornering::Deviation(deviation)) = (value.filter(|&mm| mm > 0.0), &mut limits.cornering)
+    if let (Some(mm), Cornering::Deviation(deviation) | Cornering::SmoothieDeviation(deviation)) =
+        (value.filter(|&mm| mm > 0.0), &mut limits.cornering)
     {
         *deviation = mm;
     }

@@ -13,6 +13,11 @@
 
 mod commands;
 mod faults;
+mod filament;
+mod idle;
+mod intake;
+mod judge;
+mod life;
 mod limits;
 mod motion;
 mod replies;
@@ -30,6 +35,9 @@ use crate::{
     thermal::Heater,
     wire::{Incoming, Outgoing},
 };
+use filament::Change;
+use idle::Idle;
+use judge::Judge;
 use motion::Motion;
 use std::collections::VecDeque;
 
@@ -78,8 +86,8 @@ enum Wait {
     Moves,
     /// The end of all moves; then something else.
     Drain(After),
-    /// A moment, then perhaps the axes are home.
-    Until { t_s: f64, home: [bool; 3] },
+    /// A moment, then something else.
+    Until { t_s: f64, then: After },
     /// A temperature.
     Heat(HeatWait),
     /// The user, perhaps not beyond a moment.
@@ -92,8 +100,21 @@ enum After {
     Nothing,
     Dwell(f64),
     Home([bool; 3]),
+    /// The axes are there.
+    AtHome([bool; 3]),
     MotorsOff,
     User(f64),
+    /// The filament is taken out, then the user is waited for.
+    Unload,
+    Unloaded,
+}
+
+/// A command that waits for execution.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Queued {
+    text: Vec<u8>,
+    /// Its `ok` was said when it came, or none is due.
+    is_answered: bool,
 }
 
 /// M109 or M190.
@@ -109,6 +130,8 @@ struct HeatWait {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Life {
     Off,
+    /// Without power, or in its boot loader.
+    Down,
     Running,
     /// It has stopped, and says so to every command.
     Halted,
@@ -125,6 +148,10 @@ enum Due {
     Check,
     Report,
     Busy,
+    /// A time-out of an idle firmware.
+    Idle,
+    /// Repetier's words when nothing comes.
+    Nag,
     BlockStart,
 }
 
@@ -137,9 +164,19 @@ pub struct Printer {
     incoming: Incoming,
     outgoing: Outgoing,
     receiver: Receiver,
-    queue: VecDeque<Vec<u8>>,
+    queue: VecDeque<Queued>,
     wait: Option<Wait>,
     life: Life,
+    /// Why Klipper is shut down.
+    halt_reason: String,
+    /// A change of filament under way.
+    change: Option<Change>,
+    idle: Idle,
+    judge: Judge,
+    /// When the last bytes came from the host.
+    traffic_s: f64,
+    /// Since when nobody has had the port open.
+    alone_s: Option<f64>,
     /// Until then it neither reads nor answers.
     silent_until_s: f64,
     /// Until then there is no port.
@@ -153,7 +190,8 @@ pub struct Printer {
     /// Lasting faults and when they end.
     lasting: Vec<(f64, FaultSpec)>,
     filament_out: bool,
-    clogged_share: f64,
+    /// When a board that is down starts.
+    boots_s: f64,
     /// By how much the next request to send again is off.
     resend_error: Option<i64>,
     report_interval_s: f64,
@@ -182,21 +220,29 @@ impl Printer {
             seed,
             incoming: Incoming::new(baud),
             outgoing: Outgoing::new(baud),
-            receiver: Receiver::new(profile.rx_ring_bytes, profile.line_bytes, profile.dialect.numbering),
+            receiver: Receiver::new(profile.rx_ring_bytes, profile.line_bytes, profile.dialect),
             queue: VecDeque::new(),
             wait: None,
             life: Life::Off,
+            halt_reason: String::new(),
+            change: None,
+            idle: Idle::new(profile.dialect, 0.0),
+            judge: Judge::default(),
+            traffic_s: 0.0,
+            alone_s: None,
             silent_until_s: 0.0,
             unplugged_until_s: 0.0,
             planner: Planner::new(profile.planner_blocks),
             motion: Motion::new(&profile),
-            heaters: profile.heaters.map(|model| Heater::new(model, profile.ambient_c)),
+            heaters: profile
+                .heaters
+                .map(|model| Heater::new(model, profile.ambient_c).with_noise(profile.sensor_noise_c)),
             fan: 0,
             deposit: Deposit::new(&profile),
             faults: armed,
             lasting: Vec::new(),
             filament_out: false,
-            clogged_share: 0.0,
+            boots_s: f64::INFINITY,
             resend_error: None,
             report_interval_s: 0.0,
             next_report_s: 0.0,
@@ -237,24 +283,39 @@ impl Printer {
         self.incoming.bytes_under_way() > 4096
     }
 
-    /// A host has opened the port: a printer that is off or has stopped for good starts.
+    /// A host has opened the port: a printer that is off starts, and so does one that the port's lines reset. One that has
+    /// stopped for good stays so until its power is switched.
     pub fn host_arrived(&mut self) {
+        self.alone_s = None;
         self.state("host-arrived", String::new());
-        if matches!(self.life, Life::Off | Life::Killed) {
+        if self.life == Life::Off || self.profile.resets_on_open {
             self.reset();
         }
     }
 
-    /// The host has closed the port: what is under way either way is lost.
+    /// Somebody switches the printer off and on.
+    pub fn switch_off_and_on(&mut self) {
+        self.reset();
+        self.settle();
+    }
+
+    /// The host has closed the port: what it has written still arrives, what is said is lost.
     pub fn host_left(&mut self) {
+        self.alone_s = Some(self.now_s);
         self.state("host-left", String::new());
-        self.incoming.clear(self.now_s);
+        if let Some(rest) = self.incoming.take_rest() {
+            self.incoming.launch(self.now_s, rest, 0.0);
+        }
         self.outgoing.clear(self.now_s);
+        self.settle();
     }
 
     /// The host has written `bytes`.
     pub fn receive(&mut self, bytes: &[u8]) {
-        if self.is_plugged() && self.life != Life::Off {
+        if self.is_plugged() && !matches!(self.life, Life::Off | Life::Down) {
+            self.note_unattended();
+            self.traffic_s = self.now_s;
+            self.idle.heard(self.now_s);
             for line in self.incoming.take_lines(bytes) {
                 self.send_line_to_printer(line);
             }
@@ -275,7 +336,7 @@ impl Printer {
     /// Whether time has to pass.
     #[must_use]
     pub fn pace(&self) -> Pace {
-        let outage = [self.silent_until_s, self.unplugged_until_s];
+        let outage = [self.silent_until_s, self.unplugged_until_s, self.boots_s];
         if outage.iter().any(|&until| until > self.now_s && until.is_finite()) {
             return Pace::RealTime;
         }
@@ -356,6 +417,7 @@ impl Printer {
         timers
             .into_iter()
             .filter_map(|(time, due)| Some((time?, due)))
+            .chain(self.quiet_due())
             .reduce(|first, other| if other.0 < first.0 { other } else { first })
     }
 
@@ -364,7 +426,10 @@ impl Printer {
         match self.wait.as_ref()? {
             Wait::Until { t_s, .. } => Some(*t_s),
             Wait::Heat(heat) => Some(heat.next_tick_s),
-            Wait::User { until_s } => Some(*until_s).filter(|t| t.is_finite()),
+            Wait::User { until_s } => {
+                let cold_s = self.change.map_or(f64::INFINITY, |change| change.cold_s);
+                Some(until_s.min(cold_s)).filter(|t| t.is_finite())
+            }
             Wait::Moves | Wait::Drain(_) => None,
         }
     }
@@ -385,6 +450,8 @@ impl Printer {
                 self.say(&text);
             }
             Due::Busy => self.say_busy(),
+            Due::Idle => self.idle_ends(),
+            Due::Nag => self.nag(),
         }
         self.settle();
     }
@@ -400,18 +467,24 @@ impl Printer {
     }
 
     fn start_block(&mut self) {
-        let Some(block) = self.planner.start() else { return };
-        if let Some(layer) = self.deposit.begin(block) {
+        let Some(block) = self.planner.start().copied() else { return };
+        if let Some(layer) = self.deposit.begin(&block) {
             let z_mm = block.to[2] + self.deposit.shift_mm[2];
             self.state("layer", format!("{layer} z {z_mm:.3}"));
             self.strike_machine(false);
         }
+        self.judge_start(&block);
     }
 
     fn finish_block(&mut self) {
         if let Some(block) = self.planner.finish() {
             self.lay(&block);
-            self.ran_dry = self.planner.depth() == 0 && !matches!(self.wait, Some(Wait::Drain(_)));
+            let (depth, expected) = (self.planner.depth(), self.is_draining());
+            self.ran_dry = depth == 0 && !expected;
+            self.judge.move_ended(depth, self.now_s, expected);
+            if depth == 0 {
+                self.idle.touch(self.now_s);
+            }
         }
     }
 
@@ -429,6 +502,7 @@ impl Printer {
             Laid::Bead(bead) => {
                 self.summary.beads += 1;
                 self.summary.deposited_mm3 += bead.volume_mm3;
+                self.judge.bead(&bead);
                 self.events.push(Event::Bead(bead));
             }
         }
@@ -439,7 +513,7 @@ impl Printer {
         self.outgoing.advance(self.now_s);
         loop {
             let (mut moved, order) = self.incoming.deliver(self.now_s, &mut self.receiver);
-            if let Some(order) = order.filter(|_| self.profile.dialect.emergency_parser) {
+            if let Some(order) = order.filter(|order| self.profile.dialect.urgent.by_byte.contains(order)) {
                 self.emergency(order);
             }
             if !self.listens() {
@@ -457,102 +531,41 @@ impl Printer {
         }
     }
 
-    /// Reads lines while the command queue has room.
-    fn fetch(&mut self) -> bool {
-        let mut read = false;
-        while self.queue.len() < self.profile.command_slots
-            && self.listens()
-            && !self.is_silent()
-            && let Some(line) = self.receiver.next_line()
-        {
-            read = true;
-            self.summary.lines_received += 1;
-            match line {
-                Received::Command(text) => self.accept(text),
-                Received::Repeated(text) => {
-                    self.summary.repeated_lines += 1;
-                    if self.profile.dialect.numbering == Numbering::CheckedRepeatsSkipped {
-                        self.say(&format!("skip {}", receive::number_of(&text)));
-                        self.say("ok");
-                    }
-                    self.record_refused(text, "repeated");
-                }
-                Received::Refused(text, reason) => {
-                    self.say_refusal(&text, reason);
-                    self.request_resend();
-                    self.record_refused(text, reason.trim_end_matches(", Last Line: "));
-                }
-            }
-            self.strike_machine(true);
-        }
-        read
-    }
-
-    fn accept(&mut self, text: Vec<u8>) {
-        if self.record_commands {
-            self.events.push(Event::Command { t_s: self.now_s, text: text.clone() });
-        }
-        let was = self.life;
-        if !self.profile.dialect.emergency_parser
-            && let Some(order) = early_order(&text)
-        {
-            self.emergency(order);
-        }
-        // The order that has stopped it is done.
-        if self.listens() && self.life == was {
-            self.queue.push_back(text);
-            self.strike_spurious_resend();
-        }
-    }
-
-    fn record_refused(&mut self, text: Vec<u8>, reason: &'static str) {
-        if self.record_commands {
-            self.events.push(Event::Refused { t_s: self.now_s, text, reason });
-        }
-    }
-
-    fn request_resend(&mut self) {
-        let error = self.resend_error.take().unwrap_or(0);
-        let number = (self.receiver.last_line + 1 + error).max(0);
-        self.summary.resend_requests += 1;
-        self.say(&format!("{}{number}", self.profile.dialect.resend));
-        if self.profile.dialect.ok_after_resend {
-            self.say("ok");
-        }
-    }
-
     /// Goes on with the command at the head of the queue.
     fn work(&mut self) -> bool {
-        let Some(mut text) = self.queue.front_mut().map(std::mem::take) else { return false };
+        let Some(front) = self.queue.front_mut() else { return false };
+        let text = std::mem::take(&mut front.text);
         let outcome = match self.wait.take() {
             Some(wait) => self.go_on(wait),
             None => {
                 self.next_busy_s = self.now_s + self.keepalive_s;
+                if self.profile.dialect.idle.commands_count {
+                    self.idle.touch(self.now_s);
+                }
                 self.execute(&text)
             }
         };
         // The command may have stopped or restarted the firmware.
         let Some(front) = self.queue.front_mut() else { return true };
-        std::mem::swap(front, &mut text);
-        match outcome {
-            commands::Outcome::Wait(wait) => {
-                let over = matches!(wait, Wait::Until { t_s, .. } if t_s <= self.now_s);
-                self.wait = Some(wait);
-                over
-            }
-            commands::Outcome::Done => {
-                self.say_ok();
-                self.retire();
-                true
-            }
-            commands::Outcome::Answered => {
-                self.retire();
-                true
-            }
+        front.text = text;
+        if let commands::Outcome::Wait(wait) = outcome {
+            let over = matches!(wait, Wait::Until { t_s, .. } if t_s <= self.now_s);
+            self.wait = Some(wait);
+            return over;
         }
+        self.end_change();
+        if outcome == commands::Outcome::Done {
+            self.say_ok();
+        }
+        self.retire();
+        true
     }
 
     fn retire(&mut self) {
+        // What took its time was no idleness.
+        if self.planner.depth() == 0 && self.profile.dialect.idle.commands_count {
+            self.idle.touch(self.now_s);
+        }
         self.queue.pop_front();
         self.summary.commands_executed += 1;
     }
@@ -564,7 +577,8 @@ impl Printer {
         match order {
             Emergency::Continue => {
                 if matches!(self.wait, Some(Wait::Heat(_) | Wait::User { .. })) {
-                    self.wait = Some(Wait::Until { t_s: self.now_s, home: [false; 3] });
+                    let at_once = Wait::Until { t_s: self.now_s, then: After::Nothing };
+                    self.wait = Some(self.go_on_changing().unwrap_or(at_once));
                 }
             }
             Emergency::Kill => self.kill_by_order(),
@@ -577,6 +591,7 @@ impl Printer {
         if let Some(block) = self.planner.stop(self.now_s) {
             self.lay(&block);
         }
+        self.judge.pause();
         self.motion.pending.clear();
     }
 
@@ -587,76 +602,9 @@ impl Printer {
         self.state("stopped", self.position_text());
     }
 
-    /// M112.
-    fn kill_by_order(&mut self) {
-        if self.profile.dialect.family == Family::Marlin {
-            self.say("echo:M112 Shutdown");
-        }
-        self.kill();
-    }
-
     /// Whether lines are read and answered.
     const fn listens(&self) -> bool {
         matches!(self.life, Life::Running | Life::Halted)
-    }
-
-    /// Stops for good.
-    fn kill(&mut self) {
-        for line in self.profile.dialect.halted {
-            self.say(line);
-        }
-        self.stop_motion();
-        self.heaters_off();
-        self.queue.clear();
-        self.wait = None;
-        self.receiver.clear();
-        self.life = match self.profile.dialect.family {
-            Family::Klipper | Family::Smoothie => Life::Halted,
-            _ => Life::Killed,
-        };
-        self.state("killed", String::new());
-    }
-
-    /// Starts anew: all the firmware knew is gone; what lies on the bed stays, and so do axes and temperatures.
-    fn reset(&mut self) {
-        self.stop_motion();
-        self.heaters_off();
-        for axis in 0..3 {
-            self.deposit.shift_mm[axis] += self.motion.driven[axis];
-        }
-        self.motion = Motion::new(&self.profile);
-        self.planner = Planner::new(self.profile.planner_blocks);
-        self.planner.release(self.now_s);
-        self.queue.clear();
-        self.wait = None;
-        self.receiver.clear();
-        self.receiver.last_line = 0;
-        self.report_interval_s = 0.0;
-        self.keepalive_s = 2.0;
-        self.fan = 0;
-        self.silent_until_s = self.silent_until_s.min(self.now_s);
-        self.life = Life::Running;
-        self.state("booted", String::new());
-        for line in self.profile.dialect.boot {
-            self.say(line);
-        }
-    }
-
-    fn heaters_off(&mut self) {
-        for heater in &mut self.heaters {
-            heater.set_target(self.now_s, 0.0);
-        }
-    }
-
-    fn check_heaters(&mut self) {
-        self.next_check_s = self.now_s + CHECK_S;
-        let now_s = self.now_s;
-        let fault = self.heaters.iter_mut().find_map(|heater| Some((heater.check(now_s)?, heater.model.id)));
-        if let Some((fault, id)) = fault {
-            let text = self.fault_text(fault, id);
-            self.say(&text);
-            self.kill();
-        }
     }
 
     fn state(&mut self, state: &'static str, detail: String) {
@@ -671,52 +619,8 @@ impl Printer {
         }
     }
 
-    /// What the run has come to so far.
-    #[must_use]
-    pub fn summary(&self) -> Summary {
-        let temperature = |heater: &Heater| [heater.temperature_c(self.now_s), heater.target_c];
-        Summary {
-            profile: self.profile.name.to_owned(),
-            seed: self.seed,
-            simulated_s: self.now_s,
-            overrun_bytes: self.incoming.overrun_bytes,
-            layers: self.deposit.layers.count() as u64,
-            filament_mm: self.deposit.net_mm,
-            last_state: self.state_name().to_owned(),
-            last_line: self.receiver.last_line,
-            position_mm: self.motion.position,
-            hotend_c: temperature(&self.heaters[0]),
-            bed_c: temperature(&self.heaters[1]),
-            ..self.summary.clone()
-        }
-    }
-
-    fn state_name(&self) -> &'static str {
-        match (self.life, &self.wait) {
-            (Life::Off, _) => "off",
-            (Life::Killed | Life::Halted, _) => "killed",
-            _ if !self.is_plugged() => "unplugged",
-            _ if self.is_silent() => "silent",
-            (_, Some(Wait::Heat(_))) => "heating",
-            (_, Some(Wait::User { .. })) => "waiting-for-user",
-            (_, Some(_)) => "busy",
-            (_, None) if self.has_moves() => "moving",
-            (_, None) => "idle",
-        }
-    }
-
     /// Where the motors are.
     fn driven(&self) -> Position {
         self.planner.position_at(self.now_s).unwrap_or(self.motion.driven)
-    }
-}
-
-/// The order in a line, for firmware that looks at lines rather than bytes.
-fn early_order(text: &[u8]) -> Option<Emergency> {
-    match text.get(..4)? {
-        b"M108" => Some(Emergency::Continue),
-        b"M112" => Some(Emergency::Kill),
-        b"M410" => Some(Emergency::QuickStop),
-        _ => None,
     }
 }

@@ -5,10 +5,10 @@
 
 use super::{Printer, Wait, commands::Outcome};
 use crate::{
+    dialect::{ExtruderMode, Family},
     gcode::Command,
     planner::{Limits, Position},
     profile::Profile,
-    whole,
 };
 use std::collections::VecDeque;
 
@@ -34,7 +34,11 @@ pub(super) struct Motion {
     /// Where the motors were after the last finished move.
     pub(super) driven: Position,
     pub(super) homed: [bool; 3],
-    pub(super) relative: [bool; 4],
+    pub(super) relative: [bool; 3],
+    /// M82 and M83.
+    pub(super) relative_e: bool,
+    /// Whether G91 makes the extruder relative as well, whatever M82 says.
+    either: bool,
     pub(super) feedrate: f64,
     pub(super) feedrate_percent: f64,
     pub(super) flow_percent: f64,
@@ -53,7 +57,9 @@ impl Motion {
             planned: [0.0; 4],
             driven: [0.0; 4],
             homed: [false; 3],
-            relative: [false; 4],
+            relative: [false; 3],
+            relative_e: false,
+            either: profile.dialect.extruder_mode == ExtruderMode::RelativeIfEither,
             feedrate: 25.0,
             feedrate_percent: 100.0,
             flow_percent: 100.0,
@@ -83,12 +89,27 @@ impl Motion {
         }
     }
 
+    /// G90, G91.
+    pub(super) fn set_relative(&mut self, relative: bool, extruder: ExtruderMode) {
+        self.relative = [relative; 3];
+        if extruder == ExtruderMode::WithAxes {
+            self.relative_e = relative;
+        }
+    }
+
+    const fn is_relative(&self, axis: usize) -> bool {
+        match axis {
+            3 => self.relative_e || self.either && self.relative[0],
+            axis => self.relative[axis],
+        }
+    }
+
     /// Where the parameters of a move lead, logical.
     pub(super) fn target(&self, command: &Command<'_>) -> Position {
         let mut target = self.position;
         for (axis, letter) in [b'X', b'Y', b'Z', b'E'].into_iter().enumerate() {
             if let Some(value) = command.value(letter) {
-                target[axis] = if self.relative[axis] { target[axis] + value } else { value };
+                target[axis] = if self.is_relative(axis) { target[axis] + value } else { value };
             }
         }
         target
@@ -133,8 +154,16 @@ impl Printer {
             self.say(&refusal);
             return Outcome::Done;
         }
+        self.note_numbered_move(command);
         self.plan(target);
         Outcome::Wait(Wait::Moves)
+    }
+
+    /// A move that came with a line number is executed.
+    fn note_numbered_move(&mut self, command: &Command<'_>) {
+        if let Some(number) = command.number {
+            self.judge.numbered_move(number);
+        }
     }
 
     fn take_feedrate(&mut self, command: &Command<'_>) {
@@ -143,21 +172,24 @@ impl Printer {
         }
     }
 
-    /// Why a firmware that does not cut moves off refuses this one.
+    /// Why a firmware refuses to go there at all.
     fn refusal_of_place(&mut self, target: Position) -> Option<String> {
-        if !self.profile.dialect.refuses_moves_outside() {
-            return None;
-        }
+        let dialect = self.profile.dialect;
         let native = |axis: usize| target[axis] - self.motion.offset[axis];
         let moves = |axis: usize| (native(axis) - self.motion.planned[axis]).abs() > 1e-9;
-        let [x, y, z] = [0, 1, 2].map(native);
-        let unhomed = (0..3).any(|axis| moves(axis) && !self.motion.homed[axis]);
         let outside = |axis: usize| !(-1e-9..=self.profile.bed_mm[axis] + 1e-9).contains(&native(axis));
-        if !unhomed && !(0..3).any(outside) {
+        let unhomed = !dialect.moves_unhomed && (0..3).any(|axis| moves(axis) && !self.motion.homed[axis]);
+        let refused = unhomed || dialect.refuses_moves_outside() && (0..3).any(outside);
+        if !refused {
             return None;
         }
-        self.summary.soft_endstop_hits += 1;
+        let [x, y, z] = [0, 1, 2].map(native);
         let pulled = target[3] - self.motion.position[3];
+        self.summary.soft_endstop_hits += u64::from(!unhomed);
+        self.summary.unhomed_refusals += u64::from(unhomed);
+        if dialect.family == Family::RepRapFirmware {
+            return Some("Error: G0/G1: insufficient axes homed".to_owned());
+        }
         let why = if unhomed { "!! Must home axis first:" } else { "!! Move out of range:" };
         Some(format!("{why} {x:.3} {y:.3} {z:.3} [{pulled:.3}]"))
     }
@@ -196,7 +228,8 @@ impl Printer {
     }
 
     fn clamp(&mut self, axis: usize, native_mm: f64) -> f64 {
-        if !self.motion.soft_endstops || !self.motion.homed[axis] {
+        let known = self.motion.homed[axis] || self.profile.dialect.endstops_unhomed;
+        if !self.motion.soft_endstops || !known {
             return native_mm;
         }
         let inside = native_mm.clamp(0.0, self.profile.bed_mm[axis]);
@@ -214,6 +247,7 @@ impl Printer {
                 return false;
             }
             self.summary.planner_dry += u64::from(std::mem::take(&mut self.ran_dry));
+            self.judge.move_planned(self.now_s);
             self.planner.push(self.now_s, ends, speed, &self.motion.limits);
             self.motion.pending.pop_front();
             self.summary.peak_planner_depth =
@@ -231,10 +265,16 @@ impl Printer {
             self.say("Error:G2/G3 bad parameters");
             return Outcome::Done;
         };
+        if let Some(refusal) = self.refusal_of_place(target) {
+            self.say(&refusal);
+            return Outcome::Done;
+        }
+        self.note_numbered_move(command);
         let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
         let rule = self.profile.dialect.arcs.expect("arcs are known to a dialect that has a rule for them");
-        let chord_mm = rule.chord_mm(radius, self.motion.feedrate);
-        for point in arc_points(from, target, centre, clockwise, chord_mm) {
+        let turn = arc_turn(from, target, centre, clockwise);
+        let n_chords = rule.n_chords(radius, turn, target[2] - from[2], self.motion.feedrate);
+        for point in arc_points([from, target], centre, if clockwise { -turn } else { turn }, n_chords) {
             self.plan(point);
         }
         Outcome::Wait(Wait::Moves)
@@ -257,28 +297,23 @@ fn arc_centre(command: &Command<'_>, from: Position, to: Position, clockwise: bo
     (i.hypot(j) > 1e-9).then_some([from[0] + i, from[1] + j])
 }
 
-/// Points along an arc, the last one exactly `to`.
-fn arc_points(
-    from: Position,
-    to: Position,
-    centre: [f64; 2],
-    clockwise: bool,
-    chord_mm: f64,
-) -> Vec<Position> {
+/// The angle that an arc goes through, more than 0 and a whole turn at most.
+fn arc_turn(from: Position, to: Position, centre: [f64; 2], clockwise: bool) -> f64 {
     use std::f64::consts::TAU;
     let start = (from[1] - centre[1]).atan2(from[0] - centre[0]);
     let end = (to[1] - centre[1]).atan2(to[0] - centre[0]);
-    let mut turn = if clockwise { (start - end).rem_euclid(TAU) } else { (end - start).rem_euclid(TAU) };
-    if turn < 1e-9 {
-        turn = TAU;
-    }
+    let turn = if clockwise { (start - end).rem_euclid(TAU) } else { (end - start).rem_euclid(TAU) };
+    if turn < 1e-9 { TAU } else { turn }
+}
+
+/// The ends of the `n` chords of an arc through `turn` (positive: counter-clockwise), the last one exactly `to`.
+fn arc_points([from, to]: [Position; 2], centre: [f64; 2], turn: f64, n: usize) -> Vec<Position> {
+    let start = (from[1] - centre[1]).atan2(from[0] - centre[0]);
     let radius = (from[0] - centre[0]).hypot(from[1] - centre[1]);
-    let n = whole::floor_to_usize((turn * radius / chord_mm).ceil()).clamp(1, 10_000);
-    let sign = if clockwise { -1.0 } else { 1.0 };
     let mut points: Vec<Position> = (1..n)
         .map(|k| {
             let share = k as f64 / n as f64;
-            let angle = (sign * turn).mul_add(share, start);
+            let angle = turn.mul_add(share, start);
             let along = |axis: usize| (to[axis] - from[axis]).mul_add(share, from[axis]);
             [
                 radius.mul_add(angle.cos(), centre[0]),

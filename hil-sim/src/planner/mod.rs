@@ -1,43 +1,22 @@
 //! Moves to trapezoids: a planner with look-ahead, as in Grbl and Marlin.
 //!
-//! Every move accelerates, cruises and decelerates along its straight line. At a junction the speed is bounded so that a
-//! circle which touches both moves and leaves the corner by the junction deviation could be driven at the moves'
-//! acceleration (Jeon, "Improving Grbl: cornering algorithm", 2011). A backward pass bounds every entry speed so that the
-//! machine can stop at the end of what is known, a forward pass bounds it by what can be reached. A move's profile is
-//! fixed when it starts; E takes part in the direction, so that a retraction is a corner.
+//! Every move accelerates, cruises and decelerates along its straight line. At a junction the speed is bounded by the
+//! firmware's own rule (`corner`). A backward pass bounds every entry speed so that the machine can stop at the end of what
+//! is known, a forward pass bounds it by what can be reached; Klipper besides holds peaks down (`smooth`). A move's profile
+//! is fixed when it starts.
 //!
 //! Legend: lengths mm, speeds mm/s (squares mm²/s²), accelerations mm/s², times s on the simulated clock.
 //! Not done: jerk-limited (S-curve) ramps, quantisation to steps.
+
+mod corner;
+mod smooth;
+
+pub use corner::Cornering;
 
 use std::collections::VecDeque;
 
 /// X, Y, Z, E.
 pub type Position = [f64; 4];
-
-/// How fast the machine may go round a corner.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Cornering {
-    /// So fast that a circle which leaves the corner by this, mm, could be driven at the moves' acceleration; every run
-    /// begins and ends at rest.
-    Deviation(f64),
-    /// So fast that no axis changes its speed by more than this at once, mm/s.
-    Jerk {
-        /// X, Y, Z, E.
-        axes: [f64; 4],
-        /// An axis that turns back counts the larger of its two speeds, not their sum.
-        eased: bool,
-        /// X and Y are measured together, as one vector.
-        planar: bool,
-        /// Share of it by which a run may begin and end with a jump.
-        rest_share: f64,
-    },
-    /// A right angle at this speed, mm/s; others by the junction deviation that follows from it, along X, Y, Z alone, and
-    /// no faster than round a circle that touches both moves within their nearer halves (Klipper).
-    SquareCorner(f64),
-}
-
-/// Change of the extruder's speed that Klipper allows at once, mm/s.
-const KLIPPER_EXTRUDER_STEP: f64 = 1.0;
 
 /// Limits of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,6 +111,10 @@ pub struct Block {
     entry2: f64,
     /// Square of the speed at which it may begin or end at rest.
     rest2: f64,
+    /// Where it does not meet the move before: the square of the speed at which that one ends.
+    apart2: Option<f64>,
+    /// Klipper's look-ahead.
+    smooth: smooth::Smooth,
     /// Whether another was planned when it was.
     follows: bool,
     /// Once it has started.
@@ -165,6 +148,9 @@ pub struct Planner {
     /// Before that the first move does not start.
     hold_s: f64,
     last: Option<Block>,
+    /// Whether peaks are held down, and the last one driven, mm²/s².
+    smoothed: bool,
+    peak2: f64,
 }
 
 impl Planner {
@@ -177,6 +163,8 @@ impl Planner {
             free_s: 0.0,
             hold_s: 0.0,
             last: None,
+            smoothed: false,
+            peak2: f64::INFINITY,
         }
     }
 
@@ -197,7 +185,18 @@ impl Planner {
         let Some(mut block) = shape(ends, speed, limits) else { return false };
         let before = self.last.filter(|_| !self.blocks.is_empty());
         block.follows = before.is_some();
-        block.max_entry2 = before.map_or(block.rest2, |before| junction2(&before, &block, limits));
+        let junction = match &before {
+            Some(before) => corner::junction(before, &block, limits, self.blocks.len()),
+            None => corner::Junction::Shared(block.rest2),
+        };
+        (block.max_entry2, block.apart2) = match junction {
+            corner::Junction::Shared(speed2) => (speed2, None),
+            corner::Junction::Apart => (block.rest2, before.map(|before| before.rest2)),
+        };
+        self.smoothed = matches!(limits.cornering, Cornering::SquareCorner { .. });
+        if self.smoothed {
+            smooth::bound(&mut block, before.as_ref());
+        }
         if before.is_none() {
             self.hold_s = now_s + FIRST_MOVE_DELAY_S;
         }
@@ -218,6 +217,23 @@ impl Planner {
     /// Both passes over what has not started.
     fn recalculate(&mut self) {
         let first = usize::from(self.blocks.front().is_some_and(|block| block.profile.is_some()));
+        if self.smoothed {
+            smooth::plan(self.blocks.make_contiguous(), first, self.peak2);
+        } else {
+            self.bound_entries(first);
+        }
+        for index in first..self.blocks.len().saturating_sub(1) {
+            let block = &self.blocks[index];
+            let reach2 = (2.0 * block.acceleration).mul_add(block.length, block.entry2);
+            let next = &mut self.blocks[index + 1];
+            if next.apart2.is_none() {
+                next.entry2 = next.entry2.min(reach2);
+            }
+        }
+    }
+
+    /// So that the machine can stop at the end of what is known.
+    fn bound_entries(&mut self, first: usize) {
         let mut exit2 = self.blocks.back().map_or(0.0, |last| last.rest2);
         for index in (first..self.blocks.len()).rev() {
             let block = &mut self.blocks[index];
@@ -226,13 +242,7 @@ impl Planner {
                 break;
             }
             block.entry2 = block.max_entry2.min((2.0 * block.acceleration).mul_add(block.length, exit2));
-            exit2 = block.entry2;
-        }
-        for index in first..self.blocks.len().saturating_sub(1) {
-            let block = &self.blocks[index];
-            let reach2 = (2.0 * block.acceleration).mul_add(block.length, block.entry2);
-            let next = &mut self.blocks[index + 1];
-            next.entry2 = next.entry2.min(reach2);
+            exit2 = block.apart2.unwrap_or(block.entry2);
         }
     }
 
@@ -253,17 +263,15 @@ impl Planner {
     /// Starts the first move: its profile is fixed now.
     pub fn start(&mut self) -> Option<&Block> {
         let start_s = self.next_start_s()?;
-        let exit2 = self.blocks.get(1).map(|next| next.entry2);
+        let exit2 = self.blocks.get(1).map(|next| next.apart2.unwrap_or(next.entry2));
+        let smoothed = self.smoothed;
         let block = self.blocks.front_mut()?;
         let reach2 = (2.0 * block.acceleration).mul_add(block.length, block.entry2);
-        let exit2 = exit2.unwrap_or_else(|| block.rest2.min(reach2));
-        block.profile = Some(Profile::new(
-            start_s,
-            block.length,
-            [block.entry2, exit2],
-            block.nominal,
-            block.acceleration,
-        ));
+        let exit2 = exit2.unwrap_or(block.rest2).min(reach2);
+        let nominal = if smoothed { block.nominal.min(block.smooth.cruise2.sqrt()) } else { block.nominal };
+        let squares = [block.entry2, exit2];
+        block.profile = Some(Profile::new(start_s, block.length, squares, nominal, block.acceleration));
+        self.peak2 = block.smooth.cruise2;
         Some(block)
     }
 
@@ -298,71 +306,6 @@ impl Planner {
     }
 }
 
-/// The square of the highest speed at which `next` may follow `last`.
-fn junction2(last: &Block, next: &Block, limits: &Limits) -> f64 {
-    let nominal = next.nominal.min(last.nominal);
-    match limits.cornering {
-        Cornering::Deviation(deviation) => deviation_speed2(last, next, deviation).min(nominal * nominal),
-        Cornering::Jerk { .. } => jerk_speed(last.direction, next.direction, limits).min(nominal).powi(2),
-        Cornering::SquareCorner(speed) => square_corner_speed2(last, next, speed).min(nominal * nominal),
-    }
-}
-
-fn unit<const N: usize>(direction: &[f64]) -> [f64; N] {
-    let norm = direction[..N].iter().map(|d| d * d).sum::<f64>().sqrt();
-    std::array::from_fn(|axis| if norm > 0.0 { direction[axis] / norm } else { 0.0 })
-}
-
-/// Half the sine that the junction formula is in, of the angle between two directions; none where they turn back.
-fn half_sine<const N: usize>(last: &Block, next: &Block) -> Option<f64> {
-    let (from, to) = (unit::<N>(&last.direction), unit::<N>(&next.direction));
-    let cosine: f64 = -from.iter().zip(&to).map(|(a, b)| a * b).sum::<f64>();
-    (cosine <= 0.999_999).then(|| (0.5 * (1.0 - cosine.max(-1.0))).sqrt())
-}
-
-/// Grbl's and Marlin's junction deviation; E takes part in the direction.
-fn deviation_speed2(last: &Block, next: &Block, deviation: f64) -> f64 {
-    match half_sine::<4>(last, next) {
-        None => 0.0,
-        Some(sine) if sine > 0.999_999_7 => f64::INFINITY,
-        Some(sine) => next.acceleration * deviation * sine / (1.0 - sine),
-    }
-}
-
-/// The speed at which no axis changes its own by more than it may between two directions.
-fn jerk_speed(from: [f64; 4], to: [f64; 4], limits: &Limits) -> f64 {
-    let Cornering::Jerk { axes, eased, planar, .. } = limits.cornering else { return 0.0 };
-    let change = |axis: usize| {
-        let (a, b) = (from[axis], to[axis]);
-        if eased && a * b < 0.0 { a.abs().max(b.abs()) } else { (b - a).abs() }
-    };
-    let mut changes: [f64; 4] = std::array::from_fn(change);
-    if planar {
-        changes = [changes[0].hypot(changes[1]), 0.0, changes[2], changes[3]];
-    }
-    let speeds = changes.iter().zip(axes).filter(|(change, _)| **change > 1e-12).map(|(c, jerk)| jerk / c);
-    speeds.fold(f64::INFINITY, f64::min)
-}
-
-/// Klipper's rule.
-fn square_corner_speed2(last: &Block, next: &Block, square_corner: f64) -> f64 {
-    let moves = |block: &Block| block.direction[..3].iter().any(|d| *d != 0.0);
-    if !moves(last) || !moves(next) {
-        return 0.0;
-    }
-    let Some(sine) = half_sine::<3>(last, next) else { return 0.0 };
-    let sine = sine.min(0.999_999_75);
-    let deviation = |block: &Block| square_corner.powi(2) * (2.0_f64.sqrt() - 1.0) / block.acceleration;
-    let tangent = sine / (1.0 - sine * sine).sqrt();
-    let bound = |block: &Block| {
-        let circle = sine / (1.0 - sine) * deviation(block) * block.acceleration;
-        circle.min(0.5 * block.length * tangent * block.acceleration)
-    };
-    let step = (next.direction[3] - last.direction[3]).abs();
-    let extruder = if step > 0.0 { (KLIPPER_EXTRUDER_STEP / step).powi(2) } else { f64::INFINITY };
-    bound(last).min(bound(next)).min(extruder)
-}
-
 /// A move by itself: direction, speed and acceleration within the limits; none if nothing moves.
 fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block> {
     let delta: [f64; 4] = std::array::from_fn(|axis| to[axis] - from[axis]);
@@ -387,12 +330,7 @@ fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block
         }
     }
     let direction = delta.map(|d| d / length);
-    let rest2 = match limits.cornering {
-        Cornering::Jerk { rest_share, .. } => {
-            (jerk_speed([0.0; 4], direction, limits) * rest_share).min(nominal).powi(2)
-        }
-        _ => 0.0,
-    };
+    let rest2 = corner::rest_speed(direction, nominal, &limits.cornering).powi(2);
     Some(Block {
         from,
         to,
@@ -403,6 +341,8 @@ fn shape([from, to]: [Position; 2], speed: f64, limits: &Limits) -> Option<Block
         max_entry2: 0.0,
         entry2: 0.0,
         rest2,
+        apart2: None,
+        smooth: smooth::Smooth::new(length, acceleration, limits),
         follows: false,
         profile: None,
     })
@@ -500,16 +440,83 @@ mod tests {
 
     #[test]
     fn every_rule_of_corners_takes_a_right_angle_at_its_own_speed() {
-        let jerk = |planar, rest_share| Cornering::Jerk { axes: [8.0; 4], eased: true, planar, rest_share };
+        let jerk = [8.0; 4];
+        let half_sine = 0.5_f64.sqrt();
         for (cornering, rest, corner) in [
-            (jerk(false, 1.0), 8.0, 8.0),
-            (jerk(false, 0.0), 0.0, 8.0),
-            (jerk(true, 0.5), 4.0, 8.0 / 2.0_f64.sqrt()),
-            (Cornering::SquareCorner(5.0), 0.0, 5.0),
+            (Cornering::ClassicJerk { axes: jerk, from_prusa: false }, 8.0, 8.0),
+            // With one move before it, Prusa's second move does not join the first.
+            (Cornering::ClassicJerk { axes: jerk, from_prusa: true }, 8.0, 8.0),
+            (Cornering::InstantChange(jerk), 0.0, 8.0),
+            // 8 / (100 sqrt 2) of 100 mm/s.
+            (Cornering::PlanarJerk(jerk), 4.0, 8.0 / 2.0_f64.sqrt()),
+            (Cornering::SmoothieDeviation(0.05), 0.0, (1500.0 * 0.05 * half_sine / (1.0 - half_sine)).sqrt()),
+            // 5 mm/s hold at 1000 mm/s², the toolhead's; the move has 1500.
+            (Cornering::SquareCorner { speed: 5.0, cruise_ratio: 0.0 }, 0.0, 5.0 * 1.5_f64.sqrt()),
         ] {
             let (time, expected) = (right_angle_s(cornering), expected_s(rest, corner));
             assert!((time / expected - 1.0).abs() < 1e-9, "{cornering:?}: {time} {expected}");
         }
+    }
+
+    /// Time of 50 mm at 30 mm/s and then 50 mm at 100 mm/s straight on, the second with `e` mm of filament.
+    fn speed_up_s(cornering: Cornering, e: [f64; 2]) -> f64 {
+        let limits = Limits { cornering, print_acceleration: 1500.0, ..LIMITS };
+        let mut planner = Planner::new(16);
+        let points = [[0.0; 4], [50.0, 0.0, 0.0, e[0]], [100.0, 0.0, 0.0, e[0] + e[1]]];
+        for (pair, speed) in points.windows(2).zip([30.0, 100.0]) {
+            planner.push(0.0, [pair[0], pair[1]], speed, &limits);
+        }
+        planner.release(0.0);
+        while planner.depth() > 0 {
+            planner.start();
+            planner.finish();
+        }
+        planner.free_s
+    }
+
+    /// The same in closed form: begun and ended at `rest`, joined at `corner`.
+    fn speed_up_expected_s(rest: f64, corner: f64) -> f64 {
+        let leg = |v: f64| {
+            let a = 1500.0;
+            (2.0 * v - rest - corner) / a
+                + (50.0 - (2.0 * v * v - rest * rest - corner * corner) / (2.0 * a)) / v
+        };
+        leg(30.0) + leg(100.0)
+    }
+
+    #[test]
+    fn straight_on_and_faster_is_joined_as_each_firmware_joins_it() {
+        let jerk = [8.0; 4];
+        for (cornering, e, rest, corner) in [
+            (Cornering::Deviation(0.013), [0.0, 0.0], 0.0, 30.0),
+            (Cornering::SmoothieDeviation(0.05), [0.0, 0.0], 0.0, 30.0),
+            // The faster move counts with its full speed: 8 of 70, no more than a start from rest.
+            (Cornering::ClassicJerk { axes: jerk, from_prusa: false }, [0.0, 0.0], 8.0, 8.0),
+            (Cornering::InstantChange(jerk), [0.0, 0.0], 0.0, 30.0),
+            // Printing and travelling do not join.
+            (Cornering::InstantChange(jerk), [1.0, 0.0], 0.0, 0.0),
+            // 20 of 70, but half of 20 at least.
+            (Cornering::PlanarJerk([20.0; 4]), [0.0, 0.0], 10.0, 10.0),
+        ] {
+            let (time, expected) = (speed_up_s(cornering, e), speed_up_expected_s(rest, corner));
+            assert!((time / expected - 1.0).abs() < 1e-9, "{cornering:?}: {time} {expected}");
+        }
+    }
+
+    #[test]
+    fn small_segments_are_taken_as_pieces_of_an_arc() {
+        // A circle of 5 mm radius in pieces of 0.5 mm: v² = length a / turn = r a, nearly.
+        let n = 62;
+        let points: Vec<Position> = (0..=n)
+            .map(|i| {
+                let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
+                [5.0 * angle.cos(), 5.0 * angle.sin(), 0.0, 0.0]
+            })
+            .collect();
+        let (_, done) = drive(&points, 300.0);
+        let fastest = done.iter().map(|block| block.max_entry2).fold(0.0, f64::max).sqrt();
+        let expected = (5.0_f64 * 1500.0).sqrt();
+        assert!((fastest / expected - 1.0).abs() < 0.01, "{fastest} {expected}");
     }
 
     #[test]
