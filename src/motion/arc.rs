@@ -1,9 +1,14 @@
 //! Arcs as the firmware drives them: in chords.
 
 use crate::gcode::reader::Command;
-use crate::profile::Firmware;
+use crate::profile::{Dialect, Firmware};
 use std::f64::consts::TAU;
 
+/// Marlin's `MIN_ARC_SEGMENT_MM`.
+const MARLIN_SHORTEST_MM: f64 = 0.1;
+/// RepRapFirmware's shortest and longest chord, and how many a second it makes at least.
+const REPRAP_CHORDS_MM: [f64; 2] = [0.1, 1.0];
+const REPRAP_CHORDS_PER_S: f64 = 200.0;
 /// More chords than this are a mistake.
 const MOST_CHORDS: f64 = 10_000.0;
 
@@ -21,7 +26,8 @@ pub(super) struct Arc {
 
 impl Arc {
     /// The arc that a command asks for, `to` being where it ends; none where it has no centre.
-    pub(super) fn of(c: &Command, to: [f64; 2], is_clockwise: bool, firmware: &Firmware) -> Option<Self> {
+    pub(super) fn of(c: &Command, to: [f64; 2], speed_mm_s: f64, firmware: &Firmware) -> Option<Self> {
+        let is_clockwise = c.code == 2;
         let centre = match c.value('R') {
             Some(radius) => centre_by_radius(to, radius, is_clockwise)?,
             None => [c.value('I').unwrap_or(0.0), c.value('J').unwrap_or(0.0)],
@@ -35,7 +41,7 @@ impl Arc {
         let turn = if is_clockwise { begin - end } else { end - begin }.rem_euclid(TAU);
         let turn = if turn < 1e-9 { TAU } else { turn };
         let turn = if is_clockwise { -turn } else { turn };
-        let n_chords = (turn.abs() * radius / firmware.arc_chord_mm(radius)).ceil().clamp(1.0, MOST_CHORDS);
+        let n_chords = n_chords(turn.abs(), radius, speed_mm_s, firmware).clamp(1.0, MOST_CHORDS);
         Some(Self { centre, begin, turn, radius, end: to, n_chords })
     }
 
@@ -65,6 +71,25 @@ impl Arc {
     /// The share of the whole arc that each chord is.
     pub(super) fn share(&self) -> f64 {
         1.0 / self.n_chords
+    }
+}
+
+/// How many chords a firmware makes of an arc.
+fn n_chords(turn: f64, radius: f64, speed_mm_s: f64, firmware: &Firmware) -> f64 {
+    let length = turn * radius;
+    let chord = firmware.arc_chord_mm(radius);
+    match firmware.dialect {
+        Dialect::Marlin => {
+            let of_circle = (f64::from(firmware.arc_segments_per_circle) * turn / TAU).ceil();
+            let wanted = (length / firmware.arc_segment_mm).floor().max(of_circle);
+            wanted.min((length / MARLIN_SHORTEST_MM).floor())
+        }
+        Dialect::RepRapFirmware => {
+            let [shortest, longest] = REPRAP_CHORDS_MM;
+            let chord = chord.min(speed_mm_s / REPRAP_CHORDS_PER_S).clamp(shortest, longest);
+            (length / chord + 0.8).floor()
+        }
+        _ => (length / chord).floor(),
     }
 }
 

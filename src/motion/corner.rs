@@ -4,8 +4,10 @@
 //!   acceleration limit, v² = a d s / (1 - s), s the sine of half the angle between the two moves (S. K. Jeon, Improving
 //!   Grbl: Cornering Algorithm, 2011). Filament counts as a fourth axis. Marlin takes a short move that turns by less than an
 //!   eighth of a circle for a piece of an arc, whose radius is its length over the turn, and lets no axis feel more than its own limit.
-//! - Jerk: no axis changes its speed by more than so much at once. Marlin 1 begins and ends runs with such a jump and
-//!   counts the larger of two speeds where an axis turns back; Repetier measures x and y together and begins at half.
+//!   Smoothieware knows no filament here, stops for sharp corners and goes through blunt ones.
+//! - Jerk: no axis changes its speed by more than so much at once. Marlin 1 begins and ends runs with such a jump,
+//!   counts the larger of two speeds where an axis turns back, and takes the way on at its full speed; RepRapFirmware stops
+//!   wherever printing begins or ends; Repetier measures x and y together, at full speeds, and begins at half.
 //! - Square corner (Klipper): a junction deviation for which a right angle is taken at the given speed; in space alone, and
 //!   bounded by a circle that touches both moves within half their lengths. The extruder's speed has a limit of its own.
 
@@ -15,6 +17,8 @@ use std::f64::consts::SQRT_2;
 
 /// By how much Klipper lets the extruder's speed change at once, mm/s (`instantaneous_corner_velocity`).
 const EXTRUDER_STEP_MM_S: f64 = 1.0;
+/// Smoothieware's cosine of the turns that it takes for straight, or for a way back.
+const BLUNT_COSINE: f64 = 0.95;
 /// Sines of half the angle above this are a straight line.
 const STRAIGHT: f64 = 0.999_999_7;
 
@@ -25,6 +29,10 @@ pub(super) enum Rule {
     Deviation {
         mm: f64,
         marlin: Option<[f64; 4]>,
+    },
+    /// Smoothieware's junction deviation.
+    Blunt {
+        mm: f64,
     },
     Jerk {
         mm_s: [f64; 4],
@@ -41,6 +49,9 @@ impl Rule {
     pub(super) fn of(profile: &Profile) -> Self {
         let machine = &profile.machine;
         match machine.cornering {
+            Cornering::JunctionDeviation if profile.firmware.dialect == Dialect::Smoothie => {
+                Self::Blunt { mm: machine.junction_deviation_mm }
+            }
             Cornering::JunctionDeviation => {
                 let is_marlin = profile.firmware.dialect == Dialect::Marlin;
                 let marlin = is_marlin.then_some(machine.max_acceleration_mm_s2);
@@ -72,10 +83,74 @@ impl Rule {
         let limit2 = match self {
             Self::Deviation { mm, marlin: None } => deviation_speed2(a, b, mm, b.acceleration),
             Self::Deviation { mm, marlin: Some(most) } => marlin_speed2(a, b, mm, most),
+            Self::Blunt { mm } => blunt_speed2(a, b, mm),
+            Self::Jerk { mm_s, dialect: Dialect::Marlin1 } => self.joined_speed2(a, b, mm_s),
+            Self::Jerk { dialect: Dialect::RepRapFirmware, .. } if kind(a) != kind(b) => 0.0,
+            Self::Jerk { mm_s, dialect: Dialect::Repetier } => self.repetier_speed2(a, b, mm_s),
             Self::Jerk { mm_s, dialect } => jump_speed(a.direction, b.direction, mm_s, dialect).powi(2),
             Self::SquareCorner { mm_s, acceleration } => square_corner_speed2(a, b, mm_s, acceleration),
         };
         limit2.min(slower * slower)
+    }
+}
+
+impl Rule {
+    /// Marlin 1: the way on is taken at its full speed, the way here at the slower of both; each axis that jumps too far slows
+    /// down all that come after it. Where both could begin from rest as fast, the second does.
+    fn joined_speed2(self, a: &Block, b: &Block, mm_s: [f64; 4]) -> f64 {
+        let slower = a.speed.min(b.speed);
+        let mut factor = 1.0;
+        for (i, most) in mm_s.into_iter().enumerate() {
+            let (exit, entry) = (factor * a.direction[i] * slower, factor * b.direction[i] * b.speed);
+            let turns_back = exit * entry < 0.0;
+            let jump = if turns_back { exit.abs().max(entry.abs()) } else { (entry - exit).abs() };
+            if jump > most {
+                factor *= most / jump;
+            }
+        }
+        let joined2 = (slower * factor).powi(2);
+        let (rest_a2, rest_b2) = (self.rest2(a), self.rest2(b));
+        // 0.99 of the speed.
+        let enough = |rest2: f64| rest2 > 0.99 * 0.99 * joined2;
+        if enough(rest_a2) && enough(rest_b2) { rest_b2 } else { joined2 }
+    }
+
+    /// Repetier: moves in the plane meet at a share of the slower speed; others at what both may begin with.
+    fn repetier_speed2(self, a: &Block, b: &Block, mm_s: [f64; 4]) -> f64 {
+        let leads = |m: &Block| m.direction[0].hypot(m.direction[1]) >= m.direction[2].abs().max(1e-12);
+        if !leads(a) || !leads(b) {
+            return self.rest2(a).min(self.rest2(b));
+        }
+        let change = |i: usize| b.direction[i] * b.speed - a.direction[i] * a.speed;
+        let [most, _, most_z, most_e] = mm_s;
+        let slower = a.speed.min(b.speed);
+        let share = |most: f64, jump: f64| if jump > most { most / jump } else { 1.0 };
+        let jump = change(0).hypot(change(1));
+        let in_plane = if jump > most { share(most, jump).max(0.5 * most / slower) } else { 1.0 };
+        let others = share(most_z, change(2).abs()).min(share(most_e, change(3).abs()));
+        (slower * in_plane.min(others)).powi(2)
+    }
+}
+
+/// Whether a move prints, and whether it moves filament without printing: RepRapFirmware tells these apart.
+fn kind(block: &Block) -> [bool; 3] {
+    let [x, y, _, e] = block.direction;
+    let in_plane = x != 0.0 || y != 0.0;
+    let prints = in_plane && e > 0.0;
+    [prints, in_plane, e != 0.0 && !prints]
+}
+
+/// Smoothieware: a stop where the turn is sharper than 162 degrees, no limit where it is less than 18.
+fn blunt_speed2(a: &Block, b: &Block, mm: f64) -> f64 {
+    let moves = |block: &Block| block.direction[..3] != [0.0; 3];
+    let along = along::<3>(a, b);
+    if !moves(a) || !moves(b) || along <= -BLUNT_COSINE {
+        0.0
+    } else if along >= BLUNT_COSINE {
+        f64::INFINITY
+    } else {
+        let sine = (0.5 * (1.0 + along)).sqrt();
+        b.acceleration * mm * sine / (1.0 - sine)
     }
 }
 
@@ -118,7 +193,7 @@ fn deviation_speed2(a: &Block, b: &Block, mm: f64, acceleration: f64) -> f64 {
 fn jump_speed(a: [f64; 4], b: [f64; 4], mm_s: [f64; 4], dialect: Dialect) -> f64 {
     let step = |i: usize| {
         let turns_back = a[i] * b[i] < 0.0;
-        let eased = turns_back && matches!(dialect, Dialect::Marlin | Dialect::Marlin1);
+        let eased = turns_back && dialect == Dialect::Marlin;
         if eased { a[i].abs().max(b[i].abs()) } else { (b[i] - a[i]).abs() }
     };
     let mut steps = [0, 1, 2, 3].map(step);

@@ -159,7 +159,7 @@ impl<'a> Machine<'a> {
             n_layers: 0,
             blocks: Vec::new(),
             pauses: Vec::new(),
-            heaters: Heaters::new(profile.machine.heating_k_s),
+            heaters: Heaters::new(profile.machine.heating_k_s, profile.firmware.dialect),
             filament_mm: 0.0,
             most_filament_mm: 0.0,
             printed_mm: 0.0,
@@ -215,11 +215,12 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Marlin 1 moves filament by steps where either word says so.
+    /// Marlin 1, Klipper and Repetier move filament by steps where either word says so.
     fn is_absolute(&self, axis: usize) -> bool {
-        let is_marlin1 = self.profile.firmware.dialect == Dialect::Marlin1;
+        let by_either =
+            matches!(self.profile.firmware.dialect, Dialect::Marlin1 | Dialect::Klipper | Dialect::Repetier);
         match axis {
-            3 => self.absolute_e && (self.absolute_xyz || !is_marlin1),
+            3 => self.absolute_e && (self.absolute_xyz || !by_either),
             _ => self.absolute_xyz,
         }
     }
@@ -259,8 +260,7 @@ impl<'a> Machine<'a> {
 
     fn arc(&mut self, c: &Command) -> Result<(), Error> {
         let way = self.way(c);
-        let is_clockwise = c.code == 2;
-        let arc = arc::Arc::of(c, [way[0], way[1]], is_clockwise, &self.profile.firmware)
+        let arc = arc::Arc::of(c, [way[0], way[1]], self.feedrate_mm_s, &self.profile.firmware)
             .ok_or_else(|| Error::Arc { line: self.line, command: c.to_string() })?;
         let share = arc.share();
         for [x, y] in arc.chords() {
@@ -486,8 +486,8 @@ mod tests {
         for (name, of_steps, of_absolute) in [
             ("marlin", 1.0, 2.0),
             ("marlin1", 2.0, 2.0),
-            ("klipper", 2.0, 1.0),
-            ("repetier", 2.0, 1.0),
+            ("klipper", 2.0, 2.0),
+            ("repetier", 2.0, 2.0),
             ("reprapfirmware", 2.0, 1.0),
             ("smoothie", 1.0, 2.0),
         ] {
@@ -513,7 +513,7 @@ mod tests {
         let profile = machine();
         let e =
             estimate("M140 S60\nM104 S200\nG28\nM190 S60\nM109 S200\nM109 S200", &profile, &Task::quiet());
-        let warm_s = |to: f64, rate: f64| (to - heat::ROOM_C) / rate + heat::SETTLING_S;
+        let warm_s = |to: f64, rate: f64| (to - heat::ROOM_C) / rate + 10.0;
         let slower = warm_s(60.0, profile.machine.heating_k_s[1]);
         assert!(slower > warm_s(200.0, profile.machine.heating_k_s[0]));
         assert!((e.unwrap().waiting_s - slower).abs() < 1e-9);
