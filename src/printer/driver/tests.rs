@@ -66,6 +66,7 @@ async fn printed(
 ) -> (Result<Printed, Error>, Vec<String>, Vec<PrintEvent>) {
     let mut profile = crate::profile::builtin("marlin").unwrap();
     profile.firmware.response_timeout_s = 0.1;
+    profile.firmware.orphan_hold_s = 0.0;
     let (ours, theirs) = tokio::io::duplex(4096);
     let link = NamedLink { name: "/dev/test".to_owned(), stream: ours };
     let (sender, mut events) = mpsc::channel(16);

@@ -12,6 +12,8 @@ pub enum Greeting {
     AwaitOk(u32),
     /// A probe was sent; it must be refused with `Last Line: 0`.
     AwaitProof(u32),
+    /// A probe was sent for the n-th time; its refusal names the last line of whoever was here before.
+    AwaitLast(u32),
 }
 
 /// A number that is not the next one.
@@ -47,6 +49,9 @@ impl Core {
         match (reply, greeting) {
             (Reply::Start, Greeting::AwaitStart) => self.greet(1),
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
+            (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
+            (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
+            (Reply::Ok(ok), Greeting::AwaitLast(_)) => self.on_inquiry_ok(ok),
             // It is busy with what somebody else has left it: it answers when that is done.
             (Reply::Busy(_), _) => {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
@@ -114,6 +119,7 @@ impl Core {
             State::Handshake(Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => {
                 self.greet_again(tries)
             }
+            State::Handshake(Greeting::AwaitLast(tries)) => self.inquire_again(tries),
             _ => {}
         }
     }
@@ -124,12 +130,16 @@ impl Core {
         } else if matches!(self.state, State::Handshake(Greeting::AwaitProof(_))) {
             self.fail(Fault::NoLineNumbers);
         } else {
-            self.fail(Fault::NoAnswer { is_garbled: self.stats.n_unknown_lines > 0 });
+            self.unanswered();
         }
     }
 
+    pub(super) fn unanswered(&mut self) {
+        self.fail(Fault::NoAnswer { is_garbled: self.stats.n_unknown_lines > 0 });
+    }
+
     /// Enough to outlast a board that boots, and a few more.
-    fn max_greetings(&self) -> u32 {
+    pub(super) fn max_greetings(&self) -> u32 {
         let during_boot = self.config.boot.as_secs_f64() / self.config.response.as_secs_f64();
         // Both are checked by the profile: the quotient is far below the limit of the type.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]

@@ -5,6 +5,9 @@ use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle,
 /// A line that is refused so often in a row does not get through.
 const MAX_TRIES: u32 = 40;
 
+/// So many `ok` of damaged lines may be taken for ours.
+const FALSE_OKS: u64 = 8;
+
 /// What the next `ok` means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum NextOk {
@@ -68,10 +71,16 @@ impl Core {
     }
 
     pub(super) fn on_unknown_command(&mut self, text: &str, line: &str) {
-        if !self.wire.is_in_flight(text) {
-            self.next_ok = NextOk::EndsForeignCommand;
-        }
         self.events.push_back(Event::Message(line.to_owned()));
+        if self.wire.is_in_flight(text) {
+            return;
+        }
+        if self.config.firmware.line_numbers {
+            self.next_ok = NextOk::EndsForeignCommand;
+        } else if self.wire.in_flight() > 0 {
+            // A line of ours, damaged: it was not executed, and nothing asks for it again.
+            self.fail(Fault::CommandRefused { text: line.to_owned() });
+        }
     }
 
     pub(super) fn on_ok(&mut self, ok: Acknowledgement) {
@@ -109,6 +118,9 @@ impl Core {
             }
             None => self.wire.ack_oldest(),
         };
+        if let Some(free) = ok.planner_free.filter(|_| is_progress) {
+            self.planner.heard(free);
+        }
         if is_progress {
             self.quiet_since = self.now;
             if let Some(probe) = &mut self.probe {
@@ -161,7 +173,9 @@ impl Core {
 
     /// The firmware wants line `number` next, and both its answers say so.
     fn on_last_line(&mut self, number: u64, is_damaged: bool) {
-        if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
+        if self.is_of_a_reset(number) {
+            self.fail(Fault::FirmwareReset);
+        } else if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
             self.unavailable(number);
         } else if number >= self.wire.next() && self.rewind.is_none_or(|rewind| rewind.from != number) {
             self.wire.skip_to(number);
@@ -169,6 +183,13 @@ impl Core {
         } else {
             self.go_back(number, is_damaged);
         }
+    }
+
+    /// Whether the firmware has forgotten lines that it surely had: it counts from 0 again, and its `start` was lost. An
+    /// `ok` may be taken for a line or two too many, not for more than it has slots.
+    fn is_of_a_reset(&self, number: u64) -> bool {
+        let doubtful = self.config.firmware.command_slots as u64 + FALSE_OKS;
+        number == 1 && self.wire.acked() > doubtful
     }
 
     /// Asks once more before it gives up: two answers might be damaged alike.

@@ -93,6 +93,14 @@ impl Wire {
         }
     }
 
+    /// The firmware's last line is `number`: the next one appended is the one after it.
+    pub(super) fn begin_after(&mut self, number: u64) {
+        self.lines.clear();
+        (self.base, self.next) = (number + 1, number + 1);
+        (self.acked, self.read, self.highest) = (number, number, number);
+        (self.base_end, self.base_job_lines, self.acked_job_lines) = (0, 0, 0);
+    }
+
     /// Appends a command.
     pub(super) fn push(&mut self, command: &str, origin: Origin) {
         let mut text = self.spare.pop().unwrap_or_default();
@@ -153,7 +161,7 @@ impl Wire {
         let read = self.read.max(self.acked).min(number - 1);
         let unread_bytes = line.end - self.end_of(read);
         let is_alone = read == number - 1;
-        if !is_alone && (!self.numbered || unread_bytes > self.rx_bytes) {
+        if !is_alone && unread_bytes > self.rx_bytes {
             return None;
         }
         self.next += 1;
@@ -254,7 +262,10 @@ impl Wire {
     pub(super) fn is_in_flight(&self, text: &str) -> bool {
         (self.acked + 1..self.next).any(|n| {
             let whole = self.index(n).map(|i| self.lines[i].text.trim_end());
-            self.command(n) == Some(text) || whole == Some(text)
+            let command = self.command(n);
+            // Klipper repeats the first word alone.
+            let word = command.and_then(|c| c.split_ascii_whitespace().next()).filter(|_| !self.numbered);
+            command == Some(text) || whole == Some(text) || word == Some(text)
         })
     }
 
@@ -344,16 +355,28 @@ mod tests {
     }
 
     #[test]
-    fn unnumbered_lines_go_one_by_one() {
+    fn unnumbered_lines_go_ahead_as_far_as_the_link_holds_them() {
         let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
         firmware.line_numbers = false;
+        firmware.rx_buffer_bytes = PROBE_BYTES + 7;
         let mut wire = Wire::new(&firmware);
-        wire.push("G1", Origin::Job);
-        wire.push("G2", Origin::Job);
+        ["G1", "G2", "G3"].map(|text| wire.push(text, Origin::Job));
         assert_eq!(wire.send_next(), Some("G1\n"));
+        assert_eq!(wire.send_next(), Some("G2\n"));
         assert_eq!(wire.send_next(), None);
         wire.ack_oldest();
-        assert_eq!(wire.send_next(), Some("G2\n"));
+        assert_eq!(wire.send_next(), Some("G3\n"));
+    }
+
+    #[test]
+    fn a_session_may_begin_behind_any_line() {
+        let mut wire = wire();
+        wire.begin_after(4711);
+        wire.push("G1 X1", Origin::Job);
+        assert!(wire.send_next().unwrap().starts_with("N4712 "));
+        assert_eq!((wire.in_flight(), wire.oldest(), wire.highest()), (1, 4712, 4712));
+        assert!(wire.ack_oldest());
+        assert_eq!(wire.acked_job_lines(), 1);
     }
 
     #[test]

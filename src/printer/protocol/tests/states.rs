@@ -597,9 +597,11 @@ fn streaming_dead_firmware_is_found_out() {
 }
 
 #[test]
-fn unnumbered_firmware_gets_one_line_at_a_time_and_survives_lost_oks() {
+fn unnumbered_firmware_survives_lost_oks() {
     let mut profile = profile_for(&Setup::default());
     profile.firmware.line_numbers = false;
+    // One line at a time.
+    profile.firmware.rx_buffer_bytes = 20;
     let mut desk = Desk { core: Core::new(&profile), now: Instant::default() };
     desk.command(Command::Connect).hear(&["ok T:20.0 /0.0 B:20.0 /0.0"]);
     desk.written();
@@ -627,6 +629,7 @@ fn every_fault_has_a_code_and_a_next_step() {
         Fault::NoLineNumbers,
         Fault::FirmwareReset,
         Fault::Halted { text: "x".to_owned() },
+        Fault::CommandRefused { text: "x".to_owned() },
         Fault::Silent { after: Duration::from_secs(3) },
         Fault::CommandTimeout { command: "G28".to_owned(), after: Duration::from_secs(3) },
         Fault::ResendLimit { line: 3, tries: 4 },
