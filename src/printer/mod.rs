@@ -11,8 +11,10 @@
 pub mod driver;
 mod error;
 pub mod job;
+pub mod journal;
 pub mod link;
 pub mod protocol;
+pub mod replay;
 pub mod serial;
 pub mod sim;
 
