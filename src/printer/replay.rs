@@ -170,7 +170,7 @@ impl Modal {
 }
 
 /// The lines acknowledged last, and which of them take a place in the planner: from it follows what is certainly executed.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tail {
     effects: std::collections::VecDeque<Effect>,
     /// Lines of the job before `effects`.

@@ -311,6 +311,8 @@ pub struct Firmware {
     /// How long the heaters of an interrupted print stay on, so that it can be continued warm, s; then they go off.
     /// 0: a print whose port vanishes is given up at once, and the firmware is told no time-out.
     pub orphan_hold_s: f64,
+    /// Whether the firmware's own time-out is set to that time at the beginning of a job, where it has one.
+    pub orphan_guard: bool,
     /// Interval of temperature reports asked for, s; 0: never ask.
     pub temperature_report_s: f64,
     /// Moves a second that wire and planner take without running dry.

@@ -70,6 +70,7 @@ pub(super) const FIELDS: &[Field] = &[
     field("firmware.boot_timeout_s", "s", number(0.1, 60.0)),
     field("firmware.reset_on_open", "", Kind::Flag),
     field("firmware.orphan_hold_s", "s", number(0.0, 86_400.0)),
+    field("firmware.orphan_guard", "", Kind::Flag),
     field("firmware.temperature_report_s", "s", number(0.0, 60.0)),
     field("firmware.segments_per_s", "moves/s", number(10.0, 100_000.0)),
     field("firmware.arcs", "", Kind::Flag),

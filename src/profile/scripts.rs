@@ -97,7 +97,7 @@ impl Profile {
     pub fn orphan_gcode(&self) -> Option<String> {
         let hold_s = self.firmware.orphan_hold_s.ceil();
         match self.firmware.dialect {
-            _ if hold_s <= 0.0 => None,
+            _ if hold_s <= 0.0 || !self.firmware.orphan_guard => None,
             Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => Some(format!("M85 S{hold_s}")),
             Dialect::Klipper => Some(format!("SET_IDLE_TIMEOUT TIMEOUT={hold_s}")),
             Dialect::RepRapFirmware | Dialect::Smoothie => None,
@@ -107,12 +107,16 @@ impl Profile {
     /// What takes [`Self::orphan_gcode`] back at the end of a job.
     #[must_use]
     pub fn orphan_end_gcode(&self) -> Option<String> {
-        match self.firmware.dialect {
-            _ if self.firmware.orphan_hold_s <= 0.0 => None,
-            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => Some("M85 S0".to_owned()),
-            // Klipper's own time-out stays: a printer that is done goes off as well.
-            Dialect::Klipper | Dialect::RepRapFirmware | Dialect::Smoothie => None,
-        }
+        // Klipper's own time-out stays: a printer that is done goes off as well.
+        self.orphan_pause_gcode().filter(|_| self.firmware.dialect != Dialect::Klipper)
+    }
+
+    /// What takes it back while the operator has paused the print.
+    #[must_use]
+    pub fn orphan_pause_gcode(&self) -> Option<String> {
+        self.orphan_gcode()?;
+        let is_klipper = self.firmware.dialect == Dialect::Klipper;
+        Some(if is_klipper { "SET_IDLE_TIMEOUT TIMEOUT=604800" } else { "M85 S0" }.to_owned())
     }
 
     fn fill(&self, script: &[String], top_mm: f64) -> Vec<String> {

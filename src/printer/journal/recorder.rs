@@ -24,13 +24,13 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// For a session that goes along `track`, of which `n_done` lines of the job are done; `modal` is the state after them.
+    /// For a session that goes along `track`; `modal` and `tail` are those of the lines of the job that are done.
     #[must_use]
-    pub fn new(track: Track, n_done: u64, modal: Modal, now: Instant) -> Self {
+    pub fn new(track: Track, modal: Modal, tail: Tail, now: Instant) -> Self {
         Self {
             track,
             modal,
-            tail: Tail::after(n_done),
+            tail,
             began: now,
             written: None,
             temperatures: Progress::default(),
@@ -40,8 +40,14 @@ impl Recorder {
     /// One for a job from its beginning.
     #[must_use]
     pub fn fresh(dialect: Dialect, track: Track, now: Instant) -> Self {
-        let n_before = track.n_before;
-        Self::new(track, n_before, Modal::new(dialect), now)
+        let tail = Tail::after(track.n_before);
+        Self::new(track, Modal::new(dialect), tail, now)
+    }
+
+    /// The same lines done, in a session that goes along another track.
+    #[must_use]
+    pub fn on(self, track: Track, now: Instant) -> Self {
+        Self { temperatures: self.temperatures, ..Self::new(track, self.modal, self.tail, now) }
     }
 
     /// How the session's lines are numbered.

@@ -74,6 +74,23 @@ pub struct Stats {
     pub n_unknown_lines: u64,
 }
 
+impl Stats {
+    /// The numbers of two sessions of one print.
+    #[must_use]
+    pub const fn plus(self, other: Self) -> Self {
+        Self {
+            n_lines_sent: self.n_lines_sent + other.n_lines_sent,
+            n_resends: self.n_resends + other.n_resends,
+            n_echoes: self.n_echoes + other.n_echoes,
+            n_doubtful_resends: self.n_doubtful_resends + other.n_doubtful_resends,
+            n_probes: self.n_probes + other.n_probes,
+            n_lost_oks: self.n_lost_oks + other.n_lost_oks,
+            n_foreign_commands: self.n_foreign_commands + other.n_foreign_commands,
+            n_unknown_lines: self.n_unknown_lines + other.n_unknown_lines,
+        }
+    }
+}
+
 /// How far the job is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {

@@ -43,6 +43,9 @@ pub struct Inquiry {
 /// A question is repeated so often.
 const MAX_TRIES: u32 = 8;
 
+/// A firmware in the middle of long moves takes its time for the first answer.
+const EXTRA_TRIES: u32 = 16;
+
 /// Behind a half line without checksum: makes it one that no firmware understands.
 const SPOILER: &str = "?\n";
 
@@ -55,7 +58,7 @@ impl Core {
     }
 
     pub(super) fn inquire_again(&mut self, tries: u32) {
-        if tries >= self.max_greetings() {
+        if tries >= self.max_greetings() + EXTRA_TRIES {
             self.unanswered();
             return;
         }
@@ -141,7 +144,8 @@ impl Core {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response);
             }
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
-            Reply::Start => self.fail(Fault::FirmwareReset),
+            // The board has only just started: what it said before is no longer true.
+            Reply::Start => self.inquire(self.wire.highest()),
             Reply::Resend(_) | Reply::LineRefused { .. } | Reply::Wait => {}
             _ => self.events.push_back(Event::Message(line.to_owned())),
         }

@@ -189,6 +189,8 @@ struct Config {
     prelude: Vec<String>,
     postlude: Vec<String>,
     safe: Vec<String>,
+    /// Set and take back the firmware's time-out for hosts that are gone.
+    guard: Option<[String; 2]>,
 }
 
 /// The line whose acknowledgement is awaited.
@@ -276,6 +278,7 @@ impl Core {
             prelude: prelude_of(profile),
             postlude: postlude_of(profile),
             safe: profile.safe_gcode(),
+            guard: profile.orphan_gcode().zip(profile.orphan_pause_gcode()).map(|(set, clear)| [set, clear]),
             firmware,
         };
         Self {
@@ -372,6 +375,9 @@ impl Core {
             (Command::Pause, State::Streaming) => self.state = State::Pausing,
             (Command::Pause, State::Pausing | State::Paused) => {}
             (Command::Resume, State::Pausing | State::Paused) => {
+                if self.state == State::Paused {
+                    self.guard(true);
+                }
                 self.state = State::Streaming;
                 self.events.push_back(Event::Resumed);
             }
@@ -393,6 +399,12 @@ impl Core {
         }
         self.settle();
         Ok(())
+    }
+
+    /// Gives up for a reason that the owner has found; heaters-off is queued as for any fault.
+    pub fn give_up(&mut self, now: Instant, fault: Fault) {
+        self.now = now;
+        self.fail(fault);
     }
 
     /// Does what is due.
@@ -486,6 +498,14 @@ impl Core {
         self.state = State::Finishing;
         for line in &self.config.postlude {
             self.wire.push(line, Origin::Host);
+        }
+    }
+
+    /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.
+    fn guard(&mut self, is_set: bool) {
+        if let Some([set, clear]) = &self.config.guard {
+            self.urgent.push_back(format!("{}\n", if is_set { set } else { clear }));
+            self.next_ok = NextOk::EndsRefusal;
         }
     }
 
@@ -591,6 +611,7 @@ impl Core {
         match self.state {
             State::Pausing if is_drained => {
                 self.state = State::Paused;
+                self.guard(false);
                 self.events.push_back(Event::Paused);
             }
             State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
