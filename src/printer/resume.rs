@@ -25,12 +25,10 @@ use std::io::{BufRead, Seek};
 const UNRECORDED_LINES: u64 = 60_000;
 /// An `ok` may be taken for a line too many, by a few.
 const DOUBTFUL_LINES: u64 = 16;
-/// Positions are told to a hundredth of a millimetre.
-const SAME_PLACE_MM: f64 = 0.011;
-/// Filament as firmware without line numbers tells it: to a thousandth.
-const SAME_FILAMENT_MM: f64 = 6e-4;
-/// Places as firmware without line numbers tells them.
-const SAME_EXACT_MM: f64 = 6e-4;
+/// A place is the same where it differs by no more than so many of the last digit's units: half of one is the rounding.
+const SAME_STEPS: f64 = 0.6;
+/// Firmware that calculates in steps of its motors tells places that are off by some, mm.
+const MOTOR_STEP_MM: f64 = 0.005;
 /// A bed that has cooled by more than this lets go of parts, K.
 const COOLED_K: f64 = 15.0;
 /// How far above the part the nozzle travels, mm.
@@ -272,7 +270,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     /// Whether the printer is where the job is, as far as both say.
     fn is_at(&self, modal: &Modal) -> bool {
         let Some(position) = self.survey.position else { return false };
-        let is_near = |(at, told): (&Option<f64>, f64)| at.is_none_or(|at| (at - told).abs() <= SAME_PLACE_MM);
+        let is_near = |(at, told): (&Option<f64>, f64)| at.is_none_or(|at| (at - told).abs() <= SAME_STEPS * position.step_mm + MOTOR_STEP_MM);
         modal.at_mm[..3].iter().zip(position.xyz_mm).all(is_near)
     }
 
@@ -382,13 +380,10 @@ impl<R: BufRead + Seek> Plan<'_, R> {
 }
 
 fn is_exactly(modal: &Modal, position: Position) -> bool {
-    let is_near = |at: Option<f64>, told: f64, by: f64| at.is_some_and(|at| (at - told).abs() <= by);
     let Some(e_mm) = position.e_mm else { return false };
     let [x, y, z] = position.xyz_mm;
-    is_near(modal.at_mm[0], x, SAME_EXACT_MM)
-        && is_near(modal.at_mm[1], y, SAME_EXACT_MM)
-        && is_near(modal.at_mm[2], z, SAME_EXACT_MM)
-        && is_near(modal.at_mm[3], e_mm, SAME_FILAMENT_MM)
+    let is_near = |at: &Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
+    modal.at_mm.iter().zip([x, y, z, e_mm]).all(|(at, told)| is_near(at, told))
 }
 
 /// Stretches of lines behind which the job is at one place.

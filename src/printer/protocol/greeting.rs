@@ -60,11 +60,11 @@ impl Core {
             (Reply::LineRefused { reason, last }, _) => self.refused = Some((reason, last.0)),
             (Reply::Resend(number), Greeting::AwaitProof(tries)) => {
                 self.proof(tries, number.0);
-                self.next_ok = NextOk::EndsRefusal;
+                self.next_ok = self.after_refusal();
             }
             (Reply::Resend(_), Greeting::AwaitOk(tries)) => {
                 self.greet_again(tries);
-                self.next_ok = NextOk::EndsRefusal;
+                self.next_ok = self.after_refusal();
             }
             (Reply::Ok(_), Greeting::AwaitOk(tries)) => self.greeting_ok(tries),
             (Reply::Temperatures(temperatures), _) => {
@@ -106,7 +106,7 @@ impl Core {
     fn connected(&mut self) {
         self.timers.stop_all();
         self.next_ok =
-            if self.config.firmware.line_numbers { NextOk::EndsRefusal } else { NextOk::Acknowledges };
+            if self.config.firmware.line_numbers { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;

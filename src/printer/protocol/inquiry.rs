@@ -75,7 +75,7 @@ impl Core {
     /// The firmware wants this line next.
     pub(super) fn on_named(&mut self, tries: u32, number: u64) {
         let refused = self.refused.take();
-        self.next_ok = NextOk::EndsRefusal;
+        self.next_ok = self.after_refusal();
         let agrees = match refused {
             Some((_, last)) => last.checked_add(1) == Some(number),
             None => self.config.firmware.resend_style == ResendStyle::Rs,

@@ -15,9 +15,9 @@
 //! - **Asking (the probe)** is a numbered line far ahead, which cannot be accepted: its refusal names the last line that
 //!   was. (Repeating an old line would not do: it may be answered by silence.) It is asked when nothing came for
 //!   [`Firmware::response_timeout_s`](crate::profile::Firmware::response_timeout_s), after anything doubtful, and at the end as the proof.
-//! - **A lost `ok`.** If the firmware has read everything but acknowledgements are missing, it may still be executing: a
-//!   firmware reads its port between commands, so it answers at most one probe for each command that it holds. One answer more than
-//!   its queue has slots, without any `ok` between, proves that nothing is left.
+//! - **A lost `ok`.** If the firmware has read everything but acknowledgements are missing, it may still be executing. So it is
+//!   asked for its temperatures, without a number: that waits in its queue behind all the rest, and the answer, which no other
+//!   line has, proves that nothing is left.
 //! - **Echoes.** Lines that were on their way behind a refused one are refused too, each with its own `Resend`, and each time the
 //!   receive buffer is emptied. So the refused line goes alone until it is acknowledged, with further copies on further
 //!   refusals: copies too many are passed over in silence.

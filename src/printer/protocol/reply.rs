@@ -74,6 +74,8 @@ pub struct Position {
     pub xyz_mm: [f64; 3],
     /// The filament's.
     pub e_mm: Option<f64>,
+    /// The last place of the numbers as they were told, mm.
+    pub step_mm: f64,
 }
 
 /// An actual and a target temperature, °C.
@@ -224,7 +226,10 @@ fn position(line: &str) -> Option<Position> {
         let of_name = |word: &str| word.strip_prefix(name).and_then(finite);
         line.split_ascii_whitespace().find_map(of_name)
     };
-    Some(Position { xyz_mm: [value("X:")?, value("Y:")?, value("Z:")?], e_mm: value("E:") })
+    let x = line.split_ascii_whitespace().next().unwrap_or_default();
+    let n_places = x.split_once('.').map_or(0, |(_, places)| places.len());
+    let step_mm = [1.0, 0.1, 0.01, 0.001].get(n_places).copied().unwrap_or(0.0001);
+    Some(Position { xyz_mm: [value("X:")?, value("Y:")?, value("Z:")?], e_mm: value("E:"), step_mm })
 }
 
 /// `T:19.38 /0.00 B:19.38 /0.00 @:0`: the first `T` or `T0` is the nozzle. Also `T:200 /200 W:?` while heating.
@@ -340,16 +345,17 @@ mod tests {
 
     #[test]
     fn every_firmware_tells_where_and_who_it_is_and_that_it_stopped() {
-        let there = Position { xyz_mm: [50.0, 60.5, 5.0], e_mm: Some(1.25) };
+        let there = Position { xyz_mm: [50.0, 60.5, 5.0], e_mm: Some(1.25), step_mm: 0.001 };
+        let coarse = "X:50.00 Y:60.50 Z:5.00 E:1.25 Count X:4000 Y:4840 Z:2000";
+        assert_eq!(parse(coarse), Reply::Position(Position { step_mm: 0.01, ..there }));
         for line in [
-            "X:50.00 Y:60.50 Z:5.00 E:1.25 Count X:4000 Y:4840 Z:2000",
             "X:50.000 Y:60.500 Z:5.000 E:1.250",
             "X:50.000 Y:60.500 Z:5.000 E:1.250 E0:1.2 Count 4000 4840 2000 Machine 50.000 60.500 5.000",
         ] {
             assert_eq!(parse(line), Reply::Position(there), "{line}");
         }
         let Reply::Ok(ok) = parse("ok C: X:50.0000 Y:60.5000 Z:5.0000 E:1.2500") else { panic!() };
-        assert_eq!((ok.position, ok.temperatures), (Some(there), None));
+        assert_eq!((ok.position, ok.temperatures), (Some(Position { step_mm: 0.0001, ..there }), None));
         assert!(matches!(parse("FIRMWARE_NAME:Marlin 2.1"), Reply::Firmware(_)));
         for line in [
             "// Klipper state: Shutdown",
