@@ -17,6 +17,7 @@ use super::journal::{Log, Place, Progress, Track};
 use super::protocol::{Position, Temperatures};
 use super::replay::{Modal, Tail};
 use crate::profile::{Dialect, Profile, ResumePoint};
+use crate::units::mm_s_from_mm_min;
 use serde::Serialize;
 use std::io::{BufRead, Seek};
 
@@ -319,9 +320,10 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     fn recover(&mut self, why: Why) -> Result<Decision, job::Error> {
         let Known { progress, .. } = self.known;
         let n_done = progress.n_certain;
-        let n_sent = (progress.n_sent.max(n_done) + self.in_a_second()).min(self.job.n_lines());
-        let mut doubt = Doubt::new(self.profile.firmware.dialect);
-        self.job.replay(n_sent, |command| doubt.take(command, n_done))?;
+        let n_known = progress.n_sent.max(n_done).min(self.job.n_lines());
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_known);
+        self.job.replay(n_known + self.in_a_second(), |command| doubt.take(command))?;
+        let n_sent = doubt.n;
         let Some(modal) = doubt.at.take().filter(|modal| modal.top_mm.is_some()) else {
             return Ok(Decision::Refuse(Refusal::NothingPrinted { why }));
         };
@@ -359,7 +361,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         })))
     }
 
-    /// What may have been sent in the second that the journal is behind where the host broke off too.
+    /// What may have been sent at most in the second that the journal is behind where the host broke off too.
     fn in_a_second(&self) -> u64 {
         // Bounded by the profile's check.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]
@@ -405,10 +407,15 @@ impl Runs {
     }
 }
 
-/// What may or may not be executed: from the last certain line to the last one sent.
+/// What may or may not be executed: from the last certain line to the last one that may have been sent.
 #[derive(Debug)]
 struct Doubt {
     modal: Modal,
+    n_certain: u64,
+    /// Lines that were sent, as far as the journal knows.
+    n_known: u64,
+    /// Behind these: a line makes room for another one only when a move has ended, and moves are no faster than they are told.
+    left_s: f64,
     n: u64,
     /// The state at the last certain line.
     at: Option<Modal>,
@@ -417,10 +424,16 @@ struct Doubt {
     printed_mm: f64,
 }
 
+/// How far the journal is behind at most, and what the printer is ahead of its clock, s.
+const BEHIND_S: f64 = 1.25;
+
 impl Doubt {
-    fn new(dialect: Dialect) -> Self {
+    const fn new(dialect: Dialect, n_certain: u64, n_known: u64) -> Self {
         Self {
             modal: Modal::new(dialect),
+            n_certain,
+            n_known,
+            left_s: BEHIND_S,
             n: 0,
             at: None,
             low_mm: f64::INFINITY,
@@ -429,23 +442,34 @@ impl Doubt {
         }
     }
 
-    fn take(&mut self, command: &str, n_certain: u64) {
+    fn take(&mut self, command: &str) {
+        if self.n >= self.n_known && self.left_s <= 0.0 {
+            return;
+        }
         let before = self.modal.at_mm;
         self.modal.apply(command);
         self.n += 1;
-        if self.n == n_certain {
+        if self.n == self.n_certain {
             self.at = Some(self.modal.clone());
         }
-        if self.n < n_certain {
-            return;
+        if self.n >= self.n_certain {
+            self.doubt(before);
         }
+    }
+
+    fn doubt(&mut self, before: [Option<f64>; 4]) {
         if let Some(z_mm) = self.modal.at_mm[2] {
             self.low_mm = self.low_mm.min(z_mm);
             self.high_mm = self.high_mm.max(z_mm);
         }
-        if self.n > n_certain && self.modal.at_mm[3] > before[3] {
-            let way = |axis: usize| Some(self.modal.at_mm[axis]? - before[axis]?);
-            self.printed_mm += way(0).unwrap_or(0.0).hypot(way(1).unwrap_or(0.0));
+        let way = |axis: usize| self.modal.at_mm[axis].zip(before[axis]).map_or(0.0, |(to, from)| to - from);
+        let way_mm = way(0).hypot(way(1)).hypot(way(2));
+        if self.n > self.n_certain && way(3) > 0.0 {
+            self.printed_mm += way_mm;
+        }
+        if self.n > self.n_known {
+            let speed_mm_s = self.modal.feedrate_mm_min.map_or(f64::INFINITY, mm_s_from_mm_min);
+            self.left_s -= way_mm / speed_mm_s.max(1e-3);
         }
     }
 }

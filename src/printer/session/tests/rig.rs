@@ -15,11 +15,11 @@ const MAX_STEPS: usize = 3_000_000;
 pub(super) type Laid = ([f64; 3], [f64; 3], f64);
 
 /// Rings, one on the other, with a travel between: start and end scripts around them.
-pub(super) fn rings(profile: &Profile, n_layers: u32, n_sides: u32) -> String {
+pub(super) fn rings(profile: &Profile, n_layers: u32, n_sides: u32, mm_min: u32) -> String {
     let mut text = profile.start_gcode().join("\n");
     for layer in 0..n_layers {
         let z_mm = 0.2 * f64::from(layer + 1);
-        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F1800").unwrap();
+        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F{mm_min}").unwrap();
         for side in 1..=n_sides {
             let angle = std::f64::consts::TAU * f64::from(side) / f64::from(n_sides);
             let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
@@ -44,8 +44,13 @@ pub(super) struct Setup {
 
 impl Setup {
     pub(super) fn new(profile: &str, n_layers: u32, n_sides: u32) -> Self {
+        Self::at_speed(profile, n_layers, n_sides, 1800)
+    }
+
+    /// Beads at so many mm/min.
+    pub(super) fn at_speed(profile: &str, n_layers: u32, n_sides: u32, mm_min: u32) -> Self {
         let profile = crate::profile::builtin(profile).unwrap();
-        let job = rings(&profile, n_layers, n_sides);
+        let job = rings(&profile, n_layers, n_sides, mm_min);
         Self { profile, job, faults: Vec::new(), baud: None, seed: 1 }
     }
 
