@@ -372,16 +372,17 @@ impl Core {
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
             (Command::HostLine(text), State::Streaming) => self.wire.push(text, Origin::Host),
             (Command::EndOfJob, State::Streaming) => self.end_job(),
-            (Command::Pause, State::Streaming) => self.state = State::Pausing,
+            // All lines may be given long before they are sent.
+            (Command::Pause, State::Streaming | State::Finishing) => self.state = State::Pausing,
             (Command::Pause, State::Pausing | State::Paused) => {}
             (Command::Resume, State::Pausing | State::Paused) => {
                 if self.state == State::Paused {
                     self.guard(true);
                 }
-                self.state = State::Streaming;
+                self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
                 self.events.push_back(Event::Resumed);
             }
-            (Command::Resume, State::Streaming) | (Command::Cancel, State::Cancelling) => {}
+            (Command::Resume, State::Streaming | State::Finishing) | (Command::Cancel, State::Cancelling) => {}
             (Command::Cancel, State::Idle | State::Handshake(_) | State::Asking(_)) => {
                 self.state = State::Idle;
                 self.timers.stop_all();
@@ -499,6 +500,7 @@ impl Core {
         for line in &self.config.postlude {
             self.wire.push(line, Origin::Host);
         }
+        self.wire.end();
     }
 
     /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.
@@ -586,7 +588,8 @@ impl Core {
 
     fn on_action(&mut self, action: &str) {
         self.events.push_back(Event::Action(action.to_owned()));
-        let command = match action {
+        // What follows the word is why: `pause filament_runout 0`.
+        let command = match action.split_ascii_whitespace().next().unwrap_or_default() {
             "pause" | "paused" => Command::Pause,
             "resume" | "resumed" => Command::Resume,
             "cancel" => Command::Cancel,

@@ -72,6 +72,8 @@ pub(super) struct Wire {
     base_job_lines: u64,
     acked_job_lines: u64,
     spare: Vec<String>,
+    /// Nothing more will be appended.
+    is_whole: bool,
 }
 
 impl Wire {
@@ -90,7 +92,17 @@ impl Wire {
             base_job_lines: 0,
             acked_job_lines: 0,
             spare: Vec::new(),
+            is_whole: false,
         }
+    }
+
+    /// Nothing more will be appended.
+    pub(super) fn end(&mut self) {
+        self.is_whole = true;
+    }
+
+    pub(super) fn is_whole(&self) -> bool {
+        self.is_whole
     }
 
     /// The firmware's last line is `number`: the next one appended is the one after it.

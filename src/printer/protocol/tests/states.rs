@@ -475,6 +475,19 @@ fn streaming_pause_waits_for_the_lines_in_flight() {
 }
 
 #[test]
+fn finishing_pause_holds_the_lines_that_are_given_but_not_sent() {
+    let mut desk = Desk::streaming(20);
+    desk.command(Command::EndOfJob);
+    let n_sent = desk.written().len();
+    desk.hear(&["//action:pause filament_runout 0"]);
+    (0..n_sent).for_each(|_| drop(desk.hear(&["ok"])));
+    assert_eq!((desk.written().len(), desk.core.state()), (0, &State::Paused));
+    desk.command(Command::Resume);
+    assert_eq!(desk.core.state(), &State::Finishing);
+    assert!(desk.written()[0].starts_with(&format!("N{} ", n_sent + 1)));
+}
+
+#[test]
 fn streaming_actions_of_the_printer_pause_resume_and_cancel() {
     let mut desk = Desk::streaming(20);
     desk.written();

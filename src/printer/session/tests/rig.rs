@@ -82,6 +82,8 @@ pub(super) struct Rig {
     pub(super) events: Vec<PrintEvent>,
     /// Names of faults and states that the printer has told, with the time.
     pub(super) states: Vec<(f64, String)>,
+    /// What was written last.
+    last_words: Vec<u8>,
     is_connected: bool,
 }
 
@@ -98,6 +100,7 @@ impl Rig {
             laid: Vec::new(),
             events: Vec::new(),
             states: Vec::new(),
+            last_words: Vec::new(),
             is_connected: true,
             setup,
         };
@@ -127,6 +130,7 @@ impl Rig {
         self.session.transmit(&mut out);
         if !out.is_empty() && self.is_connected {
             self.printer.receive(&out);
+            self.last_words = out;
             moved = true;
         }
         let said = std::mem::take(self.printer.output());
@@ -187,14 +191,14 @@ impl Rig {
         true
     }
 
-    /// Until the session is over, or `stop` says so. False if the session is over.
+    /// Until `stop` says so, or nothing more happens. Whether `stop` said so.
     pub(super) fn run_until(&mut self, mut stop: impl FnMut(&Self) -> bool) -> bool {
         for _ in 0..MAX_STEPS {
             if stop(self) {
                 return true;
             }
             if !self.step() {
-                return false;
+                return stop(self);
             }
         }
         panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session);
@@ -206,6 +210,11 @@ impl Rig {
         while self.printer.has_moves() && self.printer.step() {}
         self.observe();
         self.session.take_end().unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
+    }
+
+    /// Whether heaters-off was the last that was written.
+    pub(super) fn told_off(&self) -> bool {
+        String::from_utf8_lossy(&self.last_words).contains("M104 S0")
     }
 
     /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
