@@ -358,8 +358,10 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes =
             CaseFile { profile: args.profile.clone(), port: args.port.clone(), ..CaseFile::default() };
-        return stage(&args.what, changes, context, |session| session.resume_print(args.baud, args.after_reset))
-            .map(|o| show_case(face, &o));
+        return stage(&args.what, changes, context, |session| {
+            session.resume_print(args.baud, args.after_reset)
+        })
+        .map(|o| show_case(face, &o));
     }
     let printer = app::ResumePrinter {
         profile_name: args.profile.as_deref(),

@@ -56,7 +56,8 @@ pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Tempera
         text.push_str(line);
         text.push('\n');
     }
-    let gone = |_| Error::Open { port: port.clone(), problem: PortProblem::Other("it takes no bytes".to_owned()) };
+    let gone =
+        |_| Error::Open { port: port.clone(), problem: PortProblem::Other("it takes no bytes".to_owned()) };
     stream.write_all(text.as_bytes()).await.map_err(gone)?;
     let mut told = Temperatures::default();
     // An answer that was on its way tells of before; the last one counts.
@@ -128,7 +129,8 @@ impl Desk {
 
     fn tick(&mut self) {
         let now = self.clock.now();
-        if now.since(super::protocol::Instant::default()) > LIMIT && *self.core.state() != State::Disconnected {
+        if now.since(super::protocol::Instant::default()) > LIMIT && *self.core.state() != State::Disconnected
+        {
             self.core.give_up(now, Fault::Silent { after: LIMIT });
         } else if self.core.poll_timeout().is_some_and(|due| due <= now) {
             self.core.handle_timeout(now);
@@ -189,7 +191,9 @@ mod tests {
             ("FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A", Dialect::Smoothie),
         ] {
             assert_eq!(dialect_of(text), Some(expected), "{text}");
-            assert!(crate::profile::builtin(profile_name(expected)).is_ok_and(|p| p.firmware.dialect == expected));
+            assert!(
+                crate::profile::builtin(profile_name(expected)).is_ok_and(|p| p.firmware.dialect == expected)
+            );
         }
         assert_eq!(dialect_of("FIRMWARE_NAME:Grbl 1.1"), None);
     }

@@ -42,7 +42,9 @@ pub enum Error {
     #[error(transparent)]
     Journal(#[from] journal::Error),
     /// The job is not the one of the journal.
-    #[error("{job}: found another job than the journal {journal} tells of, expected the same bytes; print it with `lumenfab print`")]
+    #[error(
+        "{job}: found another job than the journal {journal} tells of, expected the same bytes; print it with `lumenfab print`"
+    )]
     OtherJob {
         /// The job.
         job: String,

@@ -9,7 +9,7 @@ use super::resume::Known;
 use super::serial::SerialLink;
 use super::session::Start;
 use super::{Error, job, journal, picture, serial};
-use crate::profile::{self, Profile};
+use crate::profile::{self, Firmware, Profile};
 use crate::progress::CancelToken;
 use std::ffi::OsString;
 use std::fs::File;
@@ -30,6 +30,12 @@ pub struct Paper<'a> {
     pub port: &'a str,
     /// Rate of the wire instead of the profile's, 1/s.
     pub baud: Option<u32>,
+}
+
+/// The firmware, not to be reset when its port is opened: what it knows is what can be gone on with.
+#[must_use]
+pub fn undisturbed(profile: &Profile) -> Firmware {
+    Firmware { reset_on_open: false, ..profile.firmware.clone() }
 }
 
 /// The journal of a job's last print.
@@ -59,7 +65,7 @@ impl Paper<'_> {
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
         let job = self.open_job()?;
-        let link = self.open_port().await?;
+        let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
         let journal = Journal::create(&path_for(self.job), &records)?;
         let order = Order { job, start: Start::Fresh, journal: Some(journal) };
@@ -88,7 +94,7 @@ impl Paper<'_> {
             return Err(super::resume::Refusal::Finished.into());
         }
         self.draw_last();
-        let link = self.open_port().await?;
+        let link = self.open_port(&undisturbed(self.profile)).await?;
         let journal = Journal::append_to(&path_for(self.job))?;
         let known = Box::new(Known::from(&log));
         let order = Order { job, start: Start::Resume { known, after_reset }, journal: Some(journal) };
@@ -103,8 +109,8 @@ impl Paper<'_> {
         Ok(Job::from_file(self.job, &self.profile.firmware)?)
     }
 
-    async fn open_port(&self) -> Result<SerialLink, Error> {
-        serial::open(Path::new(self.port), &self.profile.firmware, self.baud).await
+    async fn open_port(&self, firmware: &Firmware) -> Result<SerialLink, Error> {
+        serial::open(Path::new(self.port), firmware, self.baud).await
     }
 
     fn machine(&self, link: &SerialLink) -> Machine {
@@ -147,7 +153,8 @@ impl Paper<'_> {
 
     /// A picture is a help: a print does not fail for want of one.
     fn draw(&self, n_done: u64, n_doubt: u64) {
-        let drawn = self.open_job().and_then(|mut job| Ok(picture::svg(&mut job, self.profile, n_done, n_doubt)?));
+        let drawn =
+            self.open_job().and_then(|mut job| Ok(picture::svg(&mut job, self.profile, n_done, n_doubt)?));
         let written = drawn.map(|svg| write_private(&picture_path(self.job), svg.as_bytes()));
         if !matches!(written, Ok(Ok(()))) {
             tracing::warn!("the picture of where the print will go on could not be written");

@@ -43,7 +43,13 @@ pub fn svg<R: BufRead + Seek>(
         follow.apply(command);
         n += 1;
         if let Some(bead) = bead(before, follow.at_mm, at[2]) {
-            let kind = if n <= n_done { 0 } else if n <= n_done + n_doubt { 1 } else { 2 };
+            let kind = if n <= n_done {
+                0
+            } else if n <= n_done + n_doubt {
+                1
+            } else {
+                2
+            };
             beads[kind].push(bead);
         }
     })?;
@@ -78,9 +84,11 @@ fn draw(beads: &[Vec<[f64; 4]>; 3], at: [Option<f64>; 4], n_done: u64, n_lines: 
         size[0], size[1]
     );
     for ((class, colour, words), beads) in KINDS.iter().zip(beads) {
-        write!(text, "<path class=\"{class}\" stroke=\"{colour}\" d=\"").expect("writing to a string cannot fail");
+        write!(text, "<path class=\"{class}\" stroke=\"{colour}\" d=\"")
+            .expect("writing to a string cannot fail");
         for [x0, y0, x1, y1] in beads {
-            write!(text, "M{}L{}", place(*x0, *y0), place(*x1, *y1)).expect("writing to a string cannot fail");
+            write!(text, "M{}L{}", place(*x0, *y0), place(*x1, *y1))
+                .expect("writing to a string cannot fail");
         }
         writeln!(text, "\"><title>{words}</title></path>").expect("writing to a string cannot fail");
     }

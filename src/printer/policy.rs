@@ -206,7 +206,9 @@ mod tests {
     #[test]
     fn nothing_goes_on_blindly_and_no_heater_is_left_to_itself() {
         for phase in [Phase::Printing, Phase::Paused, Phase::Detached] {
-            for trouble in [Trouble::Halted, Trouble::Reset, Trouble::Silence, Trouble::Garbage, Trouble::Stuck] {
+            for trouble in
+                [Trouble::Halted, Trouble::Reset, Trouble::Silence, Trouble::Garbage, Trouble::Stuck]
+            {
                 assert_eq!(action(phase, trouble), Action::GiveUp, "{phase:?} {trouble:?}");
             }
             assert!(matches!(action(phase, Trouble::PortGone), Action::Await));

@@ -230,7 +230,16 @@ mod tests {
 
     #[test]
     fn place_modes_and_heat_follow_the_job() {
-        let lines = ["G28", "M104 S210", "M190 S60", "G90", "M83", "G1 X10 Y20 Z0.2 F1800", "G1 X12 E0.5", "M106 S128"];
+        let lines = [
+            "G28",
+            "M104 S210",
+            "M190 S60",
+            "G90",
+            "M83",
+            "G1 X10 Y20 Z0.2 F1800",
+            "G1 X12 E0.5",
+            "M106 S128",
+        ];
         let modal = after(Dialect::Marlin, &lines);
         assert_eq!(modal.at_mm, [Some(12.0), Some(20.0), Some(0.2), Some(0.5)]);
         assert_eq!((modal.hotend_c, modal.bed_c, modal.fan), (Some(210.0), Some(60.0), Some(128.0)));

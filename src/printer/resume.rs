@@ -189,7 +189,9 @@ pub enum Refusal {
         why: Why,
     },
     /// Without line numbers the place is not clear.
-    #[error("the printer's position fits {n_places} places of the job, the first behind line {first}: which one it is cannot be told")]
+    #[error(
+        "the printer's position fits {n_places} places of the job, the first behind line {first}: which one it is cannot be told"
+    )]
     Ambiguous {
         /// How many.
         n_places: usize,
@@ -271,7 +273,9 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     /// Whether the printer is where the job is, as far as both say.
     fn is_at(&self, modal: &Modal) -> bool {
         let Some(position) = self.survey.position else { return false };
-        let is_near = |(at, told): (&Option<f64>, f64)| at.is_none_or(|at| (at - told).abs() <= SAME_STEPS * position.step_mm + MOTOR_STEP_MM);
+        let is_near = |(at, told): (&Option<f64>, f64)| {
+            at.is_none_or(|at| (at - told).abs() <= SAME_STEPS * position.step_mm + MOTOR_STEP_MM)
+        };
         modal.at_mm[..3].iter().zip(position.xyz_mm).all(is_near)
     }
 
@@ -309,10 +313,9 @@ impl<R: BufRead + Seek> Plan<'_, R> {
                     Ok(Decision::Exact(Exact { place: Place::Job(*n), track, modal, tail }))
                 }
             },
-            ([first, _, ..], _) => Ok(Decision::Refuse(Refusal::Ambiguous {
-                n_places: runs.starts.len(),
-                first: *first,
-            })),
+            ([first, _, ..], _) => {
+                Ok(Decision::Refuse(Refusal::Ambiguous { n_places: runs.starts.len(), first: *first }))
+            }
             _ => self.recover(Why::Elsewhere),
         }
     }
@@ -384,7 +387,8 @@ impl<R: BufRead + Seek> Plan<'_, R> {
 fn is_exactly(modal: &Modal, position: Position) -> bool {
     let Some(e_mm) = position.e_mm else { return false };
     let [x, y, z] = position.xyz_mm;
-    let is_near = |at: &Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
+    let is_near =
+        |at: &Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
     modal.at_mm.iter().zip([x, y, z, e_mm]).all(|(at, told)| is_near(at, told))
 }
 

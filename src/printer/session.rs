@@ -82,11 +82,20 @@ pub enum Start {
 #[derive(Debug)]
 enum Stage {
     /// The printer is greeted; then these lines are sent before the job.
-    Greeting { host_lines: Vec<String> },
+    Greeting {
+        host_lines: Vec<String>,
+    },
     /// The printer is asked what it has.
-    Surveying { known: Box<Known>, survey: Survey, manner: Manner },
+    Surveying {
+        known: Box<Known>,
+        survey: Survey,
+        manner: Manner,
+    },
     Printing,
-    Detached { until: Instant, is_paused: bool },
+    Detached {
+        until: Instant,
+        is_paused: bool,
+    },
     Over,
 }
 
@@ -313,7 +322,9 @@ impl<R: BufRead + Seek> Session<R> {
 
     const fn phase(&self) -> Phase {
         match (&self.stage, self.core.state()) {
-            (Stage::Detached { .. } | Stage::Surveying { manner: Manner::Reattach { .. }, .. }, _) => Phase::Detached,
+            (Stage::Detached { .. } | Stage::Surveying { manner: Manner::Reattach { .. }, .. }, _) => {
+                Phase::Detached
+            }
             (Stage::Greeting { .. } | Stage::Surveying { .. } | Stage::Over, _) => Phase::Greeting,
             (_, State::Cancelling) => Phase::Stopping,
             (_, State::Pausing | State::Paused) => Phase::Paused,
@@ -379,7 +390,9 @@ impl<R: BufRead + Seek> Session<R> {
     }
 
     fn begin(&mut self) {
-        let Stage::Greeting { host_lines } = std::mem::replace(&mut self.stage, Stage::Printing) else { return };
+        let Stage::Greeting { host_lines } = std::mem::replace(&mut self.stage, Stage::Printing) else {
+            return;
+        };
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
         let track = Track { first_number: 1, prelude, n_before };
@@ -491,7 +504,9 @@ impl<R: BufRead + Seek> Session<R> {
         self.note_progress();
         let is_of_this_print = matches!(
             self.stage,
-            Stage::Printing | Stage::Detached { .. } | Stage::Surveying { manner: Manner::Reattach { .. }, .. }
+            Stage::Printing
+                | Stage::Detached { .. }
+                | Stage::Surveying { manner: Manner::Reattach { .. }, .. }
         );
         let end = match (end, self.job_error.take()) {
             (End::Cancelled, Some(error)) => End::Job(error),

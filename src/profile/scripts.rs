@@ -84,9 +84,7 @@ impl Profile {
             ("{resume_bed_c}", at.bed_c.to_string()),
         ];
         let filled = |line: &String| {
-            values
-                .iter()
-                .fold(line.trim().to_owned(), |line, (name, value)| line.replace(name, value))
+            values.iter().fold(line.trim().to_owned(), |line, (name, value)| line.replace(name, value))
         };
         self.scripts.recovery.iter().map(filled).collect()
     }

@@ -158,8 +158,7 @@ impl Session<'_> {
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
         let (port, profile_name) = (&self.settings().port, &self.settings().profile);
-        let order =
-            Order { job: &job, profile, profile_name, port, baud, record: record.as_deref(), manner };
+        let order = Order { job: &job, profile, profile_name, port, baud, record: record.as_deref(), manner };
         let printed = order.print(task, &self.context)?;
         staging.write(PRINT_FILE, &to_json(&printed))?;
         Ok(Made { staging, summary: printed.to_string(), warnings: printed.warnings() })
@@ -204,11 +203,7 @@ pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Re
 ///
 /// # Errors
 /// [`Error`] where nothing is known of a print, where profile, file or port cannot be used, or where it cannot go on.
-pub fn resume_file(
-    job: &Path,
-    printer: ResumePrinter<'_>,
-    context: &Context<'_>,
-) -> Result<Printed, Error> {
+pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>) -> Result<Printed, Error> {
     let log = paper::log_of(job)?;
     let profile_name = printer.profile_name.unwrap_or(&log.machine.profile);
     let known_port = log.machine.device.as_deref().unwrap_or(&log.machine.port);
@@ -235,7 +230,8 @@ pub fn safe_off(printer: Printer<'_>) -> Result<Temperatures, Error> {
     check_real(printer.port)?;
     check_printer(&profile, printer.profile_name, printer.port, printer.baud)?;
     runtime()?.block_on(async {
-        let link = serial::open(Path::new(printer.port), &profile.firmware, printer.baud).await?;
+        let firmware = paper::undisturbed(&profile);
+        let link = serial::open(Path::new(printer.port), &firmware, printer.baud).await?;
         Ok(ask::safe_off(link, &profile).await?)
     })
 }
@@ -252,7 +248,7 @@ pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
     runtime()?.block_on(async {
         let mut last = None;
         for rate in rates {
-            let link = serial::open(Path::new(port), &profile.firmware, Some(rate)).await?;
+            let link = serial::open(Path::new(port), &paper::undisturbed(&profile), Some(rate)).await?;
             match ask::detect(link, &profile).await {
                 Err(error) if error.code() == "printer.no_answer" => last = Some(error),
                 found => return Ok(found?),
@@ -265,9 +261,9 @@ pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
 /// Rates that boards come with.
 const COMMON_RATES: [u32; 2] = [115_200, 250_000];
 
+/// One thread: what the port says is then heard without waking another one.
 fn runtime() -> Result<tokio::runtime::Runtime, Error> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    runtime.map_err(Error::Runtime)
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Error::Runtime)
 }
 
 /// The printer that a print is to go on with; what is missing is as it was.
@@ -289,7 +285,8 @@ fn check_real(port: &str) -> Result<(), SettingError> {
         return Ok(());
     }
     let expected = "the port of a real printer, or the link of a running hil-sim";
-    let fault = Fault { found: format!("{SIMULATED_PORT}, which ends with every print"), expected: expected.into() };
+    let fault =
+        Fault { found: format!("{SIMULATED_PORT}, which ends with every print"), expected: expected.into() };
     Err(SettingError { name: std::borrow::Cow::Borrowed("port"), fault })
 }
 
@@ -432,9 +429,13 @@ async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: 
                 "the port vanished: check the cable; the print goes on by itself within {} s, the heaters may be on",
                 hold.as_secs()
             )),
-            PrintEvent::WentOn { n_lines_done } => note(format!("goes on exactly behind line {n_lines_done}")),
+            PrintEvent::WentOn { n_lines_done } => {
+                note(format!("goes on exactly behind line {n_lines_done}"))
+            }
             PrintEvent::JournalFailed(why) => {
-                note(format!("the journal cannot be written ({why}): the print goes on, but could not be resumed"));
+                note(format!(
+                    "the journal cannot be written ({why}): the print goes on, but could not be resumed"
+                ));
             }
             PrintEvent::Session(protocol::Event::Busy(what)) => note(format!("printer: {what}")),
             PrintEvent::Session(protocol::Event::Action(what)) => note(format!("printer asks: {what}")),

@@ -27,14 +27,7 @@ impl Recorder {
     /// For a session that goes along `track`; `modal` and `tail` are those of the lines of the job that are done.
     #[must_use]
     pub fn new(track: Track, modal: Modal, tail: Tail, now: Instant) -> Self {
-        Self {
-            track,
-            modal,
-            tail,
-            began: now,
-            written: None,
-            temperatures: Progress::default(),
-        }
+        Self { track, modal, tail, began: now, written: None, temperatures: Progress::default() }
     }
 
     /// One for a job from its beginning.

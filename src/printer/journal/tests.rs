@@ -22,7 +22,11 @@ pub(super) fn begun() -> Vec<u8> {
 fn with_progress(n: u64) -> Vec<u8> {
     let mut bytes = begun();
     for n_acked in 1..=n {
-        bytes.extend(encode(&Record::Progress(Progress { n_acked, number: n_acked + 1, ..Progress::default() })));
+        bytes.extend(encode(&Record::Progress(Progress {
+            n_acked,
+            number: n_acked + 1,
+            ..Progress::default()
+        })));
     }
     bytes
 }

@@ -182,7 +182,11 @@ fn refuse_foreign(path: &Path) -> Result<(), Error> {
         return Ok(());
     }
     let is_file = path.is_file();
-    let known = if is_file { super::check_header(&first_line(path)?, path) } else { Err(Error::Foreign(path.to_owned())) };
+    let known = if is_file {
+        super::check_header(&first_line(path)?, path)
+    } else {
+        Err(Error::Foreign(path.to_owned()))
+    };
     match known {
         Err(error @ Error::Foreign(_)) => Err(error),
         _ => Ok(()),

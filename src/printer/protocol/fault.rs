@@ -96,7 +96,9 @@ impl Fault {
             Self::FirmwareReset => {
                 "check the printer's power supply; `lumenfab resume` says whether and where the part can be continued"
             }
-            Self::CommandRefused { .. } => "correct the job or the printer's limits; a part with a move missing is no replica",
+            Self::CommandRefused { .. } => {
+                "correct the job or the printer's limits; a part with a move missing is no replica"
+            }
             Self::Halted { .. } => "look at the printer, put right what it reports, then reset it",
             Self::Silent { .. } => "switch the printer off if it is hot, then check it and the cable",
             Self::CommandTimeout { .. } => "look at the printer; heaters-off was sent",

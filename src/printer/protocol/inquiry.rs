@@ -6,7 +6,9 @@
 //! half line might be obeyed; a mark behind it makes it one that no firmware understands.
 
 use super::wire::Wire;
-use super::{Acknowledgement, BUSY_INTERVAL, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer};
+use super::{
+    Acknowledgement, BUSY_INTERVAL, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer,
+};
 
 /// What a printer can be asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

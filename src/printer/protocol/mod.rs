@@ -382,7 +382,8 @@ impl Core {
                 self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
                 self.events.push_back(Event::Resumed);
             }
-            (Command::Resume, State::Streaming | State::Finishing) | (Command::Cancel, State::Cancelling) => {}
+            (Command::Resume, State::Streaming | State::Finishing) | (Command::Cancel, State::Cancelling) => {
+            }
             (Command::Cancel, State::Idle | State::Handshake(_) | State::Asking(_)) => {
                 self.state = State::Idle;
                 self.timers.stop_all();

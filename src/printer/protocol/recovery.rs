@@ -139,6 +139,7 @@ impl Core {
         }
         if is_progress {
             self.quiet_since = self.now;
+            self.wire.measure(self.now);
         }
     }
 
@@ -301,6 +302,7 @@ impl Core {
 
     fn first_refusal(&mut self, number: u64) -> Rewind {
         self.stats.n_resends += 1;
+        self.wire.narrow();
         self.events.push_back(Event::Recovered(Recovery::Resent { line: number }));
         let n_behind = u32::try_from(self.wire.next().saturating_sub(number + 1)).unwrap_or(u32::MAX);
         Rewind { from: number, n_refusals: 0, n_behind }

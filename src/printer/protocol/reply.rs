@@ -176,8 +176,16 @@ fn error(line: &str) -> Option<Reply<'_>> {
 /// every command from then on) and Klipper's.
 fn is_halt(text: &str) -> bool {
     const WORDS: [&str; 10] = [
-        "halted", "kill()", "system stopped", "Emergency Stop", "Heater fault", "HALT", "Alarm lock", "hutdown",
-        "not heating at expected rate", "Lost communication",
+        "halted",
+        "kill()",
+        "system stopped",
+        "Emergency Stop",
+        "Heater fault",
+        "HALT",
+        "Alarm lock",
+        "hutdown",
+        "not heating at expected rate",
+        "Lost communication",
     ];
     text == "!!" || WORDS.iter().any(|word| text.contains(word))
 }
@@ -371,7 +379,9 @@ mod tests {
         }
         let refused = "!! Move out of range: 9999.000 50.000 5.000 [0.000]";
         assert_eq!(parse(refused), Reply::Error(&refused[3..]));
-        for line in ["start", "Smoothie", "// Klipper state: Ready", "RepRapFirmware for Duet 3 is up and running."] {
+        for line in
+            ["start", "Smoothie", "// Klipper state: Ready", "RepRapFirmware for Duet 3 is up and running."]
+        {
             assert_eq!(parse(line), Reply::Start, "{line}");
         }
         assert_eq!(parse("skip 12"), Reply::Skipped(LineNumber(12)));

@@ -5,7 +5,11 @@
 //! lost. So the bytes that may lie there never exceed its size. With plain `ok` a line counts as read when it is
 //! acknowledged; ADVANCED_OK also tells how many lines the command queue holds, and those have left the buffer
 //! too. Room for one probe is always kept.
+//!
+//! Where lines are acknowledged faster than any serial wire carries them, the link is not one (a pseudo-terminal, USB): it holds
+//! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
+use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -18,6 +22,15 @@ const PROBE_AHEAD: u64 = 1000;
 
 /// Bytes of a probe with a seven-digit number, and of the line feed before it.
 const PROBE_BYTES: usize = 20;
+
+/// Bytes in flight on a link that holds the writer back by itself.
+const FLOW_CONTROLLED_BYTES: u64 = 4096;
+
+/// Bytes acknowledged over which the speed of the link is measured.
+const MEASURED_BYTES: u64 = 1 << 16;
+
+/// Faster than twice the fastest rate of common boards, bytes/s: no serial wire.
+const NO_WIRE_BYTES_S: f64 = 200_000.0;
 
 /// Why a line is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +67,10 @@ fn is_slow(command: &str) -> bool {
 pub(super) struct Wire {
     numbered: bool,
     rx_bytes: u64,
+    /// What the profile says of it.
+    profile_rx_bytes: u64,
+    /// Where and when the speed of the link began to be measured; nothing once it is known.
+    measured: Option<(u64, Instant)>,
     command_slots: u64,
     lines: VecDeque<Line>,
     /// Number of the first of `lines`.
@@ -81,6 +98,8 @@ impl Wire {
         Self {
             numbered: firmware.line_numbers,
             rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
+            profile_rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
+            measured: Some((0, Instant::default())),
             command_slots: firmware.command_slots as u64,
             lines: VecDeque::new(),
             base: 1,
@@ -241,6 +260,26 @@ impl Wire {
         self.next = self.next.max(number.min(self.highest + 1));
     }
 
+    /// Lines were acknowledged: looks, now and then, how fast the link is.
+    pub(super) fn measure(&mut self, now: Instant) {
+        let Some((from, since)) = self.measured else { return };
+        let to = self.end_of(self.acked);
+        let Some(n_bytes) = to.checked_sub(from).filter(|n| *n >= MEASURED_BYTES) else { return };
+        self.measured = Some((to, now));
+        if now.since(since).as_secs_f64() * NO_WIRE_BYTES_S < n_bytes as f64 {
+            self.rx_bytes = self.rx_bytes.max(FLOW_CONTROLLED_BYTES);
+            self.measured = None;
+        }
+    }
+
+    /// A line was damaged, perhaps because there was no room for it: no more in flight than the profile allows.
+    pub(super) fn narrow(&mut self) {
+        if self.rx_bytes > self.profile_rx_bytes {
+            self.rx_bytes = self.profile_rx_bytes;
+            self.measured = None;
+        }
+    }
+
     /// The firmware has read every line sent.
     pub(super) fn all_read(&mut self) {
         self.read = self.next - 1;
@@ -378,6 +417,37 @@ mod tests {
         assert_eq!(wire.send_next(), None);
         wire.ack_oldest();
         assert_eq!(wire.send_next(), Some("G3\n"));
+    }
+
+    /// The most that was in flight while so many lines were acknowledged, one every `line_us`.
+    fn most_in_flight(wire: &mut Wire, n_lines: u32, line_us: u64) -> u64 {
+        let mut now = Instant::default();
+        let mut most = 0;
+        for _ in 0..n_lines {
+            while wire.unsent() < 600 {
+                wire.push("G1 X100.123 Y90.456 E0.01234", Origin::Job);
+            }
+            send_all(wire);
+            most = most.max(wire.in_flight());
+            now = now + std::time::Duration::from_micros(line_us);
+            assert!(wire.ack_oldest());
+            wire.measure(now);
+        }
+        most
+    }
+
+    #[test]
+    fn a_link_that_is_no_wire_takes_more_until_a_line_is_damaged() {
+        let firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        // A line at 1,000,000 baud takes 430 microseconds.
+        assert!(most_in_flight(&mut Wire::new(&firmware), 9000, 430) <= 3);
+        let mut wire = Wire::new(&firmware);
+        assert!(most_in_flight(&mut wire, 9000, 50) > 80);
+        wire.narrow();
+        while wire.in_flight() > 0 {
+            wire.ack_oldest();
+        }
+        assert!(most_in_flight(&mut wire, 9000, 50) <= 3, "for good");
     }
 
     #[test]

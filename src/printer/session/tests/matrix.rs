@@ -79,7 +79,8 @@ fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
 
 /// What became of the print, as one sign; everything that must hold of it is asserted.
 fn outcome(setup: Setup, expected: &[Laid]) -> char {
-    let what = format!("{} {:?} {:?}", setup.profile.name, setup.faults, setup.profile.firmware.rx_buffer_bytes);
+    let what =
+        format!("{} {:?} {:?}", setup.profile.name, setup.faults, setup.profile.firmware.rx_buffer_bytes);
     let is_numbered = setup.profile.firmware.line_numbers;
     let is_of_the_wire = OF_THE_WIRE.contains(&setup.faults[0].as_str());
     let mut rig = Rig::new(setup);
@@ -98,7 +99,13 @@ fn outcome(setup: Setup, expected: &[Laid]) -> char {
     if let End::Finished = end {
         let same = is_same(&rig.laid, expected);
         assert!(same || !is_numbered || !is_of_the_wire, "{what}: another deposition");
-        return if !same { '~' } else if went_on { '>' } else { '=' };
+        return if !same {
+            '~'
+        } else if went_on {
+            '>'
+        } else {
+            '='
+        };
     }
     let End::Faulted(fault) = end else { panic!("{what}: {end:?}") };
     assert!(!is_of_the_wire || !is_numbered, "{what}: {fault}");

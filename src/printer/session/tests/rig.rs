@@ -19,7 +19,8 @@ pub(super) fn rings(profile: &Profile, n_layers: u32, n_sides: u32, mm_min: u32)
     let mut text = profile.start_gcode().join("\n");
     for layer in 0..n_layers {
         let z_mm = 0.2 * f64::from(layer + 1);
-        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F{mm_min}").unwrap();
+        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F{mm_min}")
+            .unwrap();
         for side in 1..=n_sides {
             let angle = std::f64::consts::TAU * f64::from(side) / f64::from(n_sides);
             let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
@@ -107,7 +108,12 @@ impl Rig {
         let n_lines = rig.session.n_lines();
         rig.write(Record::Job(JobId { file: "rings.gcode".into(), hash: String::new(), n_lines }));
         let profile = rig.setup.profile.name.clone();
-        rig.write(Record::Machine(Machine { profile, profile_hash: String::new(), port: "sim".into(), device: None }));
+        rig.write(Record::Machine(Machine {
+            profile,
+            profile_hash: String::new(),
+            port: "sim".into(),
+            device: None,
+        }));
         rig
     }
 
@@ -209,7 +215,9 @@ impl Rig {
         self.run_until(|_| false);
         while self.printer.has_moves() && self.printer.step() {}
         self.observe();
-        self.session.take_end().unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
+        self.session
+            .take_end()
+            .unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
     }
 
     /// Whether heaters-off was the last that was written.
