@@ -41,8 +41,10 @@ const MAX_PENDING_EVENTS: usize = 1024;
 /// A print that was done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Printed {
-    /// Lines of the job, each executed once.
+    /// Lines of the job, each executed once but for the next ones.
     pub n_lines: u64,
+    /// Lines that may have been executed twice, after a reset; 0 for any other print.
+    pub n_twice: u64,
     /// What happened on the wire.
     pub stats: Stats,
     /// From greeting to proof.
@@ -96,7 +98,8 @@ pub async fn run<R: BufRead + Seek, L: Link>(
     let n_lines = driver.session.n_lines();
     match end {
         End::Finished => {
-            Ok(Printed { n_lines, stats: driver.session.stats(), elapsed: driver.clock.elapsed() })
+            let (n_twice, stats) = (driver.session.n_twice(), driver.session.stats());
+            Ok(Printed { n_lines, n_twice, stats, elapsed: driver.clock.elapsed() })
         }
         End::Job(error) => Err(error.into()),
         End::Cancelled => Err(Error::Cancelled),

@@ -67,7 +67,7 @@ impl From<&Log> for Known {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
     /// It goes on exactly there.
-    Exact(Exact),
+    Exact(Box<Exact>),
     /// It can go on, with the operator's word.
     Recover(Box<Recovery>),
     /// It cannot.
@@ -255,7 +255,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             return self.recover(why);
         }
         let place = if let Place::Job(n) = place { Place::Job(n.min(self.job.n_lines())) } else { place };
-        Ok(Decision::Exact(Exact { place, track: track.clone(), modal, tail }))
+        Ok(Decision::Exact(Box::new(Exact { place, track: track.clone(), modal, tail })))
     }
 
     /// Lines that may be on their way without the journal knowing.
@@ -310,7 +310,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
                 Some(why) => self.recover(why),
                 None => {
                     let track = Track { first_number: 1, prelude: Vec::new(), n_before: *n };
-                    Ok(Decision::Exact(Exact { place: Place::Job(*n), track, modal, tail }))
+                    Ok(Decision::Exact(Box::new(Exact { place: Place::Job(*n), track, modal, tail })))
                 }
             },
             ([first, _, ..], _) => {

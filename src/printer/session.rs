@@ -124,6 +124,8 @@ pub struct Session<R> {
     now: Instant,
     /// Why the job is being cancelled, where it is not the operator's wish.
     job_error: Option<job::Error>,
+    /// Lines that may have been executed twice, after a reset.
+    n_twice: u64,
 }
 
 impl<R: BufRead + Seek> Session<R> {
@@ -145,6 +147,7 @@ impl<R: BufRead + Seek> Session<R> {
             stats: Stats::default(),
             now,
             job_error: None,
+            n_twice: 0,
         };
         match start {
             Start::Fresh => {
@@ -314,6 +317,12 @@ impl<R: BufRead + Seek> Session<R> {
         self.stats.plus(self.core.stats())
     }
 
+    /// Lines that may have been executed twice, because the print went on after a reset.
+    #[must_use]
+    pub const fn n_twice(&self) -> u64 {
+        self.n_twice
+    }
+
     /// Commands in the job.
     #[must_use]
     pub const fn n_lines(&self) -> u64 {
@@ -431,7 +440,7 @@ impl<R: BufRead + Seek> Session<R> {
         }
         let (manner, survey, known) = (*manner, *survey, known.clone());
         match resume::decide(&mut self.job, &self.profile, &known, &survey) {
-            Ok(Decision::Exact(exact)) => self.go_on(exact, manner),
+            Ok(Decision::Exact(exact)) => self.go_on(*exact, manner),
             Ok(Decision::Recover(recovery)) => self.recover(recovery, manner),
             Ok(Decision::Refuse(refusal)) => self.refuse(refusal, manner),
             Err(error) => self.over(End::Job(error)),
@@ -469,7 +478,8 @@ impl<R: BufRead + Seek> Session<R> {
     }
 
     fn begin_anew(&mut self, recovery: Recovery) {
-        let Recovery { n_done, commands, modal, .. } = recovery;
+        let Recovery { n_done, n_twice, commands, modal, .. } = recovery;
+        self.n_twice = n_twice;
         if let Err(error) = self.job.replay(n_done, |_| {}) {
             self.over(End::Job(error));
             return;

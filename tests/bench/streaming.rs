@@ -3,6 +3,8 @@
 //! The printer is this program once more, as a process of its own. `cargo bench --bench streaming`; limits: at least 50,000 lines/s on
 //! a machine that is not busy, at most 1 CPU second for 100,000 lines, at most 30 MB.
 
+#![expect(clippy::print_stdout, reason = "the table is what the bench is for")]
+
 use lumenfab::printer::driver::{self, Order, PrintEvent};
 use lumenfab::printer::job::Job;
 use lumenfab::printer::journal::writer::Journal;
@@ -10,8 +12,7 @@ use lumenfab::printer::serial;
 use lumenfab::printer::session::Start;
 use lumenfab::profile::{self, Profile};
 use lumenfab::progress::CancelToken;
-use std::fmt::Write as _;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -28,7 +29,7 @@ fn main() {
     let profile = profile::builtin("marlin").expect("built in");
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("job.gcode");
-    std::fs::write(&path, job()).expect("a job is written");
+    write_job(&path).expect("a job is written");
     println!("{:<28} {:>10} {:>16} {:>8}", "window", "lines/s", "CPU s/100,000", "MB");
     for (name, rx_bytes) in [("profile's, 128 bytes", 128), ("flow-controlled, 4096 bytes", 4096)] {
         let mut profile = profile.clone();
@@ -39,13 +40,14 @@ fn main() {
 }
 
 /// A vessel's lines: 43 bytes on the wire.
-fn job() -> String {
-    let mut text = String::from("G28\n");
+fn write_job(path: &Path) -> std::io::Result<()> {
+    let mut file = BufWriter::new(std::fs::File::create(path)?);
+    writeln!(file, "G28")?;
     for i in 0..N_LINES {
         let (x, y) = (100.0 + (i % 977) as f64 * 0.01, 90.0 + (i % 1013) as f64 * 0.01);
-        writeln!(text, "G1 X{x:.3} Y{y:.3} E{:.5}", 0.01 + (i % 7) as f64 * 1e-3).expect("a string takes it");
+        writeln!(file, "G1 X{x:.3} Y{y:.3} E{:.5}", 0.01 + (i % 7) as f64 * 1e-3)?;
     }
-    text
+    file.flush()
 }
 
 fn stream(job: &Path, profile: &Profile) -> (f64, f64) {

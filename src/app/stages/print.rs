@@ -36,8 +36,10 @@ const EVENT_QUEUE: usize = 256;
 pub struct Printed {
     /// Whether the printer was the simulated one.
     pub simulated: bool,
-    /// Lines of the job, each executed once.
+    /// Lines of the job, each executed once but for the next ones.
     pub n_lines: u64,
+    /// Lines that may have been executed twice, because the print went on after a reset.
+    pub n_twice_at_most: u64,
     /// From the first byte to the printer's word that all is executed, s.
     pub elapsed_s: f64,
     /// What happened on the wire.
@@ -47,7 +49,11 @@ pub struct Printed {
 impl std::fmt::Display for Printed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let rate = self.n_lines as f64 / self.elapsed_s.max(1e-3);
-        write!(f, "{} lines, each executed once, {rate:.0} lines/s", self.n_lines)?;
+        write!(f, "{} lines, each executed once", self.n_lines)?;
+        if self.n_twice_at_most > 0 {
+            write!(f, " but for up to {} before the reset, perhaps twice", self.n_twice_at_most)?;
+        }
+        write!(f, ", {rate:.0} lines/s")?;
         if self.wire.n_resends > 0 {
             write!(f, ", {} refused on the wire and sent again", self.wire.n_resends)?;
         }
@@ -405,6 +411,7 @@ impl Order<'_> {
         Ok(Printed {
             simulated: self.port == SIMULATED_PORT,
             n_lines: printed.n_lines,
+            n_twice_at_most: printed.n_twice,
             elapsed_s: printed.elapsed.as_secs_f64(),
             wire: printed.stats,
         })

@@ -411,7 +411,7 @@ mod tests {
         firmware.line_numbers = false;
         firmware.rx_buffer_bytes = PROBE_BYTES + 7;
         let mut wire = Wire::new(&firmware);
-        ["G1", "G2", "G3"].map(|text| wire.push(text, Origin::Job));
+        ["G1", "G2", "G3"].iter().for_each(|text| wire.push(text, Origin::Job));
         assert_eq!(wire.send_next(), Some("G1\n"));
         assert_eq!(wire.send_next(), Some("G2\n"));
         assert_eq!(wire.send_next(), None);

@@ -178,6 +178,7 @@ fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
 }
 
 #[test]
+#[expect(clippy::print_stdout, reason = "the table is what the command is for")]
 fn fault_matrix() {
     let expected: Vec<_> = FIRMWARES.iter().map(|firmware| clean(&Setup::new(firmware, 2, 40))).collect();
     let mut text = format!("{LEGEND}\n{:<32}", "");
