@@ -27,8 +27,8 @@ pub enum Fault {
         /// What it said.
         text: String,
     },
-    /// A firmware without line numbers did not execute a command.
-    #[error("the printer refused a command, and cannot be told to take it again: {text}")]
+    /// A command was not executed, and nothing asks for it again.
+    #[error("the printer refused a command of the job: {text}")]
     CommandRefused {
         /// What it said.
         text: String,

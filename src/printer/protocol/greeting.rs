@@ -51,6 +51,11 @@ impl Core {
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
             (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
             (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
+            // It takes no notice of a wrong number where it waits for a line: it is asked until it does.
+            (Reply::Skipped(_), Greeting::AwaitLast(tries)) => {
+                self.inquire_again(tries);
+                self.next_ok = self.after_refusal();
+            }
             (Reply::Ok(ok), Greeting::AwaitLast(_)) => self.on_inquiry_ok(ok),
             // It is busy with what somebody else has left it: it answers when that is done.
             (Reply::Busy(_), _) => {

@@ -38,8 +38,10 @@ pub struct Inquiry {
     pub question: Question,
     /// How often.
     tries: u32,
-    /// Whether the answer has come; an `ok` before it belongs to something else.
+    /// Whether the answer has come.
     is_told: bool,
+    /// Whether an `ok` has come: before the answer where a firmware says it as it takes a line (Repetier), else with or behind it.
+    is_acked: bool,
 }
 
 /// A question is repeated so often.
@@ -117,7 +119,7 @@ impl Core {
     /// Sends a question for the `tries`-th time.
     pub(super) fn put(&mut self, question: Question, tries: u32) {
         self.urgent.push_back(question.command().to_owned());
-        self.state = State::Asking(Inquiry { question, tries, is_told: false });
+        self.state = State::Asking(Inquiry { question, tries, is_told: false, is_acked: false });
         self.timers.set(Timer::Handshake, self.now + self.config.response);
     }
 
@@ -141,7 +143,10 @@ impl Core {
                 self.events.push_back(Event::Firmware(text.to_owned()));
                 self.told(inquiry, question == Question::Firmware);
             }
-            Reply::Temperatures(temperatures) => self.events.push_back(Event::Temperatures(temperatures)),
+            Reply::Temperatures(temperatures) => {
+                self.events.push_back(Event::Temperatures(temperatures));
+                self.told(inquiry, question == Question::Temperatures);
+            }
             Reply::Busy(_) => {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response);
             }
@@ -154,22 +159,28 @@ impl Core {
     }
 
     fn told(&mut self, inquiry: Inquiry, is_asked: bool) {
-        self.state = State::Asking(Inquiry { is_told: inquiry.is_told || is_asked, ..inquiry });
+        self.conclude(Inquiry { is_told: inquiry.is_told || is_asked, ..inquiry });
     }
 
     fn answer_ok(&mut self, inquiry: Inquiry, ok: Acknowledgement) {
         self.events.extend(ok.temperatures.map(Event::Temperatures));
         self.events.extend(ok.position.map(Event::Position));
-        let is_answer = match inquiry.question {
+        let tells = match inquiry.question {
             Question::Temperatures => ok.temperatures.is_some(),
-            Question::Position => inquiry.is_told || ok.position.is_some(),
-            Question::Firmware => inquiry.is_told,
+            Question::Position => ok.position.is_some(),
+            Question::Firmware => false,
         };
-        if is_answer {
-            self.timers.stop_all();
-            self.next_ok = NextOk::Acknowledges;
-            self.state = State::Idle;
-            self.events.push_back(Event::Answered);
+        self.conclude(Inquiry { is_told: inquiry.is_told || tells, is_acked: true, ..inquiry });
+    }
+
+    fn conclude(&mut self, inquiry: Inquiry) {
+        if !(inquiry.is_told && inquiry.is_acked) {
+            self.state = State::Asking(inquiry);
+            return;
         }
+        self.timers.stop_all();
+        self.next_ok = NextOk::Acknowledges;
+        self.state = State::Idle;
+        self.events.push_back(Event::Answered);
     }
 }

@@ -553,7 +553,10 @@ impl Core {
                     self.ask();
                 }
             }
-            Reply::Temperatures(temperatures) => self.events.push_back(Event::Temperatures(temperatures)),
+            Reply::Temperatures(temperatures) => {
+                self.events.push_back(Event::Temperatures(temperatures));
+                self.on_temperatures();
+            }
             Reply::Start if self.state.has_job() => self.fail(Fault::FirmwareReset),
             Reply::Start => self.greet(1),
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
@@ -571,7 +574,10 @@ impl Core {
     /// Without numbers a command that is refused is lost: nothing asks for it again.
     fn on_error(&mut self, text: &str, line: &str) {
         self.events.push_back(Event::Message(line.to_owned()));
-        if !self.config.firmware.line_numbers && line.starts_with("!!") && self.wire.in_flight() > 0 {
+        // A machine that has lost its place makes no move; the rest of the job would be laid where it does not belong.
+        let is_lost = text.contains("homed") || text.contains("home axis");
+        let is_refusal = !self.config.firmware.line_numbers && line.starts_with("!!");
+        if (is_refusal || is_lost) && self.wire.in_flight() > 0 {
             self.fail(Fault::CommandRefused { text: text.to_owned() });
         }
     }

@@ -143,6 +143,14 @@ impl Core {
         }
     }
 
+    /// Repetier says `ok` as it takes a line, and the temperatures when their turn comes.
+    pub(super) fn on_temperatures(&mut self) {
+        let is_late = self.config.firmware.dialect == Dialect::Repetier;
+        if is_late && self.probe.is_some_and(|probe| probe.is_in_order) {
+            self.all_done();
+        }
+    }
+
     /// The answer to a question in order has come: whatever was sent before is done.
     fn all_done(&mut self) {
         self.probe = None;

@@ -10,7 +10,7 @@ use hil_sim::rng::Rng;
 /// Those that number their lines, and the one that does not.
 const FIRMWARES: [&str; 4] = ["marlin", "marlin1", "reprapfirmware", "klipper"];
 /// Those that can be told where Z is.
-const RECOVERING: [&str; 4] = ["marlin", "marlin1", "reprapfirmware", "repetier"];
+const RECOVERING: [&str; 4] = ["marlin", "marlin1", "smoothie", "repetier"];
 
 /// Layers of a quarter of a minute.
 fn setup_for(firmwares: [&str; 4], n: u64) -> Setup {
