@@ -84,12 +84,14 @@ impl Core {
             Some((_, last)) => last.checked_add(1) == Some(number),
             None => self.config.firmware.resend_style == ResendStyle::Rs,
         };
-        if !agrees || number == 0 {
+        if !agrees {
             self.inquire_again(tries);
             return;
         }
-        self.wire.begin_after(number - 1);
-        self.found(Some(number - 1));
+        // Smoothieware begins at 0.
+        let last = number.saturating_sub(1);
+        self.wire.begin_after(last);
+        self.found(Some(last));
     }
 
     /// Without numbers the temperatures are the answer; with them an `ok` that brings temperatures means that the probe was
