@@ -37,7 +37,7 @@
 //! | [`profile`] | firmware and machine profiles, as data |
 //! | [`gcode`] | commands, writer, reader, checksum |
 //! | [`motion`] | acceleration model: how long a job takes |
-//! | [`printer`] | the protocol core (pure), links, the driver |
+//! | [`printer`] | the protocol core and the session (pure), journal and resuming, links, the driver |
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
 //! | [`cli`] | the command line, a face of `app` |
@@ -46,8 +46,8 @@
 //!
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
-//!   `phantom::series`, `profile::load`, `printer::{job, serial, driver, sim}`, `report::write`,
-//!   `app` and `cli`.
+//!   `phantom::series`, `profile::load`, `printer::{ask, device, driver, job, journal::writer, paper, serial, sim}`,
+//!   `report::write`, `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.

@@ -66,7 +66,9 @@ impl Case {
 
     /// Prints; what came of it, and the record of deposition.
     async fn print(self) -> (Result<Printed, Error>, Vec<PrintEvent>, String) {
-        let profile = profile::builtin(self.profile).unwrap();
+        let mut profile = profile::builtin(self.profile).unwrap();
+        // What is pulled out for good is not waited for longer than this.
+        profile.firmware.orphan_hold_s = 4.0;
         let job =
             Job::from_text(job_text(&profile, self.n_layers, 64), "ring.gcode", &profile.firmware).unwrap();
         let record = tempfile::tempdir().unwrap();

@@ -22,7 +22,7 @@ pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
 pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
 pub use stages::model::{ModelJob, SlicedModel, is_model, slice_model};
-pub use stages::print::{Printed, Printer, print_file};
+pub use stages::print::{Printed, Printer, ResumePrinter, detect, print_file, resume_file, safe_off};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};
 

@@ -55,7 +55,18 @@ pub(crate) enum Command {
     /// Solid to layers, toolpaths and G-code
     Slice(SliceArgs),
     /// G-code to the printer
+    ///
+    /// On a real port a journal is kept beside the job (JOB.gcode.journal). A cable that was out is waited for, and the print goes on
+    /// by itself exactly where it was.
     Print(PrintArgs),
+    /// Go on with a print that broke off
+    ///
+    /// Where the printer still lives (the host or the cable failed), each move is made exactly once: it is asked for its last
+    /// line and its place. After a reset or a power cut this says where it would go on, and how much may be printed twice;
+    /// --after-reset then does it. A picture of the layer is written beside the job (JOB.gcode.resume.svg).
+    Resume(ResumeArgs),
+    /// Switch the heaters of a printer off, for a service manager whose lumenfab is gone
+    SafeOff(SafeOffArgs),
     /// Compare image, contours, solid, toolpaths and deposition
     Report {
         /// Case directory
@@ -265,6 +276,38 @@ pub(crate) struct PrintArgs {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct ResumeArgs {
+    /// Case directory, or the file of G-code that was printed
+    #[arg(value_name = "CASE|JOB.gcode")]
+    pub(crate) what: PathBuf,
+    /// Port of the printer: a path, or usb:VENDOR:PRODUCT[:SERIAL] [default: where it was printed]
+    #[arg(long, value_name = "PATH")]
+    pub(crate) port: Option<String>,
+    /// Profile of the printer: a name or a file [default: the one it was printed with]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) profile: Option<String>,
+    /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    pub(crate) baud: Option<u32>,
+    /// Go on although the printer was reset: I have looked at the part, and nothing was moved
+    #[arg(long)]
+    pub(crate) after_reset: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SafeOffArgs {
+    /// Port of the printer: a path, or usb:VENDOR:PRODUCT[:SERIAL]
+    #[arg(long, value_name = "PATH")]
+    pub(crate) port: String,
+    /// Profile of the printer: a name or a file
+    #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_PROFILE)]
+    pub(crate) profile: String,
+    /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    pub(crate) baud: Option<u32>,
+}
+
+#[derive(Debug, Args)]
 #[command(group = ArgGroup::new("output").required(true).multiple(true))]
 pub(crate) struct ExportArgs {
     /// Case directory
@@ -351,6 +394,15 @@ pub(crate) enum ProfilesCommand {
         /// Name or file
         #[arg(value_name = "NAME|FILE")]
         profile: String,
+    },
+    /// Ask the printer on a port which firmware it has, and name the profile for it
+    Detect {
+        /// A path, or usb:VENDOR:PRODUCT[:SERIAL]
+        #[arg(long, value_name = "PATH")]
+        port: String,
+        /// Rate of the serial port, 1/s, 1200 to 4000000 [default: 115200, then 250000]
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+        baud: Option<u32>,
     },
     /// Check profile files, or built-in profiles
     Check {

@@ -1,8 +1,8 @@
 //! The commands: flags to parameters, results to text.
 
 use super::args::{
-    Cli, Command, ExportArgs, PhantomArgs, PrintArgs, ProfilesCommand, RunArgs, SegmentArgs, SliceArgs,
-    SolidArgs,
+    Cli, Command, ExportArgs, PhantomArgs, PrintArgs, ProfilesCommand, ResumeArgs, RunArgs, SafeOffArgs,
+    SegmentArgs, SliceArgs, SolidArgs,
 };
 use super::face::{Face, error_document};
 use super::signals;
@@ -39,6 +39,8 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Solid(args) => solid(&args, context).map(|o| show_case(&face, &o)),
         Command::Slice(args) => slice(&args, &face, context),
         Command::Print(args) => print(&args, &face, context),
+        Command::Resume(args) => resume(&args, &face, context),
+        Command::SafeOff(args) => safe_off(&args, &face),
         Command::Report { case } => {
             stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
         }
@@ -352,6 +354,33 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
     Ok(0)
 }
 
+fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    if case::is_case(&args.what) || args.what.is_dir() {
+        let changes =
+            CaseFile { profile: args.profile.clone(), port: args.port.clone(), ..CaseFile::default() };
+        return stage(&args.what, changes, context, |session| {
+            session.resume_print(args.baud, args.after_reset)
+        })
+        .map(|o| show_case(face, &o));
+    }
+    let printer = app::ResumePrinter {
+        profile_name: args.profile.as_deref(),
+        port: args.port.as_deref(),
+        baud: args.baud,
+        after_reset: args.after_reset,
+    };
+    let printed = app::resume_file(&args.what, printer, &context)?;
+    face.result(&printed, &format!("{printed}\n"));
+    Ok(0)
+}
+
+fn safe_off(args: &SafeOffArgs, face: &Face) -> Result<u8, Error> {
+    let printer = app::Printer { profile_name: &args.profile, port: &args.port, baud: args.baud };
+    let told = app::safe_off(printer)?;
+    face.result(&told, "the heaters are off\n");
+    Ok(0)
+}
+
 fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
     let mut session = Session::open(&args.case, CaseFile::default(), context)?;
     let deflection = args.deflection_relative.map(Deflection::Relative);
@@ -433,6 +462,12 @@ fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
         ProfilesCommand::Show { profile } => {
             let profile = profile::load::by_name(profile)?;
             face.result(&profile, &toml::to_string(&profile).expect("a profile can be written as TOML"));
+        }
+        ProfilesCommand::Detect { port, baud } => {
+            let found = app::detect(port, *baud)?;
+            let name = found.profile.unwrap_or("no built-in profile speaks its language");
+            face.result(&found, &format!("{}\nprofile {name}\n", found.firmware));
+            return Ok(u8::from(found.profile.is_none()));
         }
         ProfilesCommand::Check { profiles } => {
             let all: Vec<String> = profile::builtin_names().into_iter().map(str::to_owned).collect();

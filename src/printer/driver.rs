@@ -1,21 +1,27 @@
-//! The only code that touches a port: reads, feeds the core, writes what it gives, keeps its time.
+//! The only code that touches a port: reads, feeds the session, writes what it gives, keeps its time.
 //!
 //! One task, one loop. Bytes are written in as few calls as the core's window allows; events go out over a bounded
 //! channel, and a listener that is slow loses progress and temperatures, never a fault, and never holds up the
-//! print. The task reads the job from its file as it goes; that is the page cache's business, not the disk's.
+//! print. The journal is another thread's. The task reads the job from its file as it goes; that is the page cache's business,
+//! not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
 
 use super::Error;
-use super::job::{self, Job};
+use super::job::Job;
+use super::journal::Record;
+use super::journal::writer::Journal;
 use super::link::Link;
-use super::protocol::{Command, Core, Event, Fault, Instant, LineSplitter, State, Stats};
+use super::protocol::{Event, Fault, Instant, Stats};
+use super::session::{End, Session, Start};
 use crate::profile::Profile;
 use crate::progress::CancelToken;
 use std::collections::VecDeque;
 use std::io::{BufRead, Seek};
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
+
+pub use super::session::PrintEvent;
 
 /// How exactly time-outs are kept and how soon a request to cancel is seen.
 const TICK: Duration = Duration::from_millis(20);
@@ -23,42 +29,43 @@ const TICK: Duration = Duration::from_millis(20);
 /// Progress is told every so many ticks.
 const TICKS_PER_PROGRESS: u32 = 5;
 
+/// Between two attempts to open a port that vanished.
+const KNOCK: Duration = Duration::from_millis(200);
+
 /// How long heaters-off may take to be written after a fault.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
 /// Events kept for a listener that does not listen; beyond that the oldest message is dropped.
 const MAX_PENDING_EVENTS: usize = 1024;
 
-/// What a print tells while it runs.
-#[derive(Debug, Clone, PartialEq)]
-pub enum PrintEvent {
-    /// What the session tells.
-    Session(Event),
-    /// How far the job is.
-    Progress {
-        /// Lines acknowledged.
-        n_lines_done: u64,
-        /// Lines in all.
-        n_lines: u64,
-    },
-}
-
 /// A print that was done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Printed {
-    /// Lines of the job, each executed once.
+    /// Lines of the job, each executed once but for the next ones.
     pub n_lines: u64,
+    /// Lines that may have been executed twice, after a reset; 0 for any other print.
+    pub n_twice: u64,
     /// What happened on the wire.
     pub stats: Stats,
     /// From greeting to proof.
     pub elapsed: Duration,
 }
 
-/// Sends `job` over `link` and waits until the printer says that all of it is executed.
+/// A print to be done.
+#[derive(Debug)]
+pub struct Order<R> {
+    /// The job.
+    pub job: Job<R>,
+    /// Where it begins.
+    pub start: Start,
+    /// Where it is written down.
+    pub journal: Option<Journal>,
+}
+
+/// Sends `job` over `link` and waits until the printer says that all of it is executed; no journal is kept.
 ///
 /// # Errors
-/// [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`] once heaters-off is confirmed, [`Error::Job`] if the job's
-/// file changed meanwhile (the print is cancelled first).
+/// As [`run`].
 pub async fn print<R: BufRead + Seek, L: Link>(
     job: Job<R>,
     link: L,
@@ -66,78 +73,108 @@ pub async fn print<R: BufRead + Seek, L: Link>(
     events: &mpsc::Sender<PrintEvent>,
     cancel: &CancelToken,
 ) -> Result<Printed, Error> {
+    run(Order { job, start: Start::Fresh, journal: None }, link, profile, events, cancel).await
+}
+
+/// Prints, or goes on with a print, and waits until the printer says that all of it is executed.
+///
+/// # Errors
+/// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`] once heaters-off is confirmed, [`Error::Job`]
+/// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`]
+/// and [`Error::NotResumable`], nothing having been sent.
+pub async fn run<R: BufRead + Seek, L: Link>(
+    order: Order<R>,
+    mut link: L,
+    profile: &Profile,
+    events: &mpsc::Sender<PrintEvent>,
+    cancel: &CancelToken,
+) -> Result<Printed, Error> {
     let port = link.name().to_owned();
-    let n_lines = job.n_lines();
-    let mut session = Session::new(job, profile, events, cancel);
-    session.command(Command::Connect);
-    let end = session.run(link.into_stream()).await;
-    session.tell(PrintEvent::Progress { n_lines_done: session.core.progress().n_lines_done, n_lines });
-    session.deliver();
-    match (end, session.job_error.take()) {
-        (End::Finished, _) => {
-            Ok(Printed { n_lines, stats: session.core.stats(), elapsed: session.clock.elapsed() })
+    let stream = link.open().await?;
+    let clock = Clock::start();
+    let session = Session::new(order.job, profile, order.start, clock.now());
+    let mut driver = Driver::new(session, order.journal, clock, events, cancel);
+    let end = driver.serve(stream, &mut link).await;
+    let n_lines = driver.session.n_lines();
+    match end {
+        End::Finished => {
+            let (n_twice, stats) = (driver.session.n_twice(), driver.session.stats());
+            Ok(Printed { n_lines, n_twice, stats, elapsed: driver.clock.elapsed() })
         }
-        (End::Cancelled, Some(error)) => Err(error.into()),
-        (End::Cancelled, None) => Err(Error::Cancelled),
-        (End::Faulted(Fault::LinkLost), _) => Err(Error::PortVanished { port }),
-        (End::Faulted(fault), _) => Err(Error::Fault { port, fault }),
+        End::Job(error) => Err(error.into()),
+        End::Cancelled => Err(Error::Cancelled),
+        End::Faulted(Fault::LinkLost) => Err(Error::PortVanished { port }),
+        End::Faulted(fault) => Err(Error::Fault { port, fault }),
+        End::NeedsConsent(recovery) => Err(Error::NeedsConsent { recovery }),
+        End::Refused(refusal) => Err(refusal.into()),
     }
 }
 
-enum End {
-    Finished,
-    Cancelled,
-    Faulted(Fault),
-}
-
-struct Session<'a, R> {
-    core: Core,
-    job: Job<R>,
-    job_error: Option<job::Error>,
+struct Driver<'a, R> {
+    session: Session<R>,
+    journal: Option<Journal>,
     clock: Clock,
-    splitter: LineSplitter,
     /// Bytes for the port, from `n_written` on.
     out: Vec<u8>,
     n_written: usize,
-    end: Option<End>,
+    n_ticks: u32,
     events: &'a mpsc::Sender<PrintEvent>,
     pending: VecDeque<PrintEvent>,
     cancel: &'a CancelToken,
+    is_cancelled: bool,
 }
 
-impl<'a, R: BufRead + Seek> Session<'a, R> {
+impl<'a, R: BufRead + Seek> Driver<'a, R> {
     fn new(
-        job: Job<R>,
-        profile: &Profile,
+        session: Session<R>,
+        journal: Option<Journal>,
+        clock: Clock,
         events: &'a mpsc::Sender<PrintEvent>,
         cancel: &'a CancelToken,
     ) -> Self {
         Self {
-            core: Core::new(profile),
-            job,
-            job_error: None,
-            clock: Clock::start(),
-            splitter: LineSplitter::default(),
+            session,
+            journal,
+            clock,
             out: Vec::new(),
             n_written: 0,
-            end: None,
+            n_ticks: 0,
             events,
             pending: VecDeque::new(),
             cancel,
+            is_cancelled: false,
         }
     }
 
-    async fn run(&mut self, stream: impl tokio::io::AsyncRead + tokio::io::AsyncWrite + Unpin) -> End {
+    async fn serve<L: Link>(&mut self, stream: L::Stream, link: &mut L) -> End {
+        let mut stream = Some(stream);
+        while !self.session.is_over() {
+            match stream.take() {
+                Some(open) => self.converse(open).await,
+                None => stream = self.knock(link).await,
+            }
+        }
+        self.record();
+        let last = self.session.progress();
+        self.tell(last);
+        self.deliver();
+        if let Some(journal) = &self.journal {
+            journal.flush();
+        }
+        self.session.take_end().expect("a session that is over has an end")
+    }
+
+    /// Talks until the session is over or the port is gone.
+    async fn converse(&mut self, stream: impl AsyncRead + AsyncWrite + Unpin) {
         let (mut reader, mut writer) = tokio::io::split(stream);
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        let mut n_ticks = 0_u32;
         let mut buffer = vec![0; 16 * 1024];
-        loop {
+        while !self.session.wants_port() {
             self.exchange();
-            if let Some(end) = self.end.take() {
+            if self.session.is_over() {
                 self.say_last_words(&mut writer).await;
-                return end;
+                return;
             }
             tokio::select! {
                 biased;
@@ -146,70 +183,54 @@ impl<'a, R: BufRead + Seek> Session<'a, R> {
                     _ => self.lost(),
                 },
                 read = reader.read(&mut buffer) => match read {
-                    Ok(n) if n > 0 => self.heard(&buffer[..n]),
+                    Ok(n) if n > 0 => self.session.handle_bytes(self.clock.now(), &buffer[..n]),
                     _ => self.lost(),
                 },
-                _ = ticks.tick() => {
-                    n_ticks = n_ticks.wrapping_add(1);
-                    self.tick(n_ticks.is_multiple_of(TICKS_PER_PROGRESS));
-                }
+                _ = ticks.tick() => self.tick(),
             }
         }
     }
 
-    /// Drains the core, and feeds it until it wants no more.
+    /// Tries to open the port again, once.
+    async fn knock<L: Link>(&mut self, link: &mut L) -> Option<L::Stream> {
+        tokio::time::sleep(KNOCK).await;
+        self.tick();
+        self.exchange();
+        if !self.session.wants_port() {
+            return None;
+        }
+        // Why it does not open now does not matter: it is tried until the session gives up.
+        let stream = link.open().await.ok()?;
+        self.session.handle_port(self.clock.now());
+        Some(stream)
+    }
+
+    /// Takes from the session what it has to say.
     fn exchange(&mut self) {
-        loop {
-            while let Some(line) = self.core.poll_transmit() {
-                self.out.extend_from_slice(line.bytes);
+        self.record();
+        self.session.transmit(&mut self.out);
+        while let Some(event) = self.session.poll_event() {
+            self.tell(event);
+        }
+    }
+
+    /// Hands records to the journal. One of a new session is on the disk before this returns; others never wait.
+    fn record(&mut self) {
+        while let Some(record) = self.session.poll_record() {
+            let Some(journal) = &self.journal else { continue };
+            if matches!(record, Record::Session(_)) {
+                journal.flush();
             }
-            while let Some(event) = self.core.poll_event() {
-                self.on_event(event);
-            }
-            if !self.feed() {
+            if !journal.append(&record) {
+                self.session.not_written(record);
                 return;
             }
-        }
-    }
-
-    /// Gives the core the next lines of the job; false if it wants none.
-    fn feed(&mut self) -> bool {
-        if !self.core.wants_line() {
-            return false;
-        }
-        let now = self.clock.now();
-        while self.core.wants_line() {
-            let command = match self.job.next_command() {
-                Ok(Some(line)) => Command::Line(line),
-                Ok(None) => Command::EndOfJob,
-                Err(error) => {
-                    self.job_error = Some(error);
-                    Command::Cancel
-                }
-            };
-            self.core.handle_command(now, command).expect("a core that wants lines takes these commands");
-        }
-        true
-    }
-
-    /// A command whose refusal means that it is too late for it.
-    fn command(&mut self, command: Command<'_>) {
-        self.core.handle_command(self.clock.now(), command).ok();
-    }
-
-    fn heard(&mut self, bytes: &[u8]) {
-        let now = self.clock.now();
-        let Self { splitter, core, out, .. } = self;
-        let mut events = Vec::new();
-        splitter.feed(bytes, |line| {
-            core.handle_line(now, line);
-            while let Some(line) = core.poll_transmit() {
-                out.extend_from_slice(line.bytes);
+            if matches!(record, Record::Session(_)) {
+                journal.flush();
             }
-            events.extend(std::iter::from_fn(|| core.poll_event()));
-        });
-        for event in events {
-            self.on_event(event);
+        }
+        if let Some(failure) = self.journal.as_ref().and_then(Journal::take_failure) {
+            self.tell(PrintEvent::JournalFailed(failure));
         }
     }
 
@@ -224,38 +245,24 @@ impl<'a, R: BufRead + Seek> Session<'a, R> {
     fn lost(&mut self) {
         self.out.clear();
         self.n_written = 0;
-        self.splitter.clear();
-        self.core.handle_disconnect(self.clock.now());
-        if matches!(self.core.state(), State::Disconnected) {
-            self.end = Some(End::Faulted(Fault::LinkLost));
-        }
+        self.session.handle_lost(self.clock.now());
     }
 
-    fn tick(&mut self, tells_progress: bool) {
+    fn tick(&mut self) {
         let now = self.clock.now();
-        if self.core.poll_timeout().is_some_and(|due| due <= now) {
-            self.core.handle_timeout(now);
-            self.exchange();
+        self.n_ticks = self.n_ticks.wrapping_add(1);
+        if self.session.poll_timeout().is_some_and(|due| due <= now) {
+            self.session.handle_timeout(now);
         }
-        if self.cancel.is_cancelled() && !matches!(self.core.state(), State::Cancelling) {
-            self.command(Command::Cancel);
+        if self.cancel.is_cancelled() && !self.is_cancelled {
+            self.is_cancelled = true;
+            self.session.cancel(now);
         }
-        if tells_progress && matches!(self.core.state(), State::Streaming | State::Finishing) {
-            let n_lines_done = self.core.progress().n_lines_done;
-            self.tell(PrintEvent::Progress { n_lines_done, n_lines: self.job.n_lines() });
+        if self.n_ticks.is_multiple_of(TICKS_PER_PROGRESS) && self.session.is_printing() {
+            let progress = self.session.progress();
+            self.tell(progress);
         }
         self.deliver();
-    }
-
-    fn on_event(&mut self, event: Event) {
-        match &event {
-            Event::Connected => self.command(Command::Begin),
-            Event::Finished => self.end = Some(End::Finished),
-            Event::Cancelled => self.end = Some(End::Cancelled),
-            Event::Faulted(fault) => self.end = Some(End::Faulted(fault.clone())),
-            _ => {}
-        }
-        self.tell(PrintEvent::Session(event));
     }
 
     /// Hands an event to the listener, or keeps it if it must not be lost and there is no room.
@@ -293,7 +300,7 @@ impl<'a, R: BufRead + Seek> Session<'a, R> {
     }
 
     /// Writes what is left, heaters-off after a fault, but does not wait for ever.
-    async fn say_last_words(&mut self, writer: &mut (impl tokio::io::AsyncWrite + Unpin)) {
+    async fn say_last_words(&mut self, writer: &mut (impl AsyncWrite + Unpin)) {
         self.exchange();
         let words = async {
             writer.write_all(&self.out[self.n_written..]).await?;
@@ -306,10 +313,10 @@ impl<'a, R: BufRead + Seek> Session<'a, R> {
 
 /// The driver's clock: the only one in this room.
 #[derive(Debug, Clone, Copy)]
-struct Clock(tokio::time::Instant);
+pub(super) struct Clock(tokio::time::Instant);
 
 impl Clock {
-    fn start() -> Self {
+    pub(super) fn start() -> Self {
         Self(tokio::time::Instant::now())
     }
 
@@ -317,7 +324,7 @@ impl Clock {
         self.0.elapsed()
     }
 
-    fn now(&self) -> Instant {
+    pub(super) fn now(&self) -> Instant {
         Instant::after(self.elapsed())
     }
 }

@@ -1,7 +1,8 @@
 //! What can go wrong on the way to the printer, with a stable code and a next step for each.
 
-use super::job;
 use super::protocol::Fault;
+use super::resume::{Recovery, Refusal};
+use super::{job, journal};
 
 /// Why a port could not be opened.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -37,10 +38,32 @@ pub enum Error {
         /// Why.
         problem: PortProblem,
     },
+    /// The journal cannot be used.
+    #[error(transparent)]
+    Journal(#[from] journal::Error),
+    /// The job is not the one of the journal.
+    #[error(
+        "{job}: found another job than the journal {journal} tells of, expected the same bytes; print it with `lumenfab print`"
+    )]
+    OtherJob {
+        /// The job.
+        job: String,
+        /// The journal.
+        journal: String,
+    },
+    /// The print can go on, but not exactly.
+    #[error("not resumed: {recovery}; to do so, look at the part and give --after-reset")]
+    NeedsConsent {
+        /// How it would go on.
+        recovery: Box<Recovery>,
+    },
+    /// The print cannot go on.
+    #[error("not resumed: {0}")]
+    NotResumable(#[from] Refusal),
     /// The port vanished while printing.
     #[error(
         "port {port} vanished during the print; whether the heaters are on is unknown: check the cable, and switch \
-         the printer off if it is hot"
+         the printer off if it is hot; `lumenfab resume` goes on once the port is back"
     )]
     PortVanished {
         /// The port.
@@ -53,6 +76,12 @@ pub enum Error {
         port: String,
         /// Why.
         fault: Fault,
+    },
+    /// Heaters-off was sent, but the targets are not 0.
+    #[error("the printer on {port} answers, but its heaters are still on after heaters-off: switch it off")]
+    StillHeating {
+        /// The port.
+        port: String,
     },
     /// Given up on request.
     #[error("the print was cancelled; the heaters are off")]
@@ -76,8 +105,13 @@ impl Error {
             Self::Open { problem: PortProblem::Busy, .. } => "printer.port_busy",
             Self::Open { problem: PortProblem::NotAPort, .. } => "printer.not_a_port",
             Self::Open { problem: PortProblem::Other(_), .. } => "printer.port_failed",
+            Self::Journal(error) => error.code(),
+            Self::OtherJob { .. } => "printer.other_job",
+            Self::NeedsConsent { .. } => "printer.resume_needs_consent",
+            Self::NotResumable(refusal) => refusal.code(),
             Self::PortVanished { .. } => "printer.port_vanished",
             Self::Fault { fault, .. } => fault.code(),
+            Self::StillHeating { .. } => "printer.still_heating",
             Self::Cancelled => "printer.cancelled",
             Self::Simulator { .. } => "printer.simulator",
         }
@@ -89,8 +123,12 @@ impl Error {
         match self {
             Self::Job(_) => "correct the job, or choose the profile it was made for",
             Self::Open { problem, .. } => next_step_of(problem),
+            Self::Journal(_) | Self::OtherJob { .. } => "print the job from its beginning",
+            Self::NeedsConsent { .. } => "look at the part; then resume with --after-reset, or print anew",
+            Self::NotResumable(_) => "take the part off the bed and print anew",
             Self::PortVanished { .. } => Fault::LinkLost.next_step(),
             Self::Fault { fault, .. } => fault.next_step(),
+            Self::StillHeating { .. } => "switch the printer off",
             Self::Cancelled => "take the part off the bed before the next print",
             Self::Simulator { .. } => "run the simulator by hand to see what it says",
         }

@@ -12,6 +12,9 @@ use std::path::Path;
 /// A line longer than this, comments included, is not G-code.
 const MAX_RAW_BYTES: u64 = 1 << 16;
 
+/// Commands that wait for somebody at the printer.
+const WAITS_FOR_USER: [&[u8]; 5] = [b"M0", b"M1", b"M226", b"M600", b"M25"];
+
 /// Lines that the session adds before the job.
 const LINES_BEFORE: u64 = 16;
 
@@ -104,6 +107,7 @@ pub struct Job<R> {
     source: Source<R>,
     n_lines: u64,
     n_given: u64,
+    waits_for_user: bool,
 }
 
 impl Job<Cursor<Vec<u8>>> {
@@ -144,19 +148,50 @@ impl<R: BufRead + Seek> Job<R> {
             raw: Vec::new(),
             range: 0..0,
         };
-        while source.advance()? {}
+        let mut waits_for_user = false;
+        while source.advance()? {
+            waits_for_user |= WAITS_FOR_USER.contains(&first_word(source.command().as_bytes()));
+        }
         let n_lines = source.n_commands;
         if n_lines == 0 {
             return Err(Error::Empty { name: source.name });
         }
         source.rewind()?;
-        Ok(Self { source, n_lines, n_given: 0 })
+        Ok(Self { source, n_lines, n_given: 0, waits_for_user })
     }
 
     /// Commands in the job.
     #[must_use]
     pub const fn n_lines(&self) -> u64 {
         self.n_lines
+    }
+
+    /// Whether it has commands that wait for somebody at the printer.
+    #[must_use]
+    pub const fn waits_for_user(&self) -> bool {
+        self.waits_for_user
+    }
+
+    /// Lines given so far.
+    #[must_use]
+    pub const fn n_given(&self) -> u64 {
+        self.n_given
+    }
+
+    /// Goes back to the beginning and gives the first `n_lines` commands to `see`; [`Self::next_command`] goes on behind them.
+    ///
+    /// # Errors
+    /// As [`Self::next_command`].
+    pub fn replay(&mut self, n_lines: u64, mut see: impl FnMut(&str)) -> Result<(), Error> {
+        self.source.rewind()?;
+        self.n_given = 0;
+        while self.n_given < n_lines {
+            match self.next_command()? {
+                Some(command) => see(command),
+                None => break,
+            }
+        }
+        Ok(())
     }
 
     /// The next command.

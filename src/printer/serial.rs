@@ -2,16 +2,19 @@
 //!
 //! Opening a terminal raises DTR and the last close drops it (HUPCL), on which many boards reset. So HUPCL is cleared before
 //! the port is used: neither the end of this program nor its death resets a printer. DTR is pulsed only if the
-//! profile wants a reset. The port is opened for this program alone.
+//! profile wants a reset, and only the first time. The port is opened for this program alone. A port that was lost is opened again
+//! where the same device is: the one of the same vendor, product and serial number, under whatever name the system gives
+//! it; where it is no USB device, the same path.
 
-use super::link::NamedLink;
+use super::device::{self, Device};
+use super::link::Link;
 use super::{Error, PortProblem};
 use crate::profile::Firmware;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use std::os::fd::OwnedFd;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio_serial::{SerialPort, SerialPortBuilderExt, SerialStream};
 
@@ -19,24 +22,76 @@ use tokio_serial::{SerialPort, SerialPortBuilderExt, SerialStream};
 const RESET_PULSE: Duration = Duration::from_millis(100);
 
 /// A link over a serial port.
-pub type SerialLink = NamedLink<SerialStream>;
+#[derive(Debug)]
+pub struct SerialLink {
+    name: String,
+    path: PathBuf,
+    baud: u32,
+    device: Option<Device>,
+    /// Opened, and not yet given to the driver.
+    first: Option<SerialStream>,
+}
 
-/// Opens the port at `path`, at the profile's rate or at `baud`. Must be called within a tokio runtime.
+impl SerialLink {
+    /// The USB device behind it, where it is one.
+    #[must_use]
+    pub const fn device(&self) -> Option<&Device> {
+        self.device.as_ref()
+    }
+
+    fn fail(&self, problem: PortProblem) -> Error {
+        Error::Open { port: self.name.clone(), problem }
+    }
+
+    fn open_at(&self, path: &Path) -> Result<SerialStream, Error> {
+        let guard = open_without_hangup(path).map_err(|errno| self.fail(problem_of(errno)))?;
+        let opened = tokio_serial::new(path.display().to_string(), self.baud).open_native_async();
+        let stream = opened.map_err(|error| self.fail(problem_of_opening(&error)))?;
+        drop(guard);
+        Ok(stream)
+    }
+}
+
+impl Link for SerialLink {
+    type Stream = SerialStream;
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    async fn open(&mut self) -> Result<SerialStream, Error> {
+        if let Some(stream) = self.first.take() {
+            return Ok(stream);
+        }
+        let path = match &self.device {
+            Some(device) => device::path_of(device).ok_or_else(|| self.fail(PortProblem::Missing))?,
+            None => self.path.clone(),
+        };
+        self.open_at(&path)
+    }
+}
+
+/// Opens the port at `path`, or the one of a USB device (`usb:VENDOR:PRODUCT[:SERIAL]`), at the profile's rate or at `baud`.
+/// Must be called within a tokio runtime.
 ///
 /// # Errors
 /// [`Error::Open`], with the reason told apart as far as the system tells it.
 pub async fn open(path: &Path, firmware: &Firmware, baud: Option<u32>) -> Result<SerialLink, Error> {
     let name = path.display().to_string();
-    let fail = |problem| Error::Open { port: name.clone(), problem };
-    let guard = open_without_hangup(path).map_err(|errno| fail(problem_of(errno)))?;
-    let rate = baud.unwrap_or(firmware.baud);
-    let opened = tokio_serial::new(&*name, rate).open_native_async();
-    let mut stream = opened.map_err(|error| fail(problem_of_opening(&error)))?;
-    drop(guard);
+    let missing = || Error::Open { port: name.clone(), problem: PortProblem::Missing };
+    let path = match Device::named(&name) {
+        Some(wanted) => device::path_of(&wanted).ok_or_else(missing)?,
+        None => path.to_owned(),
+    };
+    let device = device::behind(&path);
+    let mut link =
+        SerialLink { name: name.clone(), path, baud: baud.unwrap_or(firmware.baud), device, first: None };
+    let mut stream = link.open_at(&link.path)?;
     if firmware.reset_on_open {
-        reset(&mut stream).await.map_err(|error| fail(PortProblem::Other(error.to_string())))?;
+        reset(&mut stream).await.map_err(|error| link.fail(PortProblem::Other(error.to_string())))?;
     }
-    Ok(NamedLink { name, stream })
+    link.first = Some(stream);
+    Ok(link)
 }
 
 /// Opens the port beside the one that will be used, and clears HUPCL. As long as this one is open, no close is the last.

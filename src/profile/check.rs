@@ -1,7 +1,7 @@
 //! Checks of a profile that need more than one key.
 
 use super::layers::Layers;
-use super::{Dialect, Error, Firmware, NUMBERING_BYTES, ObjectLabels, Profile, schema};
+use super::{Dialect, Error, Firmware, NUMBERING_BYTES, ObjectLabels, Profile, ResumePoint, schema};
 use serde::Serialize;
 use toml::Value;
 
@@ -78,8 +78,19 @@ pub(super) fn together(profile: &Profile, layers: &Layers) -> Result<(), Error> 
         return fail("scripts.safe", "at least the lines that switch the heaters off".to_owned());
     }
     let n_bytes = profile.firmware.line_bytes;
-    let filled =
-        [("start", profile.start_gcode()), ("end", profile.end_gcode(0.0)), ("safe", profile.safe_gcode())];
+    let [x_mm, y_mm, z_mm] = machine.bed_mm;
+    let far = ResumePoint {
+        xyz_mm: [x_mm, y_mm, z_mm].map(|mm| mm - 0.001),
+        clear_z_mm: z_mm - 0.001,
+        hotend_c: profile.filament.hotend_c.0,
+        bed_c: profile.filament.bed_c.0,
+    };
+    let filled = [
+        ("start", profile.start_gcode()),
+        ("end", profile.end_gcode(0.0)),
+        ("safe", profile.safe_gcode()),
+        ("recovery", profile.recovery_gcode(&far)),
+    ];
     for (script, lines) in filled {
         if lines.iter().any(|line| line.len() + NUMBERING_BYTES > n_bytes) {
             return fail(

@@ -22,6 +22,7 @@ mod scripts;
 mod tests;
 
 pub use load::from_file;
+pub use scripts::ResumePoint;
 
 use crate::units::Celsius;
 use layers::Layers;
@@ -307,6 +308,11 @@ pub struct Firmware {
     pub boot_timeout_s: f64,
     /// Whether opening the port shall reset the board (by DTR).
     pub reset_on_open: bool,
+    /// How long the heaters of an interrupted print stay on, so that it can be continued warm, s; then they go off.
+    /// 0: a print whose port vanishes is given up at once, and the firmware is told no time-out.
+    pub orphan_hold_s: f64,
+    /// Whether the firmware's own time-out is set to that time at the beginning of a job, where it has one.
+    pub orphan_guard: bool,
     /// Interval of temperature reports asked for, s; 0: never ask.
     pub temperature_report_s: f64,
     /// Moves a second that wire and planner take without running dry.
@@ -502,4 +508,9 @@ pub struct Scripts {
     pub end: Vec<String>,
     /// When a print is given up: heaters off, no moves.
     pub safe: Vec<String>,
+    /// Before a print goes on after the firmware or the power failed; empty: it cannot. The printer knows nothing any more;
+    /// nozzle and part are where they were. Besides the other placeholders: `{resume_x_mm}`, `{resume_y_mm}`,
+    /// `{resume_z_mm}`, the place where it goes on; `{resume_clear_z_mm}`, above all that is printed; `{resume_hotend_c}`,
+    /// `{resume_bed_c}`, the temperatures there. Modes, fan, filament's place and speed are restored behind it.
+    pub recovery: Vec<String>,
 }

@@ -69,6 +69,8 @@ pub(super) const FIELDS: &[Field] = &[
     field("firmware.slow_command_timeout_s", "s", number(10.0, 86_400.0)),
     field("firmware.boot_timeout_s", "s", number(0.1, 60.0)),
     field("firmware.reset_on_open", "", Kind::Flag),
+    field("firmware.orphan_hold_s", "s", number(0.0, 86_400.0)),
+    field("firmware.orphan_guard", "", Kind::Flag),
     field("firmware.temperature_report_s", "s", number(0.0, 60.0)),
     field("firmware.segments_per_s", "moves/s", number(10.0, 100_000.0)),
     field("firmware.arcs", "", Kind::Flag),
@@ -136,6 +138,7 @@ pub(super) const FIELDS: &[Field] = &[
     field("scripts.start", "", Kind::Script),
     field("scripts.end", "", Kind::Script),
     field("scripts.safe", "", Kind::Script),
+    field("scripts.recovery", "", Kind::Script),
 ];
 
 /// Checks every key by itself: all there, none unknown, each of its type and in its range.
@@ -177,8 +180,8 @@ pub(super) fn wrong(key: &str, found: &str, expected: String, origin: &Origin) -
 fn check_script(key: &str, value: &Value, origin: &Origin) -> Result<(), Error> {
     let lines = value.as_array().into_iter().flatten().filter_map(Value::as_str);
     for line in lines {
-        if let Some(name) = scripts::unknown_placeholder(line) {
-            let expected = format!("one of {{{}}}", scripts::PLACEHOLDERS.join("}, {"));
+        if let Some(name) = scripts::unknown_placeholder(key, line) {
+            let expected = format!("one of {{{}}}", scripts::placeholders(key).join("}, {"));
             return Err(wrong(key, &format!("{{{name}}} in {line:?}"), expected, origin));
         }
     }

@@ -1,19 +1,49 @@
 //! The placeholders of a profile's scripts.
 
-use super::Profile;
+use super::{Dialect, Profile};
 
 /// The names that may stand in braces.
-pub(super) const PLACEHOLDERS: &[&str] =
-    &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm", "park_z_mm"];
+const PLACEHOLDERS: &[&str] = &["hotend_c", "bed_c", "bed_x_mm", "bed_y_mm", "bed_z_mm", "park_z_mm"];
+
+/// The names that may stand in braces where a print goes on.
+const RESUME_PLACEHOLDERS: &[&str] = &[
+    "bed_x_mm",
+    "bed_y_mm",
+    "bed_z_mm",
+    "resume_x_mm",
+    "resume_y_mm",
+    "resume_z_mm",
+    "resume_clear_z_mm",
+    "resume_hotend_c",
+    "resume_bed_c",
+];
+
+/// Where and how warm a print goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResumePoint {
+    /// Where it goes on, mm.
+    pub xyz_mm: [f64; 3],
+    /// A height above all that is printed, mm.
+    pub clear_z_mm: f64,
+    /// Nozzle, °C.
+    pub hotend_c: f64,
+    /// Bed, °C.
+    pub bed_c: f64,
+}
+
+/// The names that may stand in braces in a script.
+pub(super) fn placeholders(key: &str) -> &'static [&'static str] {
+    if key == "scripts.recovery" { RESUME_PLACEHOLDERS } else { PLACEHOLDERS }
+}
 
 /// How far above the part the nozzle is parked, mm.
 const PARK_ABOVE_MM: f64 = 5.0;
 
-/// The first name in braces that is none of [`PLACEHOLDERS`]; an unclosed brace counts as one.
-pub(super) fn unknown_placeholder(line: &str) -> Option<&str> {
+/// The first name in braces that is none of [`placeholders`]; an unclosed brace counts as one.
+pub(super) fn unknown_placeholder<'a>(key: &str, line: &'a str) -> Option<&'a str> {
     line.split('{').skip(1).find_map(|rest| {
         let name = rest.split('}').next().unwrap_or(rest);
-        let known = rest.contains('}') && PLACEHOLDERS.contains(&name);
+        let known = rest.contains('}') && placeholders(key).contains(&name);
         (!known).then_some(name)
     })
 }
@@ -35,6 +65,56 @@ impl Profile {
     #[must_use]
     pub fn safe_gcode(&self) -> Vec<String> {
         self.fill(&self.scripts.safe, 0.0)
+    }
+
+    /// The script before a print goes on after a reset, with its placeholders filled in.
+    #[must_use]
+    pub fn recovery_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        let rounded = |mm: f64| ((mm * 1e3).round() / 1e3).to_string();
+        let [bed_x_mm, bed_y_mm, bed_z_mm] = self.machine.bed_mm;
+        let values = [
+            ("{bed_x_mm}", bed_x_mm.to_string()),
+            ("{bed_y_mm}", bed_y_mm.to_string()),
+            ("{bed_z_mm}", bed_z_mm.to_string()),
+            ("{resume_x_mm}", rounded(at.xyz_mm[0])),
+            ("{resume_y_mm}", rounded(at.xyz_mm[1])),
+            ("{resume_z_mm}", rounded(at.xyz_mm[2])),
+            ("{resume_clear_z_mm}", rounded(at.clear_z_mm.min(bed_z_mm))),
+            ("{resume_hotend_c}", at.hotend_c.to_string()),
+            ("{resume_bed_c}", at.bed_c.to_string()),
+        ];
+        let filled = |line: &String| {
+            values.iter().fold(line.trim().to_owned(), |line, (name, value)| line.replace(name, value))
+        };
+        self.scripts.recovery.iter().map(filled).collect()
+    }
+
+    /// What makes the firmware itself switch the heaters off when nobody has spoken to it for `orphan_hold_s`; nothing where
+    /// it has no such time-out.
+    #[must_use]
+    pub fn orphan_gcode(&self) -> Option<String> {
+        let hold_s = self.firmware.orphan_hold_s.ceil();
+        match self.firmware.dialect {
+            _ if hold_s <= 0.0 || !self.firmware.orphan_guard => None,
+            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => Some(format!("M85 S{hold_s}")),
+            Dialect::Klipper => Some(format!("SET_IDLE_TIMEOUT TIMEOUT={hold_s}")),
+            Dialect::RepRapFirmware | Dialect::Smoothie => None,
+        }
+    }
+
+    /// What takes [`Self::orphan_gcode`] back at the end of a job.
+    #[must_use]
+    pub fn orphan_end_gcode(&self) -> Option<String> {
+        // Klipper's own time-out stays: a printer that is done goes off as well.
+        self.orphan_pause_gcode().filter(|_| self.firmware.dialect != Dialect::Klipper)
+    }
+
+    /// What takes it back while the operator has paused the print.
+    #[must_use]
+    pub fn orphan_pause_gcode(&self) -> Option<String> {
+        self.orphan_gcode()?;
+        let is_klipper = self.firmware.dialect == Dialect::Klipper;
+        Some(if is_klipper { "SET_IDLE_TIMEOUT TIMEOUT=604800" } else { "M85 S0" }.to_owned())
     }
 
     fn fill(&self, script: &[String], top_mm: f64) -> Vec<String> {

@@ -8,18 +8,19 @@ use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
-use crate::app::settings::{Fault, SIMULATED_PORT, SettingError};
+use crate::app::settings::{DEFAULT_PROFILE, Fault, SIMULATED_PORT, SettingError};
 use crate::ct::Warning;
+use crate::printer::ask::{self, Found};
+use crate::printer::device::{self, Device};
 use crate::printer::driver::{self, PrintEvent};
 use crate::printer::job::Job;
-use crate::printer::protocol::{self, Stats};
+use crate::printer::paper::{self, Paper};
+use crate::printer::protocol::{self, Stats, Temperatures};
 use crate::printer::sim::{Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
 use crate::profile::{self, Profile};
 use crate::progress::{Cancelled, Task};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use tokio::sync::mpsc;
 
@@ -35,8 +36,10 @@ const EVENT_QUEUE: usize = 256;
 pub struct Printed {
     /// Whether the printer was the simulated one.
     pub simulated: bool,
-    /// Lines of the job, each executed once.
+    /// Lines of the job, each executed once but for the next ones.
     pub n_lines: u64,
+    /// Lines that may have been executed twice, because the print went on after a reset.
+    pub n_twice_at_most: u64,
     /// From the first byte to the printer's word that all is executed, s.
     pub elapsed_s: f64,
     /// What happened on the wire.
@@ -46,7 +49,11 @@ pub struct Printed {
 impl std::fmt::Display for Printed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let rate = self.n_lines as f64 / self.elapsed_s.max(1e-3);
-        write!(f, "{} lines, each executed once, {rate:.0} lines/s", self.n_lines)?;
+        write!(f, "{} lines, each executed once", self.n_lines)?;
+        if self.n_twice_at_most > 0 {
+            write!(f, " but for up to {} before the reset, perhaps twice", self.n_twice_at_most)?;
+        }
+        write!(f, ", {rate:.0} lines/s")?;
         if self.wire.n_resends > 0 {
             write!(f, ", {} refused on the wire and sent again", self.wire.n_resends)?;
         }
@@ -127,12 +134,37 @@ impl Session<'_> {
         Ok(path.exists() && !read_json::<Kept>(&path)?.simulated)
     }
 
+    /// Goes on with the print of the job where it broke off, on the port of that print unless the case now names another real one.
+    ///
+    /// # Errors
+    /// [`Error`] where nothing is known of a print, and as [`Session::print_again`].
+    pub fn resume_print(&mut self, baud: Option<u32>, after_reset: bool) -> Result<(), Error> {
+        self.require(Stage::Slice)?;
+        let profile = self.profile()?;
+        let made_from = self.made_from(Stage::Print)?;
+        let manner = Manner::Resume { after_reset };
+        let because_of = vec!["resumed".to_owned()];
+        self.redo(Stage::Print, &made_from, because_of, |session, task| {
+            session.do_print(&profile, baud, manner, task)
+        })
+    }
+
     fn print_job(&self, profile: &Profile, baud: Option<u32>, task: &Task<'_>) -> Result<Made, Error> {
+        self.do_print(profile, baud, Manner::FromTheBeginning, task)
+    }
+
+    fn do_print(
+        &self,
+        profile: &Profile,
+        baud: Option<u32>,
+        manner: Manner,
+        task: &Task<'_>,
+    ) -> Result<Made, Error> {
         let staging = self.case.staging()?;
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
-        let order =
-            Order { job: &job, profile, port: &self.settings().port, baud, record: record.as_deref() };
+        let (port, profile_name) = (&self.settings().port, &self.settings().profile);
+        let order = Order { job: &job, profile, profile_name, port, baud, record: record.as_deref(), manner };
         let printed = order.print(task, &self.context)?;
         staging.write(PRINT_FILE, &to_json(&printed))?;
         Ok(Made { staging, summary: printed.to_string(), warnings: printed.warnings() })
@@ -168,8 +200,100 @@ pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Re
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
-    let order = Order { job, profile: &profile, port, baud, record: None };
+    let manner = Manner::FromTheBeginning;
+    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
     order.print(&task, context).map_err(Error::or_interrupted)
+}
+
+/// Goes on with the print of a file where it broke off; what is not named is as it was then.
+///
+/// # Errors
+/// [`Error`] where nothing is known of a print, where profile, file or port cannot be used, or where it cannot go on.
+pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+    let log = paper::log_of(job)?;
+    let profile_name = printer.profile_name.unwrap_or(&log.machine.profile);
+    let known_port = log.machine.device.as_deref().unwrap_or(&log.machine.port);
+    let port = printer.port.unwrap_or(known_port);
+    let profile = profile::load::by_name(profile_name)?;
+    check_real(port)?;
+    check_printer(&profile, profile_name, port, printer.baud)?;
+    let events = context.events;
+    let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
+    let task = Task::new(&sink, context.cancel.clone());
+    events(Event::Started(Stage::Print));
+    let manner = Manner::Resume { after_reset: printer.after_reset };
+    let baud = printer.baud;
+    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
+    order.print(&task, context).map_err(Error::or_interrupted)
+}
+
+/// Switches the heaters of a printer off.
+///
+/// # Errors
+/// [`Error`] where profile or port cannot be used, where nothing answers, or where they stay on.
+pub fn safe_off(printer: Printer<'_>) -> Result<Temperatures, Error> {
+    let profile = profile::load::by_name(printer.profile_name)?;
+    check_real(printer.port)?;
+    check_printer(&profile, printer.profile_name, printer.port, printer.baud)?;
+    runtime()?.block_on(async {
+        let firmware = paper::undisturbed(&profile);
+        let link = serial::open(Path::new(printer.port), &firmware, printer.baud).await?;
+        Ok(ask::safe_off(link, &profile).await?)
+    })
+}
+
+/// Asks the printer on a port which firmware it has.
+///
+/// # Errors
+/// [`Error`] where the port cannot be used, or where nothing answers.
+pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
+    let profile = profile::builtin(DEFAULT_PROFILE)?;
+    check_real(port)?;
+    check_printer(&profile, DEFAULT_PROFILE, port, baud)?;
+    let rates = baud.map_or(COMMON_RATES.to_vec(), |baud| vec![baud]);
+    runtime()?.block_on(async {
+        let mut last = None;
+        for rate in rates {
+            let link = serial::open(Path::new(port), &paper::undisturbed(&profile), Some(rate)).await?;
+            match ask::detect(link, &profile).await {
+                Err(error) if error.code() == "printer.no_answer" => last = Some(error),
+                found => return Ok(found?),
+            }
+        }
+        Err(last.map_or_else(|| Error::Runtime(std::io::ErrorKind::InvalidInput.into()), Error::from))
+    })
+}
+
+/// Rates that boards come with.
+const COMMON_RATES: [u32; 2] = [115_200, 250_000];
+
+/// One thread: what the port says is then heard without waking another one.
+fn runtime() -> Result<tokio::runtime::Runtime, Error> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Error::Runtime)
+}
+
+/// The printer that a print is to go on with; what is missing is as it was.
+#[derive(Debug, Clone, Copy)]
+pub struct ResumePrinter<'a> {
+    /// A name, or the path of a profile file.
+    pub profile_name: Option<&'a str>,
+    /// A path.
+    pub port: Option<&'a str>,
+    /// Rate of the wire instead of the profile's, 1/s.
+    pub baud: Option<u32>,
+    /// Whether it may go on after a reset, by recovery moves.
+    pub after_reset: bool,
+}
+
+/// The simulated printer ends with the program that started it.
+fn check_real(port: &str) -> Result<(), SettingError> {
+    if port != SIMULATED_PORT {
+        return Ok(());
+    }
+    let expected = "the port of a real printer, or the link of a running hil-sim";
+    let fault =
+        Fault { found: format!("{SIMULATED_PORT}, which ends with every print"), expected: expected.into() };
+    Err(SettingError { name: std::borrow::Cow::Borrowed("port"), fault })
 }
 
 /// Says early what starting the print would say late.
@@ -177,7 +301,8 @@ fn check_printer(profile: &Profile, named: &str, port: &str, baud: Option<u32>) 
     if port == SIMULATED_PORT {
         return check_simulated(profile, named, baud).map_err(Error::from);
     }
-    if Path::new(port).exists() {
+    let is_plugged_in = Device::named(port).is_some_and(|device| device::path_of(&device).is_some());
+    if is_plugged_in || Path::new(port).exists() {
         return Ok(());
     }
     Err(printer::Error::Open { port: port.to_owned(), problem: PortProblem::Missing }.into())
@@ -205,10 +330,20 @@ fn check_simulated(profile: &Profile, named: &str, baud: Option<u32>) -> Result<
     }
 }
 
+/// How a print is begun.
+#[derive(Debug, Clone, Copy)]
+enum Manner {
+    FromTheBeginning,
+    Resume { after_reset: bool },
+}
+
 /// A print to be done.
 struct Order<'a> {
     job: &'a Path,
+    manner: Manner,
     profile: &'a Profile,
+    /// The profile as it was named.
+    profile_name: &'a str,
     port: &'a str,
     /// Rate of the wire instead of the profile's.
     baud: Option<u32>,
@@ -218,24 +353,35 @@ struct Order<'a> {
 
 impl Order<'_> {
     fn print(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
-        let job = Job::from_file(self.job, &self.profile.firmware).map_err(printer::Error::from)?;
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-        let runtime = runtime.map_err(Error::Runtime)?;
-        runtime.block_on(async {
+        runtime()?.block_on(async {
             if self.port == SIMULATED_PORT {
-                self.print_simulated(job, task, context).await
+                self.print_simulated(task, context).await
             } else {
-                self.print_on(job, Path::new(self.port), task, context).await
+                let paper = Paper {
+                    job: self.job,
+                    profile: self.profile,
+                    profile_name: self.profile_name,
+                    port: self.port,
+                    baud: self.baud,
+                };
+                let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
+                let printing = async {
+                    let sender = sender;
+                    match self.manner {
+                        Manner::FromTheBeginning => paper.print(&sender, &context.cancel).await,
+                        Manner::Resume { after_reset } => {
+                            paper.resume(after_reset, &sender, &context.cancel).await
+                        }
+                    }
+                };
+                self.printed(tokio::join!(printing, show(receiver, task, context)).0)
             }
         })
     }
 
-    async fn print_simulated(
-        &self,
-        job: Job<BufReader<File>>,
-        task: &Task<'_>,
-        context: &Context<'_>,
-    ) -> Result<Printed, Error> {
+    async fn print_simulated(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+        check_resumable(self.manner)?;
+        let job = Job::from_file(self.job, &self.profile.firmware).map_err(printer::Error::from)?;
         let options = Options {
             program: std::env::current_exe().map_err(Error::Runtime)?,
             leading_args: vec!["hil-sim".into()],
@@ -244,37 +390,39 @@ impl Order<'_> {
             ..Options::default()
         };
         let simulator = Simulator::start(&options).await?;
-        let port = simulator.port().to_owned();
-        let order = Order { profile: &options.profile_for(self.profile), ..*self };
-        let printed = order.print_on(job, &port, task, context).await;
+        let mut profile = options.profile_for(self.profile);
+        // A process that has ended never comes back.
+        profile.firmware.orphan_hold_s = 0.0;
+        let link = serial::open(simulator.port(), &profile.firmware, self.baud).await?;
+        let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
+        let printing = async {
+            let sender = sender;
+            driver::print(job, link, &profile, &sender, &context.cancel).await
+        };
+        let printed = self.printed(tokio::join!(printing, show(receiver, task, context)).0);
         // Ctrl-C reaches the simulator too: that its port then vanishes leaves nothing hot.
         let printed = printed.map_err(|e| if task.check().is_err() { Cancelled.into() } else { e })?;
         simulator.finish().await?;
         Ok(printed)
     }
 
-    async fn print_on(
-        &self,
-        job: Job<BufReader<File>>,
-        port: &Path,
-        task: &Task<'_>,
-        context: &Context<'_>,
-    ) -> Result<Printed, Error> {
-        let link = serial::open(port, &self.profile.firmware, self.baud).await?;
-        let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
-        let cancel = context.cancel.clone();
-        let printing = async {
-            let sender = sender;
-            driver::print(job, link, self.profile, &sender, &cancel).await
-        };
-        let (printed, ()) = tokio::join!(printing, show(receiver, task, context));
+    fn printed(&self, printed: Result<driver::Printed, printer::Error>) -> Result<Printed, Error> {
         let printed = printed?;
         Ok(Printed {
             simulated: self.port == SIMULATED_PORT,
             n_lines: printed.n_lines,
+            n_twice_at_most: printed.n_twice,
             elapsed_s: printed.elapsed.as_secs_f64(),
             wire: printed.stats,
         })
+    }
+}
+
+/// A print on the simulated printer that ends with the program cannot be resumed.
+fn check_resumable(manner: Manner) -> Result<(), SettingError> {
+    match manner {
+        Manner::FromTheBeginning => Ok(()),
+        Manner::Resume { .. } => check_real(SIMULATED_PORT),
     }
 }
 
@@ -284,6 +432,18 @@ async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: 
     while let Some(event) = events.recv().await {
         match event {
             PrintEvent::Progress { n_lines_done, n_lines } => task.report(n_lines_done, n_lines),
+            PrintEvent::PortLost { hold } => note(format!(
+                "the port vanished: check the cable; the print goes on by itself within {} s, the heaters may be on",
+                hold.as_secs()
+            )),
+            PrintEvent::WentOn { n_lines_done } => {
+                note(format!("goes on exactly behind line {n_lines_done}"))
+            }
+            PrintEvent::JournalFailed(why) => {
+                note(format!(
+                    "the journal cannot be written ({why}): the print goes on, but could not be resumed"
+                ));
+            }
             PrintEvent::Session(protocol::Event::Busy(what)) => note(format!("printer: {what}")),
             PrintEvent::Session(protocol::Event::Action(what)) => note(format!("printer asks: {what}")),
             PrintEvent::Session(other) => tracing::debug!("printer: {other:?}"),

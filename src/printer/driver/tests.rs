@@ -66,8 +66,9 @@ async fn printed(
 ) -> (Result<Printed, Error>, Vec<String>, Vec<PrintEvent>) {
     let mut profile = crate::profile::builtin("marlin").unwrap();
     profile.firmware.response_timeout_s = 0.1;
+    profile.firmware.orphan_hold_s = 0.0;
     let (ours, theirs) = tokio::io::duplex(4096);
-    let link = NamedLink { name: "/dev/test".to_owned(), stream: ours };
+    let link = NamedLink::new("/dev/test", ours);
     let (sender, mut events) = mpsc::channel(16);
     let listener = tokio::spawn(async move {
         let mut heard = Vec::new();
@@ -148,7 +149,7 @@ async fn a_listener_that_left_does_not_stop_the_print() {
     let (sender, events) = mpsc::channel(1);
     drop(events);
     let printer = tokio::spawn(firmware(theirs, Manner::Proper));
-    let link = NamedLink { name: "x".to_owned(), stream: ours };
+    let link = NamedLink::new("x", ours);
     let result = print(job(100, &profile), link, &profile, &sender, &CancelToken::default()).await;
     assert_eq!(result.unwrap().n_lines, 100);
     printer.await.unwrap();
@@ -160,7 +161,7 @@ async fn a_listener_that_does_not_listen_does_not_stop_the_print() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let (sender, mut events) = mpsc::channel(1);
     let printer = tokio::spawn(firmware(theirs, Manner::Proper));
-    let link = NamedLink { name: "x".to_owned(), stream: ours };
+    let link = NamedLink::new("x", ours);
     let result = print(job(100, &profile), link, &profile, &sender, &CancelToken::default()).await;
     assert!(result.is_ok());
     assert_eq!(events.recv().await, Some(PrintEvent::Session(Event::Connected)));

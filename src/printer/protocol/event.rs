@@ -1,7 +1,7 @@
 //! What the core tells its owner.
 
 use super::fault::Fault;
-use super::reply::Temperatures;
+use super::reply::{Position, Temperatures};
 
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,6 +10,14 @@ pub enum Event {
     Connected,
     /// New temperatures.
     Temperatures(Temperatures),
+    /// The printer answers, and named the last line that it has; without a number where it counts none.
+    Found(Option<u64>),
+    /// What was asked is answered: where it is.
+    Position(Position),
+    /// What was asked is answered: which firmware it is.
+    Firmware(String),
+    /// The answer to what was asked is complete.
+    Answered,
     /// The firmware's long command goes on; its own word.
     Busy(String),
     /// The printer wishes something (`//action:`).
@@ -66,9 +74,32 @@ pub struct Stats {
     pub n_unknown_lines: u64,
 }
 
+impl Stats {
+    /// The numbers of two sessions of one print.
+    #[must_use]
+    pub const fn plus(self, other: Self) -> Self {
+        Self {
+            n_lines_sent: self.n_lines_sent + other.n_lines_sent,
+            n_resends: self.n_resends + other.n_resends,
+            n_echoes: self.n_echoes + other.n_echoes,
+            n_doubtful_resends: self.n_doubtful_resends + other.n_doubtful_resends,
+            n_probes: self.n_probes + other.n_probes,
+            n_lost_oks: self.n_lost_oks + other.n_lost_oks,
+            n_foreign_commands: self.n_foreign_commands + other.n_foreign_commands,
+            n_unknown_lines: self.n_unknown_lines + other.n_unknown_lines,
+        }
+    }
+}
+
 /// How far the job is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {
-    /// Lines of the job that the firmware has acknowledged.
+    /// Lines of the job that the firmware has acknowledged in this session.
     pub n_lines_done: u64,
+    /// The highest number of a line sent.
+    pub n_sent: u64,
+    /// The number of the last line acknowledged.
+    pub n_acked: u64,
+    /// Moves among the lines acknowledged that the planner may still hold, at most.
+    pub planner_pending: u32,
 }

@@ -27,6 +27,12 @@ pub enum Fault {
         /// What it said.
         text: String,
     },
+    /// A command was not executed, and nothing asks for it again.
+    #[error("the printer refused a command of the job: {text}")]
+    CommandRefused {
+        /// What it said.
+        text: String,
+    },
     /// Nothing was heard any more.
     #[error("the printer has been silent for {:.0} s; whether its heaters are on is unknown", after.as_secs_f64())]
     Silent {
@@ -71,6 +77,7 @@ impl Fault {
             Self::NoLineNumbers => "printer.no_line_numbers",
             Self::FirmwareReset => "printer.firmware_reset",
             Self::Halted { .. } => "printer.halted",
+            Self::CommandRefused { .. } => "printer.command_refused",
             Self::Silent { .. } => "printer.silent",
             Self::CommandTimeout { .. } => "printer.command_timeout",
             Self::ResendLimit { .. } => "printer.resend_limit",
@@ -86,7 +93,12 @@ impl Fault {
             Self::NoAnswer { is_garbled: true } => "check the baud rate of the profile",
             Self::NoAnswer { is_garbled: false } => "check that the printer is on and that this is its port",
             Self::NoLineNumbers => "choose the profile of the printer's firmware",
-            Self::FirmwareReset => "check the printer's power supply; the part cannot be continued safely",
+            Self::FirmwareReset => {
+                "check the printer's power supply; `lumenfab resume` says whether and where the part can be continued"
+            }
+            Self::CommandRefused { .. } => {
+                "correct the job or the printer's limits; a part with a move missing is no replica"
+            }
             Self::Halted { .. } => "look at the printer, put right what it reports, then reset it",
             Self::Silent { .. } => "switch the printer off if it is hot, then check it and the cable",
             Self::CommandTimeout { .. } => "look at the printer; heaters-off was sent",

@@ -12,6 +12,8 @@ pub enum Greeting {
     AwaitOk(u32),
     /// A probe was sent; it must be refused with `Last Line: 0`.
     AwaitProof(u32),
+    /// A probe was sent for the n-th time; its refusal names the last line of whoever was here before.
+    AwaitLast(u32),
 }
 
 /// A number that is not the next one.
@@ -47,6 +49,14 @@ impl Core {
         match (reply, greeting) {
             (Reply::Start, Greeting::AwaitStart) => self.greet(1),
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
+            (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
+            (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
+            // It takes no notice of a wrong number where it waits for a line: it is asked until it does.
+            (Reply::Skipped(_), Greeting::AwaitLast(tries)) => {
+                self.inquire_again(tries);
+                self.next_ok = self.after_refusal();
+            }
+            (Reply::Ok(ok), Greeting::AwaitLast(_)) => self.on_inquiry_ok(ok),
             // It is busy with what somebody else has left it: it answers when that is done.
             (Reply::Busy(_), _) => {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
@@ -55,11 +65,11 @@ impl Core {
             (Reply::LineRefused { reason, last }, _) => self.refused = Some((reason, last.0)),
             (Reply::Resend(number), Greeting::AwaitProof(tries)) => {
                 self.proof(tries, number.0);
-                self.next_ok = NextOk::EndsRefusal;
+                self.next_ok = self.after_refusal();
             }
             (Reply::Resend(_), Greeting::AwaitOk(tries)) => {
                 self.greet_again(tries);
-                self.next_ok = NextOk::EndsRefusal;
+                self.next_ok = self.after_refusal();
             }
             (Reply::Ok(_), Greeting::AwaitOk(tries)) => self.greeting_ok(tries),
             (Reply::Temperatures(temperatures), _) => {
@@ -101,7 +111,7 @@ impl Core {
     fn connected(&mut self) {
         self.timers.stop_all();
         self.next_ok =
-            if self.config.firmware.line_numbers { NextOk::EndsRefusal } else { NextOk::Acknowledges };
+            if self.config.firmware.line_numbers { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;
@@ -114,6 +124,7 @@ impl Core {
             State::Handshake(Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => {
                 self.greet_again(tries)
             }
+            State::Handshake(Greeting::AwaitLast(tries)) => self.inquire_again(tries),
             _ => {}
         }
     }
@@ -124,12 +135,16 @@ impl Core {
         } else if matches!(self.state, State::Handshake(Greeting::AwaitProof(_))) {
             self.fail(Fault::NoLineNumbers);
         } else {
-            self.fail(Fault::NoAnswer { is_garbled: self.stats.n_unknown_lines > 0 });
+            self.unanswered();
         }
     }
 
+    pub(super) fn unanswered(&mut self) {
+        self.fail(Fault::NoAnswer { is_garbled: self.stats.n_unknown_lines > 0 });
+    }
+
     /// Enough to outlast a board that boots, and a few more.
-    fn max_greetings(&self) -> u32 {
+    pub(super) fn max_greetings(&self) -> u32 {
         let during_boot = self.config.boot.as_secs_f64() / self.config.response.as_secs_f64();
         // Both are checked by the profile: the quotient is far below the limit of the type.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]

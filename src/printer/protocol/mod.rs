@@ -15,9 +15,9 @@
 //! - **Asking (the probe)** is a numbered line far ahead, which cannot be accepted: its refusal names the last line that
 //!   was. (Repeating an old line would not do: it may be answered by silence.) It is asked when nothing came for
 //!   [`Firmware::response_timeout_s`](crate::profile::Firmware::response_timeout_s), after anything doubtful, and at the end as the proof.
-//! - **A lost `ok`.** If the firmware has read everything but acknowledgements are missing, it may still be executing: a
-//!   firmware reads its port between commands, so it answers at most one probe for each command that it holds. One answer more than
-//!   its queue has slots, without any `ok` between, proves that nothing is left.
+//! - **A lost `ok`.** If the firmware has read everything but acknowledgements are missing, it may still be executing. So it is
+//!   asked for its temperatures, without a number: that waits in its queue behind all the rest, and the answer, which no other
+//!   line has, proves that nothing is left.
 //! - **Echoes.** Lines that were on their way behind a refused one are refused too, each with its own `Resend`, and each time the
 //!   receive buffer is emptied. So the refused line goes alone until it is acknowledged, with further copies on further
 //!   refusals: copies too many are passed over in silence.
@@ -39,6 +39,7 @@
 mod event;
 mod fault;
 mod greeting;
+mod inquiry;
 mod lines;
 mod recovery;
 mod reply;
@@ -50,8 +51,9 @@ mod wire;
 pub use event::{Event, Progress, Recovery, Stats};
 pub use fault::Fault;
 pub use greeting::Greeting;
+pub use inquiry::{Inquiry, Question};
 pub use lines::{LineSplitter, MAX_LINE_BYTES};
-pub use reply::{Acknowledgement, Heater, Refusal, Reply, Temperatures, parse};
+pub use reply::{Acknowledgement, Heater, Position, Refusal, Reply, Temperatures, parse};
 pub use time::{Instant, Timer};
 
 use crate::profile::{Profile, ResendStyle};
@@ -84,8 +86,20 @@ const CANCEL_LIMIT: Duration = Duration::from_secs(120);
 pub enum Command<'a> {
     /// The port is open: greet the printer.
     Connect,
-    /// Begin a job.
+    /// The port is open, and the printer may still hold lines of an earlier session: ask it for its last line, and change
+    /// nothing. No line of that session was numbered higher than `beyond`.
+    Inquire {
+        /// See above.
+        beyond: u64,
+    },
+    /// Ask something.
+    Ask(Question),
+    /// Begin a job: the profile's lines before it ([`Core::prelude`]), then the job's.
     Begin,
+    /// Go on with a job behind the line that the printer has named as its last.
+    GoOn,
+    /// A line of the host's own before the next one of the job. Only while [`Core::wants_line`].
+    HostLine(&'a str),
     /// The next line of the job, without number, checksum or line end. Only while [`Core::wants_line`].
     Line(&'a str),
     /// The job has no more lines.
@@ -119,6 +133,8 @@ pub enum State {
     Handshake(Greeting),
     /// Ready for a job.
     Idle,
+    /// An answer is awaited.
+    Asking(Inquiry),
     /// Lines are sent.
     Streaming,
     /// All lines are given; the proof that they are executed is awaited.
@@ -141,6 +157,7 @@ impl State {
             Self::Disconnected => "disconnected",
             Self::Handshake(_) => "greeting the printer",
             Self::Idle => "idle",
+            Self::Asking(_) => "asking the printer",
             Self::Streaming => "printing",
             Self::Finishing => "finishing",
             Self::Pausing => "pausing",
@@ -169,7 +186,11 @@ struct Config {
     response: Duration,
     slow_command: Duration,
     boot: Duration,
+    prelude: Vec<String>,
+    postlude: Vec<String>,
     safe: Vec<String>,
+    /// Set and take back the firmware's time-out for hosts that are gone.
+    guard: Option<[String; 2]>,
 }
 
 /// The line whose acknowledgement is awaited.
@@ -205,7 +226,44 @@ pub struct Core {
     /// `ok` with line numbers were seen: one without belongs to none of our lines.
     is_advanced: bool,
     n_emergencies_owed: u32,
+    planner: Planner,
     stats: Stats,
+}
+
+/// How many of the moves acknowledged the firmware may still have before it, as far as it says so (ADVANCED_OK).
+#[derive(Debug, Clone, Copy)]
+struct Planner {
+    /// Places in its ring, one less than which it can hold.
+    places: u32,
+    free: Option<u32>,
+}
+
+impl Planner {
+    fn heard(&mut self, free: u32) {
+        self.places = self.places.max(free.saturating_add(1));
+        self.free = Some(free);
+    }
+
+    const fn pending(self) -> u32 {
+        match self.free {
+            Some(free) => self.places - 1 - free,
+            None => self.places,
+        }
+    }
+}
+
+/// Temperature reports, and the firmware's own time-out that switches the heaters off when nobody speaks to it any more.
+fn prelude_of(profile: &Profile) -> Vec<String> {
+    let every_s = profile.firmware.temperature_report_s;
+    let reports = (every_s > 0.0).then(|| format!("M155 S{}", every_s.ceil()));
+    reports.into_iter().chain(profile.orphan_gcode()).collect()
+}
+
+/// A numbered line after the last one of the job: without it a damaged number there would go unnoticed. Then what the prelude
+/// has set is taken back.
+fn postlude_of(profile: &Profile) -> Vec<String> {
+    let reports = (profile.firmware.temperature_report_s > 0.0).then(|| "M155 S0".to_owned());
+    std::iter::once("M400".to_owned()).chain(reports).chain(profile.orphan_end_gcode()).collect()
 }
 
 impl Core {
@@ -217,12 +275,19 @@ impl Core {
             response: Duration::from_secs_f64(firmware.response_timeout_s),
             slow_command: Duration::from_secs_f64(firmware.slow_command_timeout_s),
             boot: Duration::from_secs_f64(firmware.boot_timeout_s),
+            prelude: prelude_of(profile),
+            postlude: postlude_of(profile),
             safe: profile.safe_gcode(),
+            guard: profile.orphan_gcode().zip(profile.orphan_pause_gcode()).map(|(set, clear)| [set, clear]),
             firmware,
         };
         Self {
             state: State::Disconnected,
             wire: Wire::new(&config.firmware),
+            planner: Planner {
+                places: u32::try_from(config.firmware.planner_moves).unwrap_or(u32::MAX),
+                free: None,
+            },
             config,
             urgent: VecDeque::new(),
             out: String::new(),
@@ -257,7 +322,18 @@ impl Core {
     /// How far the job is.
     #[must_use]
     pub fn progress(&self) -> Progress {
-        Progress { n_lines_done: self.wire.acked_job_lines() }
+        Progress {
+            n_lines_done: self.wire.acked_job_lines(),
+            n_sent: self.wire.highest(),
+            n_acked: self.wire.acked(),
+            planner_pending: self.planner.pending(),
+        }
+    }
+
+    /// What a session sends before the lines of the job.
+    #[must_use]
+    pub fn prelude(&self) -> &[String] {
+        &self.config.prelude
     }
 
     /// Whether the next line of the job may be given.
@@ -275,6 +351,7 @@ impl Core {
             State::Disconnected => {}
             State::Faulted(_) => self.events.push_back(Event::Message(line.to_owned())),
             State::Handshake(greeting) => self.greeting_reply(greeting, reply, line),
+            State::Asking(inquiry) => self.inquiry_reply(inquiry, reply, line),
             _ => self.session_reply(reply, line),
         }
         self.settle();
@@ -288,17 +365,26 @@ impl Core {
         self.now = now;
         match (command, &self.state) {
             (Command::Connect, State::Disconnected) => self.connect(),
+            (Command::Inquire { beyond }, State::Disconnected) => self.inquire(beyond),
+            (Command::Ask(question), State::Idle) => self.put(question, 1),
             (Command::Begin, State::Idle) => self.begin(),
+            (Command::GoOn, State::Idle) => self.state = State::Streaming,
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
+            (Command::HostLine(text), State::Streaming) => self.wire.push(text, Origin::Host),
             (Command::EndOfJob, State::Streaming) => self.end_job(),
-            (Command::Pause, State::Streaming) => self.state = State::Pausing,
+            // All lines may be given long before they are sent.
+            (Command::Pause, State::Streaming | State::Finishing) => self.state = State::Pausing,
             (Command::Pause, State::Pausing | State::Paused) => {}
             (Command::Resume, State::Pausing | State::Paused) => {
-                self.state = State::Streaming;
+                if self.state == State::Paused {
+                    self.guard(true);
+                }
+                self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
                 self.events.push_back(Event::Resumed);
             }
-            (Command::Resume, State::Streaming) | (Command::Cancel, State::Cancelling) => {}
-            (Command::Cancel, State::Idle | State::Handshake(_)) => {
+            (Command::Resume, State::Streaming | State::Finishing) | (Command::Cancel, State::Cancelling) => {
+            }
+            (Command::Cancel, State::Idle | State::Handshake(_) | State::Asking(_)) => {
                 self.state = State::Idle;
                 self.timers.stop_all();
                 self.events.push_back(Event::Cancelled);
@@ -317,13 +403,22 @@ impl Core {
         Ok(())
     }
 
+    /// Gives up for a reason that the owner has found; heaters-off is queued as for any fault.
+    pub fn give_up(&mut self, now: Instant, fault: Fault) {
+        self.now = now;
+        self.fail(fault);
+    }
+
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
         while let Some(timer) = self.timers.expired(now) {
             match timer {
                 Timer::Response => self.ask(),
-                Timer::Handshake => self.greeting_timeout(),
+                Timer::Handshake => match self.state {
+                    State::Asking(inquiry) => self.inquiry_timeout(inquiry),
+                    _ => self.greeting_timeout(),
+                },
                 Timer::Silence => self.fail(Fault::Silent { after: now.since(self.heard_or_sent()) }),
                 Timer::Command => self.command_timeout(),
             }
@@ -334,7 +429,7 @@ impl Core {
     /// The port is gone.
     pub fn handle_disconnect(&mut self, now: Instant) {
         self.now = now;
-        if self.state.has_job() || matches!(self.state, State::Handshake(_)) {
+        if self.state.has_job() || matches!(self.state, State::Handshake(_) | State::Asking(_)) {
             self.fail(Fault::LinkLost);
         } else if !matches!(self.state, State::Faulted(_)) {
             self.state = State::Disconnected;
@@ -381,8 +476,10 @@ impl Core {
     fn refuse(&self, command: Command<'_>) -> Refused {
         let command = match command {
             Command::Connect => "connecting",
+            Command::Inquire { .. } | Command::Ask(_) => "asking the printer",
             Command::Begin => "beginning a job",
-            Command::Line(_) => "sending a line",
+            Command::GoOn => "going on with a job",
+            Command::Line(_) | Command::HostLine(_) => "sending a line",
             Command::EndOfJob => "ending the job",
             Command::Pause => "pausing",
             Command::Resume => "resuming",
@@ -394,18 +491,24 @@ impl Core {
 
     fn begin(&mut self) {
         self.state = State::Streaming;
-        let every_s = self.config.firmware.temperature_report_s;
-        if every_s > 0.0 {
-            self.wire.push(&format!("M155 S{}", every_s.ceil()), Origin::Host);
+        for line in &self.config.prelude {
+            self.wire.push(line, Origin::Host);
         }
     }
 
-    /// A numbered line after the last one of the job: without it a damaged number there would go unnoticed.
     fn end_job(&mut self) {
         self.state = State::Finishing;
-        self.wire.push("M400", Origin::Host);
-        if self.config.firmware.temperature_report_s > 0.0 {
-            self.wire.push("M155 S0", Origin::Host);
+        for line in &self.config.postlude {
+            self.wire.push(line, Origin::Host);
+        }
+        self.wire.end();
+    }
+
+    /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.
+    fn guard(&mut self, is_set: bool) {
+        if let Some([set, clear]) = &self.config.guard {
+            self.urgent.push_back(format!("{}\n", if is_set { set } else { clear }));
+            self.next_ok = NextOk::EndsRefusal;
         }
     }
 
@@ -450,17 +553,32 @@ impl Core {
                     self.ask();
                 }
             }
-            Reply::Temperatures(temperatures) => self.events.push_back(Event::Temperatures(temperatures)),
+            Reply::Temperatures(temperatures) => {
+                self.events.push_back(Event::Temperatures(temperatures));
+                self.on_temperatures();
+            }
             Reply::Start if self.state.has_job() => self.fail(Fault::FirmwareReset),
             Reply::Start => self.greet(1),
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
             Reply::UnknownCommand(text) => self.on_unknown_command(text, line),
             Reply::Action(action) => self.on_action(action),
-            Reply::Error(_) => self.events.push_back(Event::Message(line.to_owned())),
-            Reply::Unknown(_) => {
+            Reply::Skipped(_) => self.next_ok = NextOk::EndsRefusal,
+            Reply::Error(text) => self.on_error(text, line),
+            Reply::Position(_) | Reply::Firmware(_) | Reply::Unknown(_) => {
                 self.stats.n_unknown_lines += 1;
                 self.events.push_back(Event::Message(line.to_owned()));
             }
+        }
+    }
+
+    /// Without numbers a command that is refused is lost: nothing asks for it again.
+    fn on_error(&mut self, text: &str, line: &str) {
+        self.events.push_back(Event::Message(line.to_owned()));
+        // A machine that has lost its place makes no move; the rest of the job would be laid where it does not belong.
+        let is_lost = text.contains("homed") || text.contains("home axis");
+        let is_refusal = !self.config.firmware.line_numbers && line.starts_with("!!");
+        if (is_refusal || is_lost) && self.wire.in_flight() > 0 {
+            self.fail(Fault::CommandRefused { text: text.to_owned() });
         }
     }
 
@@ -477,7 +595,8 @@ impl Core {
 
     fn on_action(&mut self, action: &str) {
         self.events.push_back(Event::Action(action.to_owned()));
-        let command = match action {
+        // What follows the word is why: `pause filament_runout 0`.
+        let command = match action.split_ascii_whitespace().next().unwrap_or_default() {
             "pause" | "paused" => Command::Pause,
             "resume" | "resumed" => Command::Resume,
             "cancel" => Command::Cancel,
@@ -502,6 +621,7 @@ impl Core {
         match self.state {
             State::Pausing if is_drained => {
                 self.state = State::Paused;
+                self.guard(false);
                 self.events.push_back(Event::Paused);
             }
             State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
@@ -523,7 +643,7 @@ impl Core {
     /// Sets the session's timers anew from what is owed.
     fn arm(&mut self) {
         if !self.state.has_job() || (self.oldest.is_none() && self.probe.is_none()) {
-            if !matches!(self.state, State::Handshake(_)) {
+            if !matches!(self.state, State::Handshake(_) | State::Asking(_)) {
                 self.timers.stop_all();
             }
             return;

@@ -1,9 +1,14 @@
 //! What is done about answers that are missing, damaged, doubled or not meant for us.
 
+use crate::profile::Dialect;
+
 use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle, State};
 
 /// A line that is refused so often in a row does not get through.
 const MAX_TRIES: u32 = 40;
+
+/// So many `ok` of damaged lines may be taken for ours.
+const FALSE_OKS: u64 = 8;
 
 /// What the next `ok` means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -33,10 +38,16 @@ pub(super) struct Rewind {
 pub(super) struct Probe {
     /// How often, in this attempt.
     pub(super) tries: u32,
-    /// Answers in a row that said "everything is read", without an `ok` between.
-    answers: u32,
     /// Answers that could not be used.
     garbled: u32,
+    /// Everything is read, and it is asked for temperatures: it answers behind all that it still has to do.
+    is_in_order: bool,
+}
+
+impl Probe {
+    const fn new(is_in_order: bool) -> Self {
+        Self { tries: 1, garbled: 0, is_in_order }
+    }
 }
 
 impl Core {
@@ -44,13 +55,17 @@ impl Core {
     pub(super) fn ask(&mut self) {
         match &mut self.probe {
             Some(probe) => probe.tries += 1,
-            None => self.probe = Some(Probe { tries: 1, answers: 0, garbled: 0 }),
+            None => self.probe = Some(Probe::new(false)),
         }
         self.stats.n_probes += 1;
         self.quiet_since = self.now;
         // What was sent last may have lost its line feed.
         let mut text = "\n".to_owned();
-        self.wire.write_probe(&mut text);
+        if self.probe.is_some_and(|probe| probe.is_in_order) {
+            text.push_str("M105\n");
+        } else {
+            self.wire.write_probe(&mut text);
+        }
         self.urgent.push_back(text);
     }
 
@@ -68,15 +83,25 @@ impl Core {
     }
 
     pub(super) fn on_unknown_command(&mut self, text: &str, line: &str) {
-        if !self.wire.is_in_flight(text) {
-            self.next_ok = NextOk::EndsForeignCommand;
-        }
         self.events.push_back(Event::Message(line.to_owned()));
+        if self.wire.is_in_flight(text) {
+            return;
+        }
+        if self.config.firmware.line_numbers {
+            self.next_ok = NextOk::EndsForeignCommand;
+        } else if self.wire.in_flight() > 0 {
+            // A line of ours, damaged: it was not executed, and nothing asks for it again.
+            self.fail(Fault::CommandRefused { text: line.to_owned() });
+        }
     }
 
     pub(super) fn on_ok(&mut self, ok: Acknowledgement) {
         if let Some(temperatures) = ok.temperatures {
             self.events.push_back(Event::Temperatures(temperatures));
+        }
+        if ok.temperatures.is_some() && self.probe.is_some_and(|probe| probe.is_in_order) {
+            self.all_done();
+            return;
         }
         let lone_refusal = self.refused.take().is_some();
         match std::mem::take(&mut self.next_ok) {
@@ -109,12 +134,31 @@ impl Core {
             }
             None => self.wire.ack_oldest(),
         };
+        if let Some(free) = ok.planner_free.filter(|_| is_progress) {
+            self.planner.heard(free);
+        }
         if is_progress {
             self.quiet_since = self.now;
-            if let Some(probe) = &mut self.probe {
-                probe.answers = 0;
-            }
+            self.wire.measure(self.now);
         }
+    }
+
+    /// Repetier says `ok` as it takes a line, and the temperatures when their turn comes.
+    pub(super) fn on_temperatures(&mut self) {
+        let is_late = self.config.firmware.dialect == Dialect::Repetier;
+        if is_late && self.probe.is_some_and(|probe| probe.is_in_order) {
+            self.all_done();
+        }
+    }
+
+    /// The answer to a question in order has come: whatever was sent before is done.
+    fn all_done(&mut self) {
+        self.probe = None;
+        self.refused = None;
+        self.next_ok = NextOk::Acknowledges;
+        self.quiet_since = self.now;
+        self.lost_oks();
+        self.complete();
     }
 
     /// An `ok` without number where others have one: of an emergency command, or of a damaged line.
@@ -134,18 +178,27 @@ impl Core {
             self.probe = None;
             self.lost_oks();
             self.complete();
-        } else {
+        } else if ok.temperatures.is_none() || self.wire.oldest_command() == Some("M105") {
+            // Else it is the late answer to a greeting or to an earlier question.
             self.wire.ack_oldest();
+        }
+    }
+
+    /// Smoothieware's refusal has no `ok` of its own.
+    pub(super) fn after_refusal(&self) -> NextOk {
+        match self.config.firmware.dialect {
+            Dialect::Smoothie => NextOk::Acknowledges,
+            _ => NextOk::EndsRefusal,
         }
     }
 
     pub(super) fn on_refusal(&mut self, reason: Refusal, last: u64) {
         self.refused = Some((reason, last));
-        self.next_ok = NextOk::EndsRefusal;
+        self.next_ok = self.after_refusal();
     }
 
     pub(super) fn on_resend(&mut self, number: u64) {
-        self.next_ok = NextOk::EndsRefusal;
+        self.next_ok = self.after_refusal();
         let refused = self.refused.take();
         let agrees = match refused {
             Some((_, last)) => last.checked_add(1) == Some(number),
@@ -161,7 +214,9 @@ impl Core {
 
     /// The firmware wants line `number` next, and both its answers say so.
     fn on_last_line(&mut self, number: u64, is_damaged: bool) {
-        if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
+        if self.is_of_a_reset(number) {
+            self.fail(Fault::FirmwareReset);
+        } else if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
             self.unavailable(number);
         } else if number >= self.wire.next() && self.rewind.is_none_or(|rewind| rewind.from != number) {
             self.wire.skip_to(number);
@@ -169,6 +224,13 @@ impl Core {
         } else {
             self.go_back(number, is_damaged);
         }
+    }
+
+    /// Whether the firmware has forgotten lines that it surely had: it counts from 0 again, and its `start` was lost. An
+    /// `ok` may be taken for a line or two too many, not for more than it has slots.
+    fn is_of_a_reset(&self, number: u64) -> bool {
+        let doubtful = self.config.firmware.command_slots as u64 + FALSE_OKS;
+        number == 1 && self.wire.acked() > doubtful
     }
 
     /// Asks once more before it gives up: two answers might be damaged alike.
@@ -190,15 +252,15 @@ impl Core {
         self.wire.all_read();
         self.rewind = None;
         self.quiet_since = self.now;
-        let Some(probe) = self.probe.take() else { return };
-        let answers = probe.answers + 1;
-        if self.wire.in_flight() > 0 && answers as usize <= self.config.firmware.command_slots {
-            self.ask();
-            self.probe = Some(Probe { tries: 1, answers, garbled: 0 });
-            return;
+        match self.probe.take() {
+            None => {}
+            // It has everything, but may still be at it.
+            Some(probe) if self.wire.in_flight() > 0 => {
+                self.probe = Some(Probe { tries: 0, is_in_order: true, ..probe });
+                self.ask();
+            }
+            Some(_) => self.complete(),
         }
-        self.lost_oks();
-        self.complete();
     }
 
     fn lost_oks(&mut self) {
@@ -248,6 +310,7 @@ impl Core {
 
     fn first_refusal(&mut self, number: u64) -> Rewind {
         self.stats.n_resends += 1;
+        self.wire.narrow();
         self.events.push_back(Event::Recovered(Recovery::Resent { line: number }));
         let n_behind = u32::try_from(self.wire.next().saturating_sub(number + 1)).unwrap_or(u32::MAX);
         Rewind { from: number, n_refusals: 0, n_behind }

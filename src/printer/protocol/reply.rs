@@ -33,6 +33,12 @@ pub enum Reply<'a> {
     UnknownCommand(&'a str),
     /// `//action:`, a wish of the printer's own buttons or sensors.
     Action(&'a str),
+    /// A numbered line that it had already was passed over; the `ok` that follows is for that.
+    Skipped(LineNumber),
+    /// Where it is (the answer to M114).
+    Position(Position),
+    /// Which firmware it is (the answer to M115).
+    Firmware(&'a str),
     /// Anything else.
     Unknown(&'a str),
 }
@@ -57,6 +63,19 @@ pub struct Acknowledgement {
     pub slots_free: Option<u32>,
     /// Temperatures (the answer to M105).
     pub temperatures: Option<Temperatures>,
+    /// Where it is (the answer to M114 of some).
+    pub position: Option<Position>,
+}
+
+/// Where a firmware says that the moves which it has taken end, mm, in the job's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Position {
+    /// X, Y, Z.
+    pub xyz_mm: [f64; 3],
+    /// The filament's.
+    pub e_mm: Option<f64>,
+    /// The last place of the numbers as they were told, mm.
+    pub step_mm: f64,
 }
 
 /// An actual and a target temperature, °C.
@@ -100,11 +119,35 @@ fn other(line: &str) -> Reply<'_> {
     if let Some(rest) = line.strip_prefix("//action:") {
         return Reply::Action(rest.trim());
     }
-    match line {
-        "start" => Reply::Start,
-        "wait" => Reply::Wait,
-        _ => temperatures(line).map_or(Reply::Unknown(line), Reply::Temperatures),
+    if let Some(rest) = line.strip_prefix("// ") {
+        return klipper(rest, line);
     }
+    match line {
+        "start" | "Smoothie" => Reply::Start,
+        "wait" => Reply::Wait,
+        _ if line.ends_with("is up and running.") => Reply::Start,
+        _ if line.starts_with("FIRMWARE_") => Reply::Firmware(line),
+        _ => skipped(line)
+            .or_else(|| position(line).map(Reply::Position))
+            .or_else(|| temperatures(line).map(Reply::Temperatures))
+            .unwrap_or(Reply::Unknown(line)),
+    }
+}
+
+/// What stands behind `// `: Klipper's information lines.
+fn klipper<'a>(text: &'a str, line: &'a str) -> Reply<'a> {
+    match text.strip_prefix("Klipper state:").map(str::trim) {
+        Some("Ready") => Reply::Start,
+        Some("Shutdown" | "Disconnect") => Reply::Halted(text),
+        _ => match text.strip_prefix("Unknown command:") {
+            Some(rest) => Reply::UnknownCommand(rest.trim().trim_matches('"')),
+            None => Reply::Unknown(line),
+        },
+    }
+}
+
+fn skipped(line: &str) -> Option<Reply<'_>> {
+    line.strip_prefix("skip ")?.trim().parse().ok().map(|n| Reply::Skipped(LineNumber(n)))
 }
 
 fn resend(line: &str) -> Option<Reply<'_>> {
@@ -118,11 +161,33 @@ fn error(line: &str) -> Option<Reply<'_>> {
     if let Some(rest) = line.strip_prefix("fatal:") {
         return Some(Reply::Halted(rest.trim()));
     }
-    let text = line.strip_prefix("Error:")?.trim();
-    if ["halted", "kill()", "system stopped"].iter().any(|word| text.contains(word)) {
+    if let Some(rest) = line.strip_prefix("!!") {
+        return Some(if is_halt(line) { Reply::Halted(line) } else { Reply::Error(rest.trim()) });
+    }
+    let prefixes = ["Error:", "error:", "ERROR:"];
+    let text = prefixes.iter().find_map(|prefix| line.strip_prefix(prefix))?.trim();
+    if is_halt(text) {
         return Some(Reply::Halted(text));
     }
     Some(refusal(text).unwrap_or(Reply::Error(text)))
+}
+
+/// Whether an error is the last word of a firmware: Marlin's, RepRapFirmware's, Smoothieware's (whose bare `!!` answers
+/// every command from then on) and Klipper's.
+fn is_halt(text: &str) -> bool {
+    const WORDS: [&str; 10] = [
+        "halted",
+        "kill()",
+        "system stopped",
+        "Emergency Stop",
+        "Heater fault",
+        "HALT",
+        "Alarm lock",
+        "hutdown",
+        "not heating at expected rate",
+        "Lost communication",
+    ];
+    text == "!!" || WORDS.iter().any(|word| text.contains(word))
 }
 
 fn refusal(text: &str) -> Option<Reply<'static>> {
@@ -142,6 +207,7 @@ fn refusal(text: &str) -> Option<Reply<'static>> {
 fn acknowledgement(rest: &str) -> Acknowledgement {
     let mut ok = Acknowledgement::default();
     if rest.contains(':') {
+        ok.position = position(rest);
         ok.temperatures = temperatures(rest);
         return ok;
     }
@@ -155,6 +221,23 @@ fn acknowledgement(rest: &str) -> Acknowledgement {
         }
     }
     ok
+}
+
+/// `X:50.00 Y:50.00 Z:5.00 E:0.00 Count X:4000 ...`; behind `C:` in Smoothieware's words. The first of each counts.
+fn position(line: &str) -> Option<Position> {
+    let line = line.trim_start();
+    let line = line.strip_prefix("C:").unwrap_or(line).trim_start();
+    if !line.starts_with("X:") {
+        return None;
+    }
+    let value = |name: &str| {
+        let of_name = |word: &str| word.strip_prefix(name).and_then(finite);
+        line.split_ascii_whitespace().find_map(of_name)
+    };
+    let x = line.split_ascii_whitespace().next().unwrap_or_default();
+    let n_places = x.split_once('.').map_or(0, |(_, places)| places.len());
+    let step_mm = [1.0, 0.1, 0.01, 0.001].get(n_places).copied().unwrap_or(0.0001);
+    Some(Position { xyz_mm: [value("X:")?, value("Y:")?, value("Z:")?], e_mm: value("E:"), step_mm })
 }
 
 /// `T:19.38 /0.00 B:19.38 /0.00 @:0`: the first `T` or `T0` is the nozzle. Also `T:200 /200 W:?` while heating.
@@ -201,6 +284,7 @@ mod tests {
             planner_free: Some(15),
             slots_free: Some(3),
             temperatures: None,
+            position: None,
         };
         assert_eq!(parse("ok N2 P15 B3"), Reply::Ok(advanced));
         assert_eq!(parse("ok P15 B3"), Reply::Ok(Acknowledgement { line: None, ..advanced }));
@@ -265,6 +349,43 @@ mod tests {
         };
         assert_eq!(t.hotend, heater(180.1, 210.0));
         assert_eq!(parse("X:50.00 Y:50.00"), Reply::Unknown("X:50.00 Y:50.00"));
+    }
+
+    #[test]
+    fn every_firmware_tells_where_and_who_it_is_and_that_it_stopped() {
+        let there = Position { xyz_mm: [50.0, 60.5, 5.0], e_mm: Some(1.25), step_mm: 0.001 };
+        let coarse = "X:50.00 Y:60.50 Z:5.00 E:1.25 Count X:4000 Y:4840 Z:2000";
+        assert_eq!(parse(coarse), Reply::Position(Position { step_mm: 0.01, ..there }));
+        for line in [
+            "X:50.000 Y:60.500 Z:5.000 E:1.250",
+            "X:50.000 Y:60.500 Z:5.000 E:1.250 E0:1.2 Count 4000 4840 2000 Machine 50.000 60.500 5.000",
+        ] {
+            assert_eq!(parse(line), Reply::Position(there), "{line}");
+        }
+        let Reply::Ok(ok) = parse("ok C: X:50.0000 Y:60.5000 Z:5.0000 E:1.2500") else { panic!() };
+        assert_eq!((ok.position, ok.temperatures), (Some(Position { step_mm: 0.0001, ..there }), None));
+        assert!(matches!(parse("FIRMWARE_NAME:Marlin 2.1"), Reply::Firmware(_)));
+        for line in [
+            "// Klipper state: Shutdown",
+            "!! Shutdown due to M112 command",
+            "!!",
+            "error:Alarm lock",
+            "Error: Heater fault on heater 1: runaway",
+            "Error: Emergency Stop! Reset the controller to continue.",
+            "ERROR: runaway on T0, HALT asserted",
+            "fatal:Heater E0 error",
+        ] {
+            assert!(matches!(parse(line), Reply::Halted(_)), "{line}");
+        }
+        let refused = "!! Move out of range: 9999.000 50.000 5.000 [0.000]";
+        assert_eq!(parse(refused), Reply::Error(&refused[3..]));
+        for line in
+            ["start", "Smoothie", "// Klipper state: Ready", "RepRapFirmware for Duet 3 is up and running."]
+        {
+            assert_eq!(parse(line), Reply::Start, "{line}");
+        }
+        assert_eq!(parse("skip 12"), Reply::Skipped(LineNumber(12)));
+        assert_eq!(parse("// Unknown command:\"M155\""), Reply::UnknownCommand("M155"));
     }
 
     proptest::proptest! {

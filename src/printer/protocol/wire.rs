@@ -5,7 +5,11 @@
 //! lost. So the bytes that may lie there never exceed its size. With plain `ok` a line counts as read when it is
 //! acknowledged; ADVANCED_OK also tells how many lines the command queue holds, and those have left the buffer
 //! too. Room for one probe is always kept.
+//!
+//! Where lines are acknowledged faster than any serial wire carries them, the link is not one (a pseudo-terminal, USB): it holds
+//! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
+use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -18,6 +22,15 @@ const PROBE_AHEAD: u64 = 1000;
 
 /// Bytes of a probe with a seven-digit number, and of the line feed before it.
 const PROBE_BYTES: usize = 20;
+
+/// Bytes in flight on a link that holds the writer back by itself.
+const FLOW_CONTROLLED_BYTES: u64 = 4096;
+
+/// Bytes acknowledged over which the speed of the link is measured.
+const MEASURED_BYTES: u64 = 1 << 16;
+
+/// Faster than twice the fastest rate of common boards, bytes/s: no serial wire.
+const NO_WIRE_BYTES_S: f64 = 200_000.0;
 
 /// Why a line is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +67,10 @@ fn is_slow(command: &str) -> bool {
 pub(super) struct Wire {
     numbered: bool,
     rx_bytes: u64,
+    /// What the profile says of it.
+    profile_rx_bytes: u64,
+    /// Where and when the speed of the link began to be measured; nothing once it is known.
+    measured: Option<(u64, Instant)>,
     command_slots: u64,
     lines: VecDeque<Line>,
     /// Number of the first of `lines`.
@@ -72,6 +89,8 @@ pub(super) struct Wire {
     base_job_lines: u64,
     acked_job_lines: u64,
     spare: Vec<String>,
+    /// Nothing more will be appended.
+    is_whole: bool,
 }
 
 impl Wire {
@@ -79,6 +98,8 @@ impl Wire {
         Self {
             numbered: firmware.line_numbers,
             rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
+            profile_rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
+            measured: Some((0, Instant::default())),
             command_slots: firmware.command_slots as u64,
             lines: VecDeque::new(),
             base: 1,
@@ -90,7 +111,25 @@ impl Wire {
             base_job_lines: 0,
             acked_job_lines: 0,
             spare: Vec::new(),
+            is_whole: false,
         }
+    }
+
+    /// Nothing more will be appended.
+    pub(super) fn end(&mut self) {
+        self.is_whole = true;
+    }
+
+    pub(super) fn is_whole(&self) -> bool {
+        self.is_whole
+    }
+
+    /// The firmware's last line is `number`: the next one appended is the one after it.
+    pub(super) fn begin_after(&mut self, number: u64) {
+        self.lines.clear();
+        (self.base, self.next) = (number + 1, number + 1);
+        (self.acked, self.read, self.highest) = (number, number, number);
+        (self.base_end, self.base_job_lines, self.acked_job_lines) = (0, 0, 0);
     }
 
     /// Appends a command.
@@ -153,7 +192,7 @@ impl Wire {
         let read = self.read.max(self.acked).min(number - 1);
         let unread_bytes = line.end - self.end_of(read);
         let is_alone = read == number - 1;
-        if !is_alone && (!self.numbered || unread_bytes > self.rx_bytes) {
+        if !is_alone && unread_bytes > self.rx_bytes {
             return None;
         }
         self.next += 1;
@@ -221,6 +260,26 @@ impl Wire {
         self.next = self.next.max(number.min(self.highest + 1));
     }
 
+    /// Lines were acknowledged: looks, now and then, how fast the link is.
+    pub(super) fn measure(&mut self, now: Instant) {
+        let Some((from, since)) = self.measured else { return };
+        let to = self.end_of(self.acked);
+        let Some(n_bytes) = to.checked_sub(from).filter(|n| *n >= MEASURED_BYTES) else { return };
+        self.measured = Some((to, now));
+        if now.since(since).as_secs_f64() * NO_WIRE_BYTES_S < n_bytes as f64 {
+            self.rx_bytes = self.rx_bytes.max(FLOW_CONTROLLED_BYTES);
+            self.measured = None;
+        }
+    }
+
+    /// A line was damaged, perhaps because there was no room for it: no more in flight than the profile allows.
+    pub(super) fn narrow(&mut self) {
+        if self.rx_bytes > self.profile_rx_bytes {
+            self.rx_bytes = self.profile_rx_bytes;
+            self.measured = None;
+        }
+    }
+
     /// The firmware has read every line sent.
     pub(super) fn all_read(&mut self) {
         self.read = self.next - 1;
@@ -254,7 +313,10 @@ impl Wire {
     pub(super) fn is_in_flight(&self, text: &str) -> bool {
         (self.acked + 1..self.next).any(|n| {
             let whole = self.index(n).map(|i| self.lines[i].text.trim_end());
-            self.command(n) == Some(text) || whole == Some(text)
+            let command = self.command(n);
+            // Klipper repeats the first word alone.
+            let word = command.and_then(|c| c.split_ascii_whitespace().next()).filter(|_| !self.numbered);
+            command == Some(text) || whole == Some(text) || word == Some(text)
         })
     }
 
@@ -344,16 +406,59 @@ mod tests {
     }
 
     #[test]
-    fn unnumbered_lines_go_one_by_one() {
+    fn unnumbered_lines_go_ahead_as_far_as_the_link_holds_them() {
         let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
         firmware.line_numbers = false;
+        firmware.rx_buffer_bytes = PROBE_BYTES + 7;
         let mut wire = Wire::new(&firmware);
-        wire.push("G1", Origin::Job);
-        wire.push("G2", Origin::Job);
+        ["G1", "G2", "G3"].iter().for_each(|text| wire.push(text, Origin::Job));
         assert_eq!(wire.send_next(), Some("G1\n"));
+        assert_eq!(wire.send_next(), Some("G2\n"));
         assert_eq!(wire.send_next(), None);
         wire.ack_oldest();
-        assert_eq!(wire.send_next(), Some("G2\n"));
+        assert_eq!(wire.send_next(), Some("G3\n"));
+    }
+
+    /// The most that was in flight while so many lines were acknowledged, one every `line_us`.
+    fn most_in_flight(wire: &mut Wire, n_lines: u32, line_us: u64) -> u64 {
+        let mut now = Instant::default();
+        let mut most = 0;
+        for _ in 0..n_lines {
+            while wire.unsent() < 600 {
+                wire.push("G1 X100.123 Y90.456 E0.01234", Origin::Job);
+            }
+            send_all(wire);
+            most = most.max(wire.in_flight());
+            now = now + std::time::Duration::from_micros(line_us);
+            assert!(wire.ack_oldest());
+            wire.measure(now);
+        }
+        most
+    }
+
+    #[test]
+    fn a_link_that_is_no_wire_takes_more_until_a_line_is_damaged() {
+        let firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        // A line at 1,000,000 baud takes 430 microseconds.
+        assert!(most_in_flight(&mut Wire::new(&firmware), 9000, 430) <= 3);
+        let mut wire = Wire::new(&firmware);
+        assert!(most_in_flight(&mut wire, 9000, 50) > 80);
+        wire.narrow();
+        while wire.in_flight() > 0 {
+            wire.ack_oldest();
+        }
+        assert!(most_in_flight(&mut wire, 9000, 50) <= 3, "for good");
+    }
+
+    #[test]
+    fn a_session_may_begin_behind_any_line() {
+        let mut wire = wire();
+        wire.begin_after(4711);
+        wire.push("G1 X1", Origin::Job);
+        assert!(wire.send_next().unwrap().starts_with("N4712 "));
+        assert_eq!((wire.in_flight(), wire.oldest(), wire.highest()), (1, 4712, 4712));
+        assert!(wire.ack_oldest());
+        assert_eq!(wire.acked_job_lines(), 1);
     }
 
     #[test]

@@ -37,6 +37,31 @@ pub fn as_ct(name: &str, bytes: &[u8]) {
     }
 }
 
+/// Takes the bytes for what a printer says in the middle of a job; each zero byte lets a second pass. The first one chooses the firmware.
+pub fn as_replies(bytes: &[u8]) {
+    use lumenfab::printer::protocol::{Command, Core, Instant, LineSplitter, State};
+    use std::time::Duration;
+    let names = lumenfab::profile::builtin_names();
+    let Some((first, bytes)) = bytes.split_first() else { return };
+    let profile = lumenfab::profile::builtin(names[usize::from(*first) % names.len()]).expect("built in");
+    let mut core = Core::new(&profile);
+    let (mut splitter, mut now) = (LineSplitter::default(), Instant::default());
+    let _ = core.handle_command(now, Command::Connect);
+    for said in bytes.split_inclusive(|byte| *byte == 0) {
+        splitter.feed(said, |line| core.handle_line(now, line));
+        if *core.state() == State::Idle {
+            let _ = core.handle_command(now, Command::Begin);
+        }
+        while core.wants_line() {
+            let _ = core.handle_command(now, Command::Line("G1 X1 Y2 E3"));
+        }
+        while core.poll_transmit().is_some() {}
+        while core.poll_event().is_some() {}
+        now = now + Duration::from_secs(1);
+        core.handle_timeout(now);
+    }
+}
+
 /// Reads the bytes as the two planes of a series: the second copy lies a little further, so that pixels are decoded.
 pub fn as_two_planes(bytes: &[u8]) {
     let folder = written("planes", "IM0001.dcm", bytes);
@@ -125,6 +150,7 @@ pub fn as_case_file(bytes: &[u8]) {
 pub const TARGETS: [(&str, fn(&[u8])); 14] = [
     ("dicom", |bytes| as_ct("IM0001.dcm", bytes)),
     ("planes", as_two_planes),
+    ("replies", as_replies),
     ("rle", as_run_lengths),
     ("jpeg", |bytes| as_pixels(Codec::Jpeg, bytes)),
     ("jpegls", |bytes| as_pixels(Codec::JpegLs, bytes)),

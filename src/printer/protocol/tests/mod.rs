@@ -1,4 +1,5 @@
 mod firmware;
 mod noise;
 mod pair;
+mod random;
 mod states;

@@ -17,6 +17,7 @@ pub(super) fn profile_for(setup: &Setup) -> Profile {
     profile.firmware.rx_buffer_bytes = setup.rx_bytes;
     profile.firmware.command_slots = setup.slots;
     profile.firmware.temperature_report_s = 0.0;
+    profile.firmware.orphan_hold_s = 0.0;
     profile
 }
 

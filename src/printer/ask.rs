@@ -1,0 +1,200 @@
+//! Asking a printer that is not printing, and switching its heaters off: for `profiles detect` and `safe-off`.
+//!
+//! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed exactly.
+
+use super::driver::Clock;
+use super::link::Link;
+use super::protocol::{Command, Core, Event, Fault, LineSplitter, Question, State, Temperatures};
+use super::{Error, PortProblem};
+use crate::profile::{Dialect, Profile};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+
+/// How exactly time-outs are kept.
+const TICK: Duration = Duration::from_millis(20);
+/// The longest that an answer is waited for.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// What a printer says of itself.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Found {
+    /// Its answer to M115.
+    pub firmware: String,
+    /// The firmware, where it is known.
+    pub profile: Option<&'static str>,
+}
+
+/// Asks which firmware it is. The profile says how to speak meanwhile; its line numbers are not used.
+///
+/// # Errors
+/// [`Error::Open`]; [`Error::Fault`] where nothing answers.
+pub async fn detect<L: Link>(mut link: L, profile: &Profile) -> Result<Found, Error> {
+    let port = link.name().to_owned();
+    let stream = link.open().await?;
+    let mut desk = Desk::new(profile, port);
+    let mut firmware = None;
+    desk.ask(stream, &[Question::Firmware], |event| {
+        if let Event::Firmware(text) = event {
+            firmware.get_or_insert_with(|| text.clone());
+        }
+    })
+    .await?;
+    let firmware = firmware.unwrap_or_default();
+    let profile = dialect_of(&firmware).map(profile_name);
+    Ok(Found { firmware, profile })
+}
+
+/// Switches the heaters off: sends the profile's safe script twice, then looks whether the targets are 0.
+///
+/// # Errors
+/// [`Error::Open`]; [`Error::Fault`] where nothing answers; [`Error::StillHeating`].
+pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Temperatures, Error> {
+    let port = link.name().to_owned();
+    let mut stream = link.open().await?;
+    let mut text = "\n".to_owned();
+    for line in profile.safe_gcode().iter().chain(&profile.safe_gcode()) {
+        text.push_str(line);
+        text.push('\n');
+    }
+    let gone =
+        |_| Error::Open { port: port.clone(), problem: PortProblem::Other("it takes no bytes".to_owned()) };
+    stream.write_all(text.as_bytes()).await.map_err(gone)?;
+    let mut told = Temperatures::default();
+    // An answer that was on its way tells of before; the last one counts.
+    let mut desk = Desk::new(profile, port.clone());
+    desk.ask(stream, &[Question::Temperatures, Question::Position, Question::Temperatures], |event| {
+        if let Event::Temperatures(temperatures) = event {
+            told = *temperatures;
+        }
+    })
+    .await?;
+    let is_on = [told.hotend, told.bed].into_iter().flatten().any(|heater| heater.target_c > 0.0);
+    if is_on { Err(Error::StillHeating { port }) } else { Ok(told) }
+}
+
+struct Desk {
+    core: Core,
+    port: String,
+    clock: Clock,
+}
+
+impl Desk {
+    fn new(profile: &Profile, port: String) -> Self {
+        // Unnumbered: the core then asks nothing but what it is told to.
+        let mut profile = profile.clone();
+        profile.firmware.line_numbers = false;
+        Self { core: Core::new(&profile), port, clock: Clock::start() }
+    }
+
+    async fn ask(
+        &mut self,
+        mut stream: impl AsyncRead + AsyncWrite + Unpin,
+        questions: &[Question],
+        mut hear: impl FnMut(&Event),
+    ) -> Result<(), Error> {
+        self.command(Command::Inquire { beyond: 0 });
+        let mut questions = questions.iter();
+        let mut splitter = LineSplitter::default();
+        let mut buffer = vec![0; 4096];
+        loop {
+            let mut out = Vec::new();
+            while let Some(event) = self.core.poll_event() {
+                hear(&event);
+                match event {
+                    Event::Faulted(fault) => return Err(self.fault(fault)),
+                    Event::Found(_) | Event::Answered => match questions.next() {
+                        Some(question) => self.command(Command::Ask(*question)),
+                        None => return Ok(()),
+                    },
+                    _ => {}
+                }
+            }
+            while let Some(line) = self.core.poll_transmit() {
+                out.extend_from_slice(line.bytes);
+            }
+            let gone = |_| Error::PortVanished { port: self.port.clone() };
+            stream.write_all(&out).await.map_err(gone)?;
+            tokio::select! {
+                read = stream.read(&mut buffer) => match read {
+                    Ok(n) if n > 0 => {
+                        let (core, now) = (&mut self.core, self.clock.now());
+                        splitter.feed(&buffer[..n], |line| core.handle_line(now, line));
+                    }
+                    _ => return Err(Error::PortVanished { port: self.port.clone() }),
+                },
+                () = tokio::time::sleep(TICK) => self.tick(),
+            }
+        }
+    }
+
+    fn tick(&mut self) {
+        let now = self.clock.now();
+        if now.since(super::protocol::Instant::default()) > LIMIT && *self.core.state() != State::Disconnected
+        {
+            self.core.give_up(now, Fault::Silent { after: LIMIT });
+        } else if self.core.poll_timeout().is_some_and(|due| due <= now) {
+            self.core.handle_timeout(now);
+        }
+    }
+
+    /// A command whose refusal means that it is too late for it.
+    fn command(&mut self, command: Command<'_>) {
+        self.core.handle_command(self.clock.now(), command).ok();
+    }
+
+    fn fault(&self, fault: Fault) -> Error {
+        Error::Fault { port: self.port.clone(), fault }
+    }
+}
+
+/// Which firmware an answer to M115 is of. What descends from another names both: the descendant counts.
+#[must_use]
+pub fn dialect_of(firmware: &str) -> Option<Dialect> {
+    let has = |word: &str| firmware.contains(word);
+    let name = firmware.split("FIRMWARE_NAME:").nth(1).unwrap_or(firmware).trim_start();
+    Some(match () {
+        () if name.starts_with("Klipper") => Dialect::Klipper,
+        () if name.starts_with("RepRapFirmware") => Dialect::RepRapFirmware,
+        () if name.starts_with("Repetier") => Dialect::Repetier,
+        () if name.starts_with("Smoothie") => Dialect::Smoothie,
+        () if name.starts_with("Prusa") || has("Marlin 1.") || has("Marlin V1") => Dialect::Marlin1,
+        () if has("Marlin") => Dialect::Marlin,
+        () => return None,
+    })
+}
+
+/// The built-in profile that speaks a firmware's language.
+const fn profile_name(dialect: Dialect) -> &'static str {
+    match dialect {
+        Dialect::Marlin => "marlin",
+        Dialect::Marlin1 => "marlin1",
+        Dialect::Klipper => "klipper",
+        Dialect::RepRapFirmware => "reprapfirmware",
+        Dialect::Repetier => "repetier",
+        Dialect::Smoothie => "smoothie",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_firmware_is_known_by_its_answer() {
+        for (text, expected) in [
+            ("FIRMWARE_NAME:Marlin bugfix-2.1.x SOURCE_CODE_URL:github.com/MarlinFirmware", Dialect::Marlin),
+            ("FIRMWARE_NAME:Marlin 1.1.9 SOURCE_CODE_URL:github.com", Dialect::Marlin1),
+            ("FIRMWARE_NAME:Prusa-Firmware 3.13.0 based on Marlin", Dialect::Marlin1),
+            ("FIRMWARE_VERSION:v0.12.0 FIRMWARE_NAME:Klipper", Dialect::Klipper),
+            ("FIRMWARE_NAME: RepRapFirmware for Duet 3", Dialect::RepRapFirmware),
+            ("FIRMWARE_NAME:Repetier_1.0.4 FIRMWARE_URL:https", Dialect::Repetier),
+            ("FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A", Dialect::Smoothie),
+        ] {
+            assert_eq!(dialect_of(text), Some(expected), "{text}");
+            assert!(
+                crate::profile::builtin(profile_name(expected)).is_ok_and(|p| p.firmware.dialect == expected)
+            );
+        }
+        assert_eq!(dialect_of("FIRMWARE_NAME:Grbl 1.1"), None);
+    }
+}

@@ -1,0 +1,173 @@
+//! A job from a file on a port, with what is kept beside the file (IO): the journal, and a picture of the layer in which a print
+//! that broke off will go on.
+
+use super::driver::{self, Order, PrintEvent, Printed};
+use super::job::Job;
+use super::journal::writer::Journal;
+use super::journal::{JobId, Log, Machine, Record, path_for};
+use super::resume::Known;
+use super::serial::SerialLink;
+use super::session::Start;
+use super::{Error, job, journal, picture, serial};
+use crate::profile::{self, Firmware, Profile};
+use crate::progress::CancelToken;
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use tokio::sync::mpsc;
+
+/// A job, and the printer for it.
+#[derive(Debug, Clone, Copy)]
+pub struct Paper<'a> {
+    /// The file of G-code.
+    pub job: &'a Path,
+    /// How to speak to the printer.
+    pub profile: &'a Profile,
+    /// The profile as the operator named it.
+    pub profile_name: &'a str,
+    /// A path, or `usb:VENDOR:PRODUCT[:SERIAL]`.
+    pub port: &'a str,
+    /// Rate of the wire instead of the profile's, 1/s.
+    pub baud: Option<u32>,
+}
+
+/// The firmware, not to be reset when its port is opened: what it knows is what can be gone on with.
+#[must_use]
+pub fn undisturbed(profile: &Profile) -> Firmware {
+    Firmware { reset_on_open: false, ..profile.firmware.clone() }
+}
+
+/// The journal of a job's last print.
+///
+/// # Errors
+/// [`Error::Journal`].
+pub fn log_of(job: &Path) -> Result<Log, Error> {
+    Ok(Log::read(&path_for(job))?)
+}
+
+/// Where the picture of a job is.
+#[must_use]
+pub fn picture_path(job: &Path) -> PathBuf {
+    let mut name: OsString = job.as_os_str().to_owned();
+    name.push(".resume.svg");
+    name.into()
+}
+
+impl Paper<'_> {
+    /// Prints from the beginning, with a journal beside the job. Must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// As [`driver::run`]; also where the journal cannot be begun.
+    pub async fn print(
+        &self,
+        events: &mpsc::Sender<PrintEvent>,
+        cancel: &CancelToken,
+    ) -> Result<Printed, Error> {
+        let job = self.open_job()?;
+        let link = self.open_port(&self.profile.firmware).await?;
+        let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
+        let journal = Journal::create(&path_for(self.job), &records)?;
+        let order = Order { job, start: Start::Fresh, journal: Some(journal) };
+        let printed = driver::run(order, link, self.profile, events, cancel).await;
+        if matches!(printed, Err(Error::PortVanished { .. } | Error::Fault { .. })) {
+            self.draw_last();
+        }
+        printed
+    }
+
+    /// Goes on where the last print of the job broke off: exactly, where the printer still lives; after a reset only
+    /// with `after_reset`. Must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// As [`driver::run`]; [`Error::Journal`], [`Error::OtherJob`].
+    pub async fn resume(
+        &self,
+        after_reset: bool,
+        events: &mpsc::Sender<PrintEvent>,
+        cancel: &CancelToken,
+    ) -> Result<Printed, Error> {
+        let log = log_of(self.job)?;
+        let job = self.open_job()?;
+        self.check_same(&job, &log)?;
+        if log.end == Some(journal::Ending::Finished) {
+            return Err(super::resume::Refusal::Finished.into());
+        }
+        self.draw_last();
+        let link = self.open_port(&undisturbed(self.profile)).await?;
+        let journal = Journal::append_to(&path_for(self.job))?;
+        let known = Box::new(Known::from(&log));
+        let order = Order { job, start: Start::Resume { known, after_reset }, journal: Some(journal) };
+        let printed = driver::run(order, link, self.profile, events, cancel).await;
+        if let Err(Error::NeedsConsent { recovery }) = &printed {
+            self.draw(recovery.n_done, recovery.n_twice);
+        }
+        printed
+    }
+
+    fn open_job(&self) -> Result<Job<BufReader<File>>, Error> {
+        Ok(Job::from_file(self.job, &self.profile.firmware)?)
+    }
+
+    async fn open_port(&self, firmware: &Firmware) -> Result<SerialLink, Error> {
+        serial::open(Path::new(self.port), firmware, self.baud).await
+    }
+
+    fn machine(&self, link: &SerialLink) -> Machine {
+        Machine {
+            profile: self.profile_name.to_owned(),
+            profile_hash: blake3::hash(profile::to_toml(self.profile).as_bytes()).to_hex().to_string(),
+            port: self.port.to_owned(),
+            device: link.device().map(ToString::to_string),
+        }
+    }
+
+    fn job_id(&self, job: &Job<BufReader<File>>) -> Result<JobId, Error> {
+        let file = self.job.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(JobId { file, hash: self.hash()?, n_lines: job.n_lines() })
+    }
+
+    fn hash(&self) -> Result<String, Error> {
+        let unreadable = |source| job::Error::Read { name: self.job.display().to_string(), source };
+        let mut hasher = blake3::Hasher::new();
+        let mut file = File::open(self.job).map_err(unreadable)?;
+        std::io::copy(&mut file, &mut hasher).map_err(unreadable)?;
+        Ok(hasher.finalize().to_hex().to_string())
+    }
+
+    fn check_same(&self, job: &Job<BufReader<File>>, log: &Log) -> Result<(), Error> {
+        if self.hash()? == log.job.hash && job.n_lines() == log.job.n_lines {
+            return Ok(());
+        }
+        let journal = path_for(self.job).display().to_string();
+        Err(Error::OtherJob { job: self.job.display().to_string(), journal })
+    }
+
+    /// Draws what the journal says.
+    fn draw_last(&self) {
+        if let Ok(log) = log_of(self.job) {
+            let n_done = log.progress.n_certain;
+            self.draw(n_done, log.progress.n_sent.saturating_sub(n_done));
+        }
+    }
+
+    /// A picture is a help: a print does not fail for want of one.
+    fn draw(&self, n_done: u64, n_doubt: u64) {
+        let drawn =
+            self.open_job().and_then(|mut job| Ok(picture::svg(&mut job, self.profile, n_done, n_doubt)?));
+        let written = drawn.map(|svg| write_private(&picture_path(self.job), svg.as_bytes()));
+        if !matches!(written, Ok(Ok(()))) {
+            tracing::warn!("the picture of where the print will go on could not be written");
+        }
+    }
+}
+
+/// Whole or not at all; readable by its owner alone.
+fn write_private(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    use std::io::Write;
+    let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir)?;
+    file.write_all(bytes)?;
+    file.persist(path)?;
+    Ok(())
+}

@@ -1,0 +1,318 @@
+//! What a job has brought about after some of its lines: the state that a firmware which has executed them is in.
+//!
+//! Commands go in one by one, as [`super::job::Job`] gives them; place, modes, speed, fan and temperatures come out.
+//! What cannot be known from the job (where an axis is after homing, until the next absolute move) is `None`, never guessed.
+//!
+//! Lengths mm in the job's own coordinates (after its `G92`), feedrates mm/min, temperatures °C. Arcs end where they say;
+//! the way between is not followed. Offsets that the operator has set at the printer are not known here.
+
+use crate::gcode::reader::{self, Command};
+use crate::profile::Dialect;
+use serde::Serialize;
+
+/// A shorter move may be merged into the next one by the firmware instead of taking a place in its planner, mm.
+const SURE_BLOCK_MM: f64 = 0.1;
+
+/// What a command does to the planner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effect {
+    /// It takes a place of its own.
+    Block,
+    /// It ends only when all moves before it have ended.
+    Drains,
+    /// Neither, or not surely.
+    Other,
+}
+
+/// Which commands change how the filament's numbers are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Filament {
+    /// G90 and G91 set it along with the axes; M82 and M83 set it alone (Marlin 2, Smoothieware).
+    SetByBoth,
+    /// It is relative while either is (Marlin 1, Klipper, Repetier).
+    RelativeByEither,
+    /// M82 and M83 alone (RepRapFirmware).
+    Apart,
+}
+
+impl Filament {
+    const fn of(dialect: Dialect) -> Self {
+        match dialect {
+            Dialect::Marlin | Dialect::Smoothie => Self::SetByBoth,
+            Dialect::Marlin1 | Dialect::Klipper | Dialect::Repetier => Self::RelativeByEither,
+            Dialect::RepRapFirmware => Self::Apart,
+        }
+    }
+}
+
+/// The state after some lines of a job.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Modal {
+    /// X, Y, Z, E; `None` where the job has not said it.
+    pub at_mm: [Option<f64>; 4],
+    /// G90 or G91.
+    pub absolute_xyz: bool,
+    /// M82 or M83, and whatever else the firmware counts as such.
+    pub absolute_e: bool,
+    /// The last F.
+    pub feedrate_mm_min: Option<f64>,
+    /// The last S of M106; 0 after M107.
+    pub fan: Option<f64>,
+    /// Nozzle as it was last set.
+    pub hotend_c: Option<f64>,
+    /// Bed as it was last set.
+    pub bed_c: Option<f64>,
+    /// Whether all axes were homed.
+    pub is_homed: bool,
+    /// The highest place at which filament was pushed while moving, mm.
+    pub top_mm: Option<f64>,
+    #[serde(skip)]
+    filament: Filament,
+}
+
+const AXES: [char; 4] = ['X', 'Y', 'Z', 'E'];
+
+impl Modal {
+    /// Before the first line, on a firmware that has just started.
+    #[must_use]
+    pub const fn new(dialect: Dialect) -> Self {
+        Self {
+            at_mm: [None, None, None, Some(0.0)],
+            absolute_xyz: true,
+            absolute_e: true,
+            feedrate_mm_min: None,
+            fan: None,
+            hotend_c: None,
+            bed_c: None,
+            is_homed: false,
+            top_mm: None,
+            filament: Filament::of(dialect),
+        }
+    }
+
+    /// Takes the next command of the job. One that is no G-code changes nothing.
+    pub fn apply(&mut self, command: &str) -> Effect {
+        match reader::parse(command) {
+            Ok(reader::Line { command: Some(c), .. }) => self.command(&c),
+            _ => Effect::Other,
+        }
+    }
+
+    fn command(&mut self, c: &Command) -> Effect {
+        match (c.letter, c.code) {
+            ('G', 0..=3) => return self.go(c),
+            ('G', 4 | 29) | ('M', 0 | 1 | 18 | 84 | 400 | 600) => return Effect::Drains,
+            ('G', 28) => {
+                self.home(c);
+                return Effect::Drains;
+            }
+            ('G', 90 | 91) => {
+                self.absolute_xyz = c.code == 90;
+                if self.filament == Filament::SetByBoth {
+                    self.absolute_e = self.absolute_xyz;
+                }
+            }
+            ('G', 92) => self.set_place(c),
+            ('M', 82 | 83) => self.absolute_e = c.code == 82,
+            ('M', 106) => self.fan = c.value('S').or(Some(255.0)),
+            ('M', 107) => self.fan = Some(0.0),
+            ('M', 104 | 109) => self.hotend_c = c.value('S').or_else(|| c.value('R')).or(self.hotend_c),
+            ('M', 140 | 190) => self.bed_c = c.value('S').or_else(|| c.value('R')).or(self.bed_c),
+            _ => {}
+        }
+        Effect::Other
+    }
+
+    fn home(&mut self, c: &Command) {
+        let all = !AXES[..3].iter().any(|&axis| c.has(axis));
+        for (at, axis) in self.at_mm.iter_mut().zip(AXES).take(3) {
+            if all || c.has(axis) {
+                *at = None;
+            }
+        }
+        self.is_homed |= all;
+    }
+
+    fn set_place(&mut self, c: &Command) {
+        let all = !AXES.iter().any(|&axis| c.has(axis));
+        for (at, axis) in self.at_mm.iter_mut().zip(AXES) {
+            *at = if all { Some(0.0) } else { c.value(axis).or(*at) };
+        }
+    }
+
+    fn is_absolute(&self, axis: usize) -> bool {
+        match (axis, self.filament) {
+            (3, Filament::RelativeByEither) => self.absolute_e && self.absolute_xyz,
+            (3, _) => self.absolute_e,
+            _ => self.absolute_xyz,
+        }
+    }
+
+    fn go(&mut self, c: &Command) -> Effect {
+        self.feedrate_mm_min = c.value('F').or(self.feedrate_mm_min);
+        let before = self.at_mm;
+        let mut longest_mm: f64 = 0.0;
+        for (axis, letter) in AXES.into_iter().enumerate() {
+            let Some(value) = c.value(letter) else { continue };
+            let (to, way) = match (self.is_absolute(axis), before[axis]) {
+                (true, from) => (Some(value), from.map_or(0.0, |from| value - from)),
+                (false, from) => (from.map(|from| from + value), value),
+            };
+            self.at_mm[axis] = to;
+            longest_mm = longest_mm.max(way.abs());
+        }
+        let pushes = c.has('E') && (c.has('X') || c.has('Y')) && self.at_mm[3] > before[3];
+        if let Some(z_mm) = self.at_mm[2].filter(|_| pushes) {
+            self.top_mm = Some(self.top_mm.map_or(z_mm, |top| top.max(z_mm)));
+        }
+        if longest_mm >= SURE_BLOCK_MM { Effect::Block } else { Effect::Other }
+    }
+}
+
+/// The lines acknowledged last, and which of them take a place in the planner: from it follows what is certainly executed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Tail {
+    effects: std::collections::VecDeque<Effect>,
+    /// Lines of the job before `effects`.
+    n_before: u64,
+}
+
+/// Lines kept: more than any window and planner hold.
+const KEPT: usize = 8192;
+
+impl Tail {
+    /// A tail of a job of which `n_before` lines are done.
+    #[must_use]
+    pub fn after(n_before: u64) -> Self {
+        Self { n_before, ..Self::default() }
+    }
+
+    /// The next line of the job.
+    pub fn push(&mut self, effect: Effect) {
+        self.effects.push_back(effect);
+        if self.effects.len() > KEPT {
+            self.effects.pop_front();
+            self.n_before += 1;
+        }
+    }
+
+    /// Lines that are certainly executed when `n_acked` are acknowledged and the planner may still hold `n_moves` moves.
+    #[must_use]
+    pub fn n_certain(&self, n_acked: u64, n_moves: u32) -> u64 {
+        let known = usize::try_from(n_acked.saturating_sub(self.n_before)).unwrap_or(usize::MAX);
+        let mut left = n_moves;
+        let mut certain = n_acked;
+        for effect in self.effects.iter().take(known).rev() {
+            match effect {
+                Effect::Drains => return certain,
+                Effect::Block if left == 0 => return certain,
+                Effect::Block => left -= 1,
+                Effect::Other if left == 0 => return certain,
+                Effect::Other => {}
+            }
+            certain -= 1;
+        }
+        certain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(dialect: Dialect, lines: &[&str]) -> Modal {
+        let mut modal = Modal::new(dialect);
+        for line in lines {
+            modal.apply(line);
+        }
+        modal
+    }
+
+    #[test]
+    fn place_modes_and_heat_follow_the_job() {
+        let lines = [
+            "G28",
+            "M104 S210",
+            "M190 S60",
+            "G90",
+            "M83",
+            "G1 X10 Y20 Z0.2 F1800",
+            "G1 X12 E0.5",
+            "M106 S128",
+        ];
+        let modal = after(Dialect::Marlin, &lines);
+        assert_eq!(modal.at_mm, [Some(12.0), Some(20.0), Some(0.2), Some(0.5)]);
+        assert_eq!((modal.hotend_c, modal.bed_c, modal.fan), (Some(210.0), Some(60.0), Some(128.0)));
+        assert_eq!((modal.feedrate_mm_min, modal.top_mm, modal.is_homed), (Some(1800.0), Some(0.2), true));
+        assert!(modal.absolute_xyz && !modal.absolute_e);
+    }
+
+    #[test]
+    fn where_an_axis_is_after_homing_is_not_guessed() {
+        let modal = after(Dialect::Marlin, &["G90", "G1 X10 Y20 Z3", "G28 X Y"]);
+        assert_eq!(modal.at_mm[..3], [None, None, Some(3.0)]);
+        let modal = after(Dialect::Marlin, &["G28", "G91", "G1 Z5"]);
+        assert_eq!(modal.at_mm[2], None);
+    }
+
+    #[test]
+    fn filament_is_relative_as_each_firmware_means_it() {
+        let lines = ["M82", "G92 E5", "G91", "G1 E1", "G90", "G1 E9"];
+        assert_eq!(after(Dialect::Marlin, &lines).at_mm[3], Some(9.0));
+        let lines = ["M83", "G90", "G1 X1 E1", "G1 X2 E1"];
+        // G90 takes M83 back in Marlin 2 alone.
+        assert_eq!(after(Dialect::Marlin, &lines).at_mm[3], Some(1.0));
+        assert_eq!(after(Dialect::Klipper, &lines).at_mm[3], Some(2.0));
+        assert_eq!(after(Dialect::RepRapFirmware, &["G91", "M82", "G1 E4", "G1 E5"]).at_mm[3], Some(5.0));
+        assert_eq!(after(Dialect::Marlin1, &["G91", "M82", "G1 E4", "G1 E5"]).at_mm[3], Some(9.0));
+    }
+
+    #[test]
+    fn what_is_no_gcode_changes_nothing() {
+        let modal = after(Dialect::Marlin, &["what", "EXCLUDE_OBJECT_START NAME=a", "", "G1 X"]);
+        assert_eq!(modal, Modal::new(Dialect::Marlin));
+    }
+
+    fn tail(lines: &[&str]) -> Tail {
+        let mut modal = Modal::new(Dialect::Marlin);
+        let mut tail = Tail::default();
+        for line in lines {
+            tail.push(modal.apply(line));
+        }
+        tail
+    }
+
+    #[test]
+    fn moves_in_the_planner_are_not_certain() {
+        let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S1", "G1 X3", "G1 X4"]);
+        assert_eq!(tail.n_certain(6, 2), 4);
+        assert_eq!(tail.n_certain(6, 3), 2);
+        assert_eq!(tail.n_certain(6, 0), 6);
+        assert_eq!(tail.n_certain(3, 16), 1);
+        assert_eq!(tail.n_certain(0, 16), 0);
+    }
+
+    #[test]
+    fn what_drains_the_planner_makes_all_before_it_certain() {
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400"]).n_certain(3, 16), 3);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400", "G1 X3"]).n_certain(4, 16), 3);
+    }
+
+    #[test]
+    fn lines_that_may_take_no_place_are_not_counted_as_places() {
+        assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, 2), 1);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn certain_lines_grow_with_acknowledgements(moves in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
+            let mut tail = Tail::default();
+            for kind in &moves {
+                tail.push([Effect::Block, Effect::Drains, Effect::Other][usize::from(*kind)]);
+            }
+            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, n)).collect();
+            proptest::prop_assert!(certain.is_sorted());
+            proptest::prop_assert!(certain.iter().zip(0..).all(|(c, acked)| *c <= acked));
+        }
+    }
+}

@@ -1,0 +1,553 @@
+//! One print from greeting to proof, over all that may break off in between: pure, on any clock.
+//!
+//! The session owns the protocol core, the job and what goes into the journal; bytes, time, and the coming and going of the port go
+//! in, bytes, events, records and the next deadline come out. [`super::driver`] gives it a real port and a clock, tests a
+//! simulated printer and a made-up one.
+//!
+//! **Contract.** After every `handle_*`, drain [`Session::poll_record`] first (a record of a new session must be in the journal
+//! before a line of it is sent), then [`Session::transmit`] and [`Session::poll_event`].
+//!
+//! When the port vanishes in the middle of the job, the session asks for it again ([`Session::wants_port`]) for
+//! `orphan_hold_s`; then it asks the printer where it is and decides as [`super::resume`] does: exactly, or not at all. A
+//! printer that has started anew meanwhile is never sent the job again.
+
+use super::job::{self, Job};
+use super::journal::recorder::Recorder;
+use super::journal::{Ending, Place, Record, Track};
+use super::policy::{self, Action, Phase, Trouble};
+use super::protocol::{Command, Core, Event, Fault, Instant, LineSplitter, Question, State, Stats};
+use super::resume::{self, Decision, Exact, Known, Recovery, Refusal, Survey};
+use crate::profile::Profile;
+use std::collections::VecDeque;
+use std::io::{BufRead, Seek};
+use std::time::Duration;
+
+/// What a print tells while it runs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PrintEvent {
+    /// What the protocol tells.
+    Session(Event),
+    /// How far the job is.
+    Progress {
+        /// Lines acknowledged.
+        n_lines_done: u64,
+        /// Lines in all.
+        n_lines: u64,
+    },
+    /// The port vanished; it is awaited.
+    PortLost {
+        /// For so long.
+        hold: Duration,
+    },
+    /// The print goes on exactly where it was.
+    WentOn {
+        /// Behind this line of the job.
+        n_lines_done: u64,
+    },
+    /// The journal cannot be written; the print goes on.
+    JournalFailed(String),
+}
+
+/// How a session ended.
+#[derive(Debug)]
+pub enum End {
+    /// Every line is executed, and the printer says so.
+    Finished,
+    /// Given up on request; heaters-off is confirmed.
+    Cancelled,
+    /// Given up.
+    Faulted(Fault),
+    /// The job cannot be read any more.
+    Job(job::Error),
+    /// It can go on, but not exactly; nothing was sent.
+    NeedsConsent(Box<Recovery>),
+    /// It cannot go on; nothing was sent.
+    Refused(Refusal),
+}
+
+/// How a session begins.
+#[derive(Debug, Clone)]
+pub enum Start {
+    /// With the first line.
+    Fresh,
+    /// Where an earlier one broke off; after a reset only with the operator's consent.
+    Resume {
+        /// What the journal knows.
+        known: Box<Known>,
+        /// Whether recovery is allowed.
+        after_reset: bool,
+    },
+}
+
+#[derive(Debug)]
+enum Stage {
+    /// The printer is greeted; then these lines are sent before the job.
+    Greeting {
+        host_lines: Vec<String>,
+    },
+    /// The printer is asked what it has.
+    Surveying {
+        known: Box<Known>,
+        survey: Survey,
+        manner: Manner,
+    },
+    Printing,
+    Detached {
+        until: Instant,
+        is_paused: bool,
+    },
+    Over,
+}
+
+/// What is known, and allowed, when a printer is asked where it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Manner {
+    /// The port was away within this session.
+    Reattach { is_paused: bool },
+    /// An earlier session is resumed.
+    Resume { after_reset: bool },
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Session<R> {
+    profile: Profile,
+    core: Core,
+    job: Job<R>,
+    recorder: Recorder,
+    stage: Stage,
+    splitter: LineSplitter,
+    records: VecDeque<Record>,
+    events: VecDeque<PrintEvent>,
+    end: Option<End>,
+    stats: Stats,
+    now: Instant,
+    /// Why the job is being cancelled, where it is not the operator's wish.
+    job_error: Option<job::Error>,
+    /// Lines that may have been executed twice, after a reset.
+    n_twice: u64,
+}
+
+impl<R: BufRead + Seek> Session<R> {
+    /// A session over a port that is open.
+    #[must_use]
+    pub fn new(job: Job<R>, profile: &Profile, start: Start, now: Instant) -> Self {
+        let profile = guarded(profile, &job);
+        let core = Core::new(&profile);
+        let mut session = Self {
+            recorder: Recorder::fresh(profile.firmware.dialect, Track::default(), now),
+            profile,
+            core,
+            job,
+            stage: Stage::Over,
+            splitter: LineSplitter::default(),
+            records: VecDeque::new(),
+            events: VecDeque::new(),
+            end: None,
+            stats: Stats::default(),
+            now,
+            job_error: None,
+            n_twice: 0,
+        };
+        match start {
+            Start::Fresh => {
+                session.stage = Stage::Greeting { host_lines: Vec::new() };
+                session.command(Command::Connect);
+            }
+            Start::Resume { known, after_reset } => session.survey(*known, Manner::Resume { after_reset }),
+        }
+        session.settle();
+        session
+    }
+
+    /// Bytes from the port.
+    pub fn handle_bytes(&mut self, now: Instant, bytes: &[u8]) {
+        self.now = now;
+        let Self { splitter, core, .. } = self;
+        splitter.feed(bytes, |line| core.handle_line(now, line));
+        self.settle();
+    }
+
+    /// What is due is done.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        self.now = now;
+        if let Stage::Detached { until, .. } = self.stage {
+            if until <= now {
+                self.over(End::Faulted(Fault::LinkLost));
+            }
+        } else if self.core.poll_timeout().is_some_and(|due| due <= now) {
+            self.core.handle_timeout(now);
+        }
+        self.settle();
+    }
+
+    /// The port is gone.
+    pub fn handle_lost(&mut self, now: Instant) {
+        self.now = now;
+        self.splitter.clear();
+        if matches!(self.stage, Stage::Detached { .. } | Stage::Over) {
+            return;
+        }
+        let phase = self.phase();
+        self.note_progress();
+        let is_paused = matches!(self.core.state(), State::Pausing | State::Paused)
+            || matches!(self.stage, Stage::Surveying { manner: Manner::Reattach { is_paused: true }, .. });
+        let hold = Duration::from_secs_f64(self.profile.firmware.orphan_hold_s);
+        match policy::action(phase, Trouble::PortGone) {
+            Action::Await if !hold.is_zero() => {
+                self.events.push_back(PrintEvent::PortLost { hold });
+                self.stage = Stage::Detached { until: now + hold, is_paused };
+            }
+            _ => self.over(End::Faulted(Fault::LinkLost)),
+        }
+    }
+
+    /// The port is there again, the same device behind it.
+    pub fn handle_port(&mut self, now: Instant) {
+        self.now = now;
+        let Stage::Detached { is_paused, .. } = self.stage else { return };
+        let known = Known {
+            track: self.recorder.track().clone(),
+            progress: self.recorder.progress(now, self.core.progress()),
+            is_behind: false,
+        };
+        self.stats = self.stats.plus(self.core.stats());
+        self.core = Core::new(&self.profile);
+        self.survey(known, Manner::Reattach { is_paused });
+        self.settle();
+    }
+
+    /// The operator asks to stop.
+    pub fn cancel(&mut self, now: Instant) {
+        self.now = now;
+        match policy::action(self.phase(), Trouble::StopRequested) {
+            Action::Stop => self.command(Command::Cancel),
+            Action::Refuse => self.over(End::Cancelled),
+            Action::GiveUpUnknown => self.over(End::Faulted(Fault::LinkLost)),
+            _ => {}
+        }
+        self.settle();
+    }
+
+    /// The operator asks to pause, or to go on.
+    pub fn pause(&mut self, now: Instant, pauses: bool) {
+        self.now = now;
+        self.command(if pauses { Command::Pause } else { Command::Resume });
+        self.settle();
+    }
+
+    /// Appends what is to be written to the port.
+    pub fn transmit(&mut self, out: &mut Vec<u8>) {
+        loop {
+            while let Some(line) = self.core.poll_transmit() {
+                out.extend_from_slice(line.bytes);
+            }
+            if !self.feed() {
+                return;
+            }
+        }
+    }
+
+    /// A record for the journal, if there is one.
+    pub fn poll_record(&mut self) -> Option<Record> {
+        if let Some(record) = self.records.pop_front() {
+            return Some(record);
+        }
+        let is_printing = matches!(self.stage, Stage::Printing);
+        is_printing.then(|| self.recorder.poll(self.now, self.core.progress())).flatten()
+    }
+
+    /// The record given out last was not taken: it will come again.
+    pub fn not_written(&mut self, record: Record) {
+        match record {
+            Record::Progress(_) => self.recorder.not_written(),
+            other => self.records.push_front(other),
+        }
+    }
+
+    /// Something to tell, if there is anything.
+    pub fn poll_event(&mut self) -> Option<PrintEvent> {
+        self.events.pop_front()
+    }
+
+    /// When [`Self::handle_timeout`] is due.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match self.stage {
+            Stage::Detached { until, .. } => Some(until),
+            Stage::Over => None,
+            _ => self.core.poll_timeout(),
+        }
+    }
+
+    /// Whether the port is to be opened again.
+    #[must_use]
+    pub const fn wants_port(&self) -> bool {
+        matches!(self.stage, Stage::Detached { .. })
+    }
+
+    /// Whether the session has ended; what is to be transmitted and recorded still is.
+    #[must_use]
+    pub const fn is_over(&self) -> bool {
+        self.end.is_some()
+    }
+
+    /// How it ended.
+    pub fn take_end(&mut self) -> Option<End> {
+        self.end.take()
+    }
+
+    /// Lines of the job acknowledged, and in all.
+    #[must_use]
+    pub fn progress(&self) -> PrintEvent {
+        let n_acked = self.recorder.track().n_job_lines(self.core.progress().n_acked);
+        let n_lines = self.job.n_lines();
+        PrintEvent::Progress { n_lines_done: n_acked.min(n_lines), n_lines }
+    }
+
+    /// Whether lines of the job are being sent.
+    #[must_use]
+    pub const fn is_printing(&self) -> bool {
+        matches!(self.core.state(), State::Streaming | State::Finishing)
+    }
+
+    /// What happened on the wire.
+    #[must_use]
+    pub const fn stats(&self) -> Stats {
+        self.stats.plus(self.core.stats())
+    }
+
+    /// Lines that may have been executed twice, because the print went on after a reset.
+    #[must_use]
+    pub const fn n_twice(&self) -> u64 {
+        self.n_twice
+    }
+
+    /// Commands in the job.
+    #[must_use]
+    pub const fn n_lines(&self) -> u64 {
+        self.job.n_lines()
+    }
+
+    const fn phase(&self) -> Phase {
+        match (&self.stage, self.core.state()) {
+            (Stage::Detached { .. } | Stage::Surveying { manner: Manner::Reattach { .. }, .. }, _) => {
+                Phase::Detached
+            }
+            (Stage::Greeting { .. } | Stage::Surveying { .. } | Stage::Over, _) => Phase::Greeting,
+            (_, State::Cancelling) => Phase::Stopping,
+            (_, State::Pausing | State::Paused) => Phase::Paused,
+            _ => Phase::Printing,
+        }
+    }
+
+    /// A command whose refusal means that it is too late for it.
+    fn command(&mut self, command: Command<'_>) {
+        self.core.handle_command(self.now, command).ok();
+    }
+
+    /// Gives the core the next lines of the job; false if it wants none.
+    fn feed(&mut self) -> bool {
+        if !self.core.wants_line() {
+            return false;
+        }
+        while self.core.wants_line() {
+            match self.job.next_command() {
+                Ok(Some(line)) => {
+                    self.recorder.feed(line);
+                    self.core.handle_command(self.now, Command::Line(line))
+                }
+                Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
+                Err(error) => {
+                    self.job_error = Some(error);
+                    self.core.handle_command(self.now, Command::Cancel)
+                }
+            }
+            .expect("a core that wants lines takes these commands");
+        }
+        true
+    }
+
+    fn settle(&mut self) {
+        while let Some(event) = self.core.poll_event() {
+            self.on_event(&event);
+            self.events.push_back(PrintEvent::Session(event));
+        }
+    }
+
+    fn on_event(&mut self, event: &Event) {
+        match event {
+            Event::Connected => self.begin(),
+            Event::Found(last) => self.found(*last),
+            Event::Answered => self.answered(),
+            Event::Position(position) => {
+                if let Stage::Surveying { survey, .. } = &mut self.stage {
+                    survey.position = Some(*position);
+                }
+            }
+            Event::Temperatures(temperatures) => {
+                self.recorder.hear(*temperatures);
+                if let Stage::Surveying { survey, .. } = &mut self.stage {
+                    survey.temperatures = *temperatures;
+                }
+            }
+            Event::Finished => self.over(End::Finished),
+            Event::Cancelled => self.over(End::Cancelled),
+            Event::Faulted(fault) => self.over(End::Faulted(fault.clone())),
+            _ => {}
+        }
+    }
+
+    fn begin(&mut self) {
+        let Stage::Greeting { host_lines } = std::mem::replace(&mut self.stage, Stage::Printing) else {
+            return;
+        };
+        let n_before = self.job.n_given();
+        let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
+        let track = Track { first_number: 1, prelude, n_before };
+        self.records.push_back(Record::Session(track.clone()));
+        let dialect = self.profile.firmware.dialect;
+        let fresh = Recorder::fresh(dialect, track.clone(), self.now);
+        let before = std::mem::replace(&mut self.recorder, fresh);
+        if n_before > 0 {
+            self.recorder = before.on(track, self.now);
+        }
+        self.command(Command::Begin);
+        for line in &host_lines {
+            self.command(Command::HostLine(line));
+        }
+    }
+
+    fn survey(&mut self, known: Known, manner: Manner) {
+        let beyond = known.progress.number;
+        self.stage = Stage::Surveying { known: Box::new(known), survey: Survey::default(), manner };
+        self.command(Command::Inquire { beyond });
+    }
+
+    fn found(&mut self, last: Option<u64>) {
+        if let Stage::Surveying { survey, .. } = &mut self.stage {
+            survey.last = last;
+            self.command(Command::Ask(Question::Temperatures));
+        }
+    }
+
+    /// Temperatures first, then the position; then it is decided.
+    fn answered(&mut self) {
+        let Stage::Surveying { known, survey, manner } = &self.stage else { return };
+        if survey.position.is_none() {
+            self.command(Command::Ask(Question::Position));
+            return;
+        }
+        let (manner, survey, known) = (*manner, *survey, known.clone());
+        match resume::decide(&mut self.job, &self.profile, &known, &survey) {
+            Ok(Decision::Exact(exact)) => self.go_on(*exact, manner),
+            Ok(Decision::Recover(recovery)) => self.recover(recovery, manner),
+            Ok(Decision::Refuse(refusal)) => self.refuse(refusal, manner),
+            Err(error) => self.over(End::Job(error)),
+        }
+    }
+
+    fn go_on(&mut self, exact: Exact, manner: Manner) {
+        let n_done = exact.n_done();
+        let Exact { place, track, modal, tail } = exact;
+        self.records.push_back(Record::Session(track.clone()));
+        let prelude = track.prelude.clone();
+        self.recorder = Recorder::new(track, modal, tail, self.now);
+        self.stage = Stage::Printing;
+        self.events.push_back(PrintEvent::WentOn { n_lines_done: n_done });
+        if let Err(error) = self.job.replay(n_done, |_| {}) {
+            self.over(End::Job(error));
+            return;
+        }
+        self.command(Command::GoOn);
+        if let Place::Prelude(n) = place {
+            prelude.iter().skip(n).for_each(|line| self.command(Command::HostLine(line)));
+        }
+        if manner == (Manner::Reattach { is_paused: true }) {
+            self.command(Command::Pause);
+        }
+    }
+
+    /// Nobody is asked while a print runs: the printer has lost its place, and is told to switch its heaters off.
+    fn recover(&mut self, recovery: Box<Recovery>, manner: Manner) {
+        match manner {
+            Manner::Reattach { .. } => self.core.give_up(self.now, Fault::FirmwareReset),
+            Manner::Resume { after_reset: false } => self.over(End::NeedsConsent(recovery)),
+            Manner::Resume { after_reset: true } => self.begin_anew(*recovery),
+        }
+    }
+
+    fn begin_anew(&mut self, recovery: Recovery) {
+        let Recovery { n_done, n_twice, commands, modal, .. } = recovery;
+        self.n_twice = n_twice;
+        if let Err(error) = self.job.replay(n_done, |_| {}) {
+            self.over(End::Job(error));
+            return;
+        }
+        let tail = super::replay::Tail::after(n_done);
+        self.recorder = Recorder::new(Track::default(), modal, tail, self.now);
+        self.stats = self.stats.plus(self.core.stats());
+        self.core = Core::new(&self.profile);
+        self.stage = Stage::Greeting { host_lines: commands };
+        self.command(Command::Connect);
+    }
+
+    fn refuse(&mut self, refusal: Refusal, manner: Manner) {
+        match manner {
+            Manner::Reattach { .. } => self.core.give_up(self.now, Fault::FirmwareReset),
+            Manner::Resume { .. } => self.over(End::Refused(refusal)),
+        }
+    }
+
+    /// The last numbers before the connection is forgotten.
+    fn note_progress(&mut self) {
+        if matches!(self.stage, Stage::Printing) {
+            let progress = self.recorder.progress(self.now, self.core.progress());
+            self.records.push_back(Record::Progress(progress));
+        }
+    }
+
+    fn over(&mut self, end: End) {
+        if matches!(self.stage, Stage::Over) {
+            return;
+        }
+        self.note_progress();
+        let is_of_this_print = matches!(
+            self.stage,
+            Stage::Printing
+                | Stage::Detached { .. }
+                | Stage::Surveying { manner: Manner::Reattach { .. }, .. }
+        );
+        let end = match (end, self.job_error.take()) {
+            (End::Cancelled, Some(error)) => End::Job(error),
+            (end, _) => end,
+        };
+        if is_of_this_print {
+            self.records.extend(ending(&end).map(Record::End));
+        }
+        self.stage = Stage::Over;
+        self.end = Some(end);
+    }
+}
+
+/// What the journal keeps of an end.
+fn ending(end: &End) -> Option<Ending> {
+    match end {
+        End::Finished => Some(Ending::Finished),
+        End::Cancelled => Some(Ending::Cancelled),
+        End::Faulted(fault) => Some(Ending::Faulted(fault.code().to_owned())),
+        End::Job(error) => Some(Ending::Faulted(error.code().to_owned())),
+        End::NeedsConsent(_) | End::Refused(_) => None,
+    }
+}
+
+/// The firmware's time-out cannot tell a host that died from one that waits for the operator: a job that asks for somebody
+/// (`M0`, `M600`) goes without it.
+fn guarded<R: BufRead + Seek>(profile: &Profile, job: &Job<R>) -> Profile {
+    let mut profile = profile.clone();
+    profile.firmware.orphan_guard &= !job.waits_for_user();
+    profile
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,202 @@
+//! The fault matrix: every fault of the simulator, every firmware, three windows, on one made-up clock.
+//!
+//! `cargo test --release --lib fault_matrix -- --nocapture` prints it; with `UPDATE_GOLDEN=1` it is written anew into
+//! `tests/golden/fault_matrix.txt`.
+
+use super::super::*;
+use super::rig::{Laid, Rig, Setup, clean, is_same};
+use std::fmt::Write as _;
+
+const FIRMWARES: [&str; 7] =
+    ["marlin", "marlin1", "prusa-mk3s", "repetier", "reprapfirmware", "smoothie", "klipper"];
+
+/// Faults that must leave no trace.
+const OF_THE_WIRE: [&str; 15] = [
+    "bit-error:rate=0.02",
+    "bit-error:rate=0.02,dir=tx",
+    "lost-byte:rate=0.02",
+    "lost-byte:rate=0.02,dir=tx",
+    "doubled-byte:rate=0.02",
+    "doubled-byte:rate=0.02,dir=tx",
+    "half-line:line=70",
+    "half-line:line=70,dir=tx",
+    "lost-ok:rate=0.02",
+    "spurious-resend:rate=0.02",
+    "wrong-resend:rate=0.02",
+    "delay:rate=0.01",
+    "delay:rate=0.01,dir=tx",
+    "garbage:rate=0.02",
+    "garbage:rate=0.02,dir=tx",
+];
+
+/// Faults that must end in a named state, or in going on exactly.
+const OF_THE_MACHINE: [&str; 9] = [
+    "disconnect:line=70,for-s=10",
+    "disconnect:line=70",
+    "reset:line=70",
+    "kill:line=70",
+    "runaway:line=10",
+    "sensor-open:line=70",
+    "silent:line=70,for-s=5",
+    "silent:line=70",
+    "filament-out:line=70",
+];
+
+/// How long the port is waited for here, s.
+const HOLD_S: f64 = 40.0;
+/// The protocol's own time-out for silence, s.
+const SILENCE_S: f64 = 22.5;
+
+const LEGEND: &str = "\
+Each cell: no more than one line in flight, the profile's window at 250,000 baud, unlimited.
+=   every move once, the deposition of the clean print
+>   the same, after going on by itself where the port came back
+~   printed to the end, but not the same: damage that firmware without checksums executes, the host cannot see
+P   paused, the heaters on, the operator told (p: every line was with the printer already)
+G   the port did not come back in time: given up, the heaters left to the firmware's own time-out, the operator told
+R H S C  given up with heaters off: reset, halted, silent, a command refused by firmware without line numbers
+";
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Window {
+    One,
+    Profile,
+    Unlimited,
+}
+
+fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
+    let mut setup = Setup::new(firmware, 2, 40).with(fault);
+    setup.profile.firmware.orphan_hold_s = HOLD_S;
+    match window {
+        Window::One => setup.profile.firmware.rx_buffer_bytes = 32,
+        // Klipper's terminal is no wire.
+        Window::Profile if firmware == "klipper" => {}
+        Window::Profile => setup.baud = Some(250_000),
+        Window::Unlimited => setup.profile.firmware.rx_buffer_bytes = 1 << 20,
+    }
+    setup
+}
+
+/// What became of the print, as one sign; everything that must hold of it is asserted.
+fn outcome(setup: Setup, expected: &[Laid]) -> char {
+    let what =
+        format!("{} {:?} {:?}", setup.profile.name, setup.faults, setup.profile.firmware.rx_buffer_bytes);
+    let is_numbered = setup.profile.firmware.line_numbers;
+    let is_of_the_wire = OF_THE_WIRE.contains(&setup.faults[0].as_str());
+    let mut rig = Rig::new(setup);
+    let is_paused = |event: &PrintEvent| *event == PrintEvent::Session(Event::Paused);
+    if rig.run_until(|rig| rig.events.iter().any(is_paused)) {
+        let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
+        if n_lines_done == n_lines {
+            return 'p';
+        }
+        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: a pause keeps the heat");
+        return 'P';
+    }
+    let decided_s = rig.printer.now_s();
+    let end = rig.run();
+    let went_on = rig.events.iter().any(|event| matches!(event, PrintEvent::WentOn { .. }));
+    if let End::Finished = end {
+        let same = is_same(&rig.laid, expected);
+        assert!(same || !is_numbered || !is_of_the_wire, "{what}: another deposition");
+        return if !same {
+            '~'
+        } else if went_on {
+            '>'
+        } else {
+            '='
+        };
+    }
+    let End::Faulted(fault) = end else { panic!("{what}: {end:?}") };
+    assert!(!is_of_the_wire || !is_numbered, "{what}: {fault}");
+    assert_no_move_twice(&rig, &what);
+    // Damage that no checksum finds shows when the firmware cannot do what has become of the line.
+    if !is_of_the_wire {
+        assert_decided_in_time(&rig, &fault, decided_s, &what);
+    }
+    assert_heaters(&mut rig, &fault, &what);
+    match fault {
+        Fault::LinkLost => 'G',
+        Fault::FirmwareReset => 'R',
+        Fault::Halted { .. } => 'H',
+        Fault::Silent { .. } | Fault::NoAnswer { .. } => 'S',
+        Fault::CommandRefused { .. } => 'C',
+        other => panic!("{what}: {other}"),
+    }
+}
+
+/// No bead is laid a second time.
+fn assert_no_move_twice(rig: &Rig, what: &str) {
+    let twice = rig.laid.iter().enumerate().find(|(i, bead)| {
+        rig.laid[..*i].iter().any(|other| is_same(std::slice::from_ref(*bead), std::slice::from_ref(other)))
+    });
+    assert!(twice.is_none(), "{what}: {twice:?} is laid twice");
+}
+
+/// Within two seconds of the time-out that is due, counted from the fault.
+fn assert_decided_in_time(rig: &Rig, fault: &Fault, decided_s: f64, what: &str) {
+    let kind = rig.setup.faults[0].split(':').next().unwrap();
+    // The firmware's own protection looks for a while before it strikes: then that counts.
+    let last = |wanted: &str| rig.states.iter().rev().find(|(_, name)| name == wanted).map(|(at_s, _)| *at_s);
+    let Some(struck_s) = last("killed").or_else(|| last(kind)) else { return };
+    let due_s = match fault {
+        Fault::LinkLost => HOLD_S,
+        Fault::Silent { .. } => SILENCE_S,
+        _ => 0.0,
+    };
+    assert!(decided_s - struck_s <= due_s + 2.0, "{what}: {fault} after {:.1} s", decided_s - struck_s);
+}
+
+/// Off wherever somebody is there to be told.
+fn assert_heaters(rig: &mut Rig, fault: &Fault, what: &str) {
+    let mut last_words = Vec::new();
+    rig.session.transmit(&mut last_words);
+    let was_told = String::from_utf8_lossy(&last_words).contains("M104 S0");
+    let is_off = rig.printer.summary().hotend_c[1] <= 0.0;
+    match fault {
+        Fault::LinkLost => {}
+        // It hears nothing; it was told all the same.
+        Fault::Silent { .. } | Fault::NoAnswer { .. } => assert!(was_told || rig.told_off(), "{what}"),
+        _ => {
+            rig.printer.receive(&last_words);
+            rig.drain(5.0);
+            assert!(is_off || rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
+        }
+    }
+}
+
+fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
+    let mut text = format!("{fault:<32}");
+    for (firmware, expected) in FIRMWARES.iter().zip(expected) {
+        let cell: String = [Window::One, Window::Profile, Window::Unlimited]
+            .map(|window| outcome(setup_for(firmware, window, fault), expected))
+            .iter()
+            .collect();
+        write!(text, " {cell:<14}").unwrap();
+    }
+    text.trim_end().to_owned()
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "the table is what the command is for")]
+fn fault_matrix() {
+    let expected: Vec<_> = FIRMWARES.iter().map(|firmware| clean(&Setup::new(firmware, 2, 40))).collect();
+    let mut text = format!("{LEGEND}\n{:<32}", "");
+    for firmware in FIRMWARES {
+        write!(text, " {firmware:<14}").unwrap();
+    }
+    text = text.trim_end().to_owned() + "\n";
+    for fault in OF_THE_WIRE.into_iter().chain(OF_THE_MACHINE) {
+        text += &row(fault, &expected);
+        text.push('\n');
+    }
+    println!("{text}");
+    let golden = "tests/golden/fault_matrix.txt";
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        // From src/printer/session/tests to the package.
+        let root = std::path::Path::new(file!()).ancestors().nth(5).unwrap();
+        std::fs::write(root.join(golden), &text).unwrap();
+        return;
+    }
+    assert_eq!(text, include_str!("../../../../tests/golden/fault_matrix.txt"), "see the head of this file");
+}

@@ -1,0 +1,6 @@
+//! Sessions against the simulated printer, in one process and on its clock.
+
+mod crash;
+mod matrix;
+mod reattach;
+mod rig;

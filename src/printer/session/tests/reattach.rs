@@ -1,0 +1,65 @@
+//! Exact going on: nothing twice, nothing missing.
+
+use super::super::*;
+use super::rig::{Rig, Setup, clean, is_same};
+
+const ALL: [&str; 8] =
+    ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];
+
+#[test]
+fn every_firmware_prints_a_job_once() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let mut rig = Rig::new(setup);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert_eq!(rig.laid.len(), 3 * 48, "{profile}");
+        let stats = rig.session.stats();
+        assert_eq!((stats.n_resends, stats.n_lost_oks), (0, 0), "{profile}: {stats:?}");
+    }
+}
+
+#[test]
+fn a_cable_that_was_out_leaves_no_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let expected = clean(&setup);
+        for line in [30, 80, 133] {
+            let mut rig = Rig::new(setup.clone().with(&format!("disconnect:line={line},for-s=20")));
+            let end = rig.run();
+            assert!(matches!(end, End::Finished), "{profile} {line}: {end:?} {:?}", rig.events);
+            assert!(is_same(&rig.laid, &expected), "{profile} {line}");
+            assert!(rig.events.iter().any(|e| matches!(e, PrintEvent::WentOn { .. })), "{profile} {line}");
+        }
+    }
+}
+
+#[test]
+fn a_host_that_died_is_resumed_without_a_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let expected = clean(&setup);
+        for n_laid in [1, 50, 100, 143] {
+            for lost_s in [0.0, 0.9] {
+                let mut rig = Rig::new(setup.clone());
+                assert!(rig.run_until(|rig| rig.laid.len() >= n_laid));
+                rig.drain(7.0);
+                rig.resume(7.0 + lost_s, false);
+                let end = rig.run();
+                assert!(matches!(end, End::Finished), "{profile} {n_laid}: {end:?} {:?}", rig.events);
+                assert!(is_same(&rig.laid, &expected), "{profile} {n_laid} {lost_s}");
+            }
+        }
+    }
+}
+
+#[test]
+fn filament_that_runs_out_pauses_and_the_print_goes_on_when_told_to() {
+    let mut rig = Rig::new(Setup::new("marlin", 3, 48).with("filament-out:line=80,for-s=600"));
+    let is_paused = |rig: &Rig| rig.events.contains(&PrintEvent::Session(Event::Paused));
+    assert!(rig.run_until(is_paused), "{:?}", rig.events);
+    rig.drain(700.0);
+    rig.session.pause(rig.now(), false);
+    let end = rig.run();
+    assert!(matches!(end, End::Finished), "{end:?}");
+}

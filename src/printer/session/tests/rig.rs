@@ -1,0 +1,276 @@
+//! A host and a simulated printer on one made-up clock; the host may die, the cable may be pulled.
+
+use super::super::*;
+use crate::printer::journal::{JobId, Log, Machine, encode, header};
+use hil_sim::event::Event as SimEvent;
+use hil_sim::printer::{Options, Printer};
+use std::fmt::Write as _;
+use std::io::Cursor;
+use std::path::Path;
+
+/// More steps than any of these prints takes.
+const MAX_STEPS: usize = 3_000_000;
+
+/// A bead, without what depends on when it was laid: from, to, volume.
+pub(super) type Laid = ([f64; 3], [f64; 3], f64);
+
+/// Rings, one on the other, with a travel between: start and end scripts around them.
+pub(super) fn rings(profile: &Profile, n_layers: u32, n_sides: u32, mm_min: u32) -> String {
+    let mut text = profile.start_gcode().join("\n");
+    for layer in 0..n_layers {
+        let z_mm = 0.2 * f64::from(layer + 1);
+        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F{mm_min}")
+            .unwrap();
+        for side in 1..=n_sides {
+            let angle = std::f64::consts::TAU * f64::from(side) / f64::from(n_sides);
+            let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
+            let length_mm = 20.0 * (std::f64::consts::PI / f64::from(n_sides)).sin();
+            let e_mm = length_mm * 0.4 * 0.2 / (std::f64::consts::PI * 0.875 * 0.875);
+            write!(text, "\nG1 X{x_mm:.3} Y{y_mm:.3} E{e_mm:.5}").unwrap();
+        }
+    }
+    text.push('\n');
+    text + &profile.end_gcode(0.2 * f64::from(n_layers)).join("\n")
+}
+
+/// How a print of these tests is set up.
+#[derive(Debug, Clone)]
+pub(super) struct Setup {
+    pub(super) profile: Profile,
+    pub(super) job: String,
+    pub(super) faults: Vec<String>,
+    pub(super) baud: Option<u32>,
+    pub(super) seed: u64,
+}
+
+impl Setup {
+    pub(super) fn new(profile: &str, n_layers: u32, n_sides: u32) -> Self {
+        Self::at_speed(profile, n_layers, n_sides, 1800)
+    }
+
+    /// Beads at so many mm/min.
+    pub(super) fn at_speed(profile: &str, n_layers: u32, n_sides: u32, mm_min: u32) -> Self {
+        let profile = crate::profile::builtin(profile).unwrap();
+        let job = rings(&profile, n_layers, n_sides, mm_min);
+        Self { profile, job, faults: Vec::new(), baud: None, seed: 1 }
+    }
+
+    pub(super) fn with(mut self, fault: &str) -> Self {
+        self.faults.push(fault.to_owned());
+        self
+    }
+
+    pub(super) fn job(&self) -> Job<Cursor<Vec<u8>>> {
+        Job::from_text(self.job.as_str(), "rings.gcode", &self.profile.firmware).unwrap()
+    }
+
+    fn printer(&self) -> Printer {
+        let profile = hil_sim::profile::Profile::by_name(&self.profile.name).unwrap();
+        let faults = self.faults.iter().map(|spec| spec.parse().unwrap()).collect();
+        Printer::new(Options { profile, baud: self.baud, faults, seed: self.seed, record_commands: false })
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Rig {
+    pub(super) setup: Setup,
+    pub(super) session: Session<Cursor<Vec<u8>>>,
+    pub(super) printer: Printer,
+    /// The journal's bytes, and when each record was written.
+    pub(super) journal: Vec<u8>,
+    pub(super) records: Vec<(f64, Record)>,
+    pub(super) laid: Vec<Laid>,
+    pub(super) events: Vec<PrintEvent>,
+    /// Names of faults and states that the printer has told, with the time.
+    pub(super) states: Vec<(f64, String)>,
+    /// What was written last.
+    last_words: Vec<u8>,
+    is_connected: bool,
+}
+
+impl Rig {
+    pub(super) fn new(setup: Setup) -> Self {
+        let mut printer = setup.printer();
+        printer.host_arrived();
+        let session = Session::new(setup.job(), &setup.profile, Start::Fresh, Instant::default());
+        let mut rig = Self {
+            journal: header(),
+            session,
+            printer,
+            records: Vec::new(),
+            laid: Vec::new(),
+            events: Vec::new(),
+            states: Vec::new(),
+            last_words: Vec::new(),
+            is_connected: true,
+            setup,
+        };
+        let n_lines = rig.session.n_lines();
+        rig.write(Record::Job(JobId { file: "rings.gcode".into(), hash: String::new(), n_lines }));
+        let profile = rig.setup.profile.name.clone();
+        rig.write(Record::Machine(Machine {
+            profile,
+            profile_hash: String::new(),
+            port: "sim".into(),
+            device: None,
+        }));
+        rig
+    }
+
+    fn write(&mut self, record: Record) {
+        self.journal.extend(encode(&record));
+        self.records.push((self.printer.now_s(), record));
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        Instant::after(Duration::from_secs_f64(self.printer.now_s()))
+    }
+
+    /// All that can be said now. True if anything was.
+    fn exchange(&mut self) -> bool {
+        let mut moved = self.connect();
+        while let Some(record) = self.session.poll_record() {
+            self.write(record);
+        }
+        let mut out = Vec::new();
+        self.session.transmit(&mut out);
+        if !out.is_empty() && self.is_connected {
+            self.printer.receive(&out);
+            self.last_words = out;
+            moved = true;
+        }
+        let said = std::mem::take(self.printer.output());
+        if !said.is_empty() && self.is_connected {
+            self.session.handle_bytes(self.now(), &said);
+            moved = true;
+        }
+        self.events.extend(std::iter::from_fn(|| self.session.poll_event()));
+        self.observe();
+        moved
+    }
+
+    fn connect(&mut self) -> bool {
+        match (self.printer.is_plugged(), self.is_connected) {
+            (false, true) => {
+                self.is_connected = false;
+                self.session.handle_lost(self.now());
+            }
+            (true, false) if self.session.wants_port() => {
+                self.is_connected = true;
+                self.printer.host_arrived();
+                self.session.handle_port(self.now());
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn observe(&mut self) {
+        for event in self.printer.take_events() {
+            match event {
+                SimEvent::Bead(bead) => self.laid.push((bead.from_mm, bead.to_mm, bead.volume_mm3)),
+                SimEvent::Fault { t_s, kind, .. } => self.states.push((t_s, kind.to_owned())),
+                SimEvent::State { t_s, state, .. } => self.states.push((t_s, state.to_owned())),
+                _ => {}
+            }
+        }
+    }
+
+    /// Everything that happens at this moment, then on to the next one. False when nothing will ever happen.
+    pub(super) fn step(&mut self) -> bool {
+        while self.exchange() {}
+        if self.session.is_over() {
+            return false;
+        }
+        let due = self.session.poll_timeout();
+        let next = self.printer.next_event_s().map(|s| Instant::after(Duration::from_secs_f64(s)));
+        match (due, next) {
+            (None, None) => return false,
+            (Some(due), next) if next.is_none_or(|next| due < next) => {
+                self.printer.advance_to(due.since(Instant::default()).as_secs_f64());
+                self.session.handle_timeout(self.now().max(due));
+            }
+            _ => {
+                self.printer.step();
+            }
+        }
+        true
+    }
+
+    /// Until `stop` says so, or nothing more happens. Whether `stop` said so.
+    pub(super) fn run_until(&mut self, mut stop: impl FnMut(&Self) -> bool) -> bool {
+        for _ in 0..MAX_STEPS {
+            if stop(self) {
+                return true;
+            }
+            if !self.step() {
+                return stop(self);
+            }
+        }
+        panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session);
+    }
+
+    /// Until the session is over; how it ended, all moves then finished.
+    pub(super) fn run(&mut self) -> End {
+        self.run_until(|_| false);
+        while self.printer.has_moves() && self.printer.step() {}
+        self.observe();
+        self.session
+            .take_end()
+            .unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
+    }
+
+    /// Whether heaters-off was the last that was written.
+    pub(super) fn told_off(&self) -> bool {
+        String::from_utf8_lossy(&self.last_words).contains("M104 S0")
+    }
+
+    /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
+    pub(super) fn resume(&mut self, lost_s: f64, after_reset: bool) {
+        let known = self.known(lost_s);
+        self.printer.host_left();
+        self.printer.host_arrived();
+        self.is_connected = true;
+        let start = Start::Resume { known: Box::new(known), after_reset };
+        self.session = Session::new(self.setup.job(), &self.setup.profile, start, self.now());
+    }
+
+    /// What the journal on disk says, without the last `lost_s`.
+    pub(super) fn known(&self, lost_s: f64) -> Known {
+        let until_s = self.printer.now_s() - lost_s;
+        let mut bytes = header();
+        for (at_s, record) in &self.records {
+            // What begins a session is on the disk before it begins.
+            if *at_s <= until_s || !matches!(record, Record::Progress(_) | Record::End(_)) {
+                bytes.extend(encode(record));
+            }
+        }
+        Known::from(&Log::parse(&bytes, Path::new("rings.gcode.journal")).unwrap())
+    }
+
+    /// Moves that nobody waits for are finished, as time passes without a host.
+    pub(super) fn drain(&mut self, for_s: f64) {
+        let end_s = self.printer.now_s() + for_s;
+        while self.printer.next_event_s().is_some_and(|s| s <= end_s) && self.printer.step() {}
+        self.printer.advance_to(end_s);
+        self.printer.output().clear();
+        self.observe();
+    }
+}
+
+/// What a print without faults lays down.
+pub(super) fn clean(setup: &Setup) -> Vec<Laid> {
+    let mut rig = Rig::new(Setup { faults: Vec::new(), baud: None, ..setup.clone() });
+    let end = rig.run();
+    assert!(matches!(end, End::Finished), "{}: {end:?}", setup.profile.name);
+    rig.laid
+}
+
+/// Whether two prints have laid the same, each bead once and in order, to a thousandth of a micrometre.
+pub(super) fn is_same(a: &[Laid], b: &[Laid]) -> bool {
+    let near = |a: &Laid, b: &Laid| {
+        let places = a.0.iter().chain(&a.1).zip(b.0.iter().chain(&b.1));
+        places.into_iter().all(|(a, b)| (a - b).abs() < 1e-6) && (a.2 - b.2).abs() < 1e-6
+    };
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| near(a, b))
+}
