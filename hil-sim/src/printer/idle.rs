@@ -2,7 +2,8 @@
 //!
 //! Times are those of the dialect unless a command set others: M84 S and M18 S for the motors, M85 S for the kill, M86 S for
 //! Prusa's safety timer, `SET_IDLE_TIMEOUT` for Klipper's. Motors that are off forget where the axes are: they are not home
-//! any more. A command under way that takes its time (heating, dwelling, homing) is no idleness; waiting for the user is.
+//! any more. A command under way that takes its time (heating, dwelling, homing) is no idleness; waiting for the user is, but
+//! for Marlin's change of filament (`pause.cpp` waits without sleep; `M0` does not).
 
 use super::{Due, Life, Printer, Wait, life::Cause};
 use crate::{
@@ -86,7 +87,9 @@ impl Printer {
     }
 
     fn idle_s(&self) -> Option<f64> {
-        let at_rest = self.planner.depth() == 0 && matches!(self.wait, None | Some(Wait::User { .. }));
+        let changes = self.change.is_some() && self.profile.dialect.family == Family::Marlin;
+        let at_rest =
+            self.planner.depth() == 0 && !changes && matches!(self.wait, None | Some(Wait::User { .. }));
         self.idle.next().filter(|_| at_rest).map(|next| next.0.max(self.now_s))
     }
 

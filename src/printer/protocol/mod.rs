@@ -218,6 +218,8 @@ pub struct Core {
     /// Since when the firmware owes a sign of progress.
     quiet_since: Instant,
     oldest: Option<Oldest>,
+    /// The line within which the firmware says that it waits for the user.
+    user_awaited_at: Option<u64>,
     next_ok: NextOk,
     /// The last line, as a refusal has named it; `Resend` must agree.
     refused: Option<(Refusal, u64)>,
@@ -297,6 +299,7 @@ impl Core {
             heard: Instant::default(),
             quiet_since: Instant::default(),
             oldest: None,
+            user_awaited_at: None,
             next_ok: NextOk::default(),
             refused: None,
             rewind: None,
@@ -380,10 +383,12 @@ impl Core {
                     self.guard(true);
                 }
                 self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
+                self.continue_for_user();
                 self.events.push_back(Event::Resumed);
             }
-            (Command::Resume, State::Streaming | State::Finishing) | (Command::Cancel, State::Cancelling) => {
-            }
+            // It may wait for the user without having asked for a pause (M0).
+            (Command::Resume, State::Streaming | State::Finishing) => self.continue_for_user(),
+            (Command::Cancel, State::Cancelling) => {}
             (Command::Cancel, State::Idle | State::Handshake(_) | State::Asking(_)) => {
                 self.state = State::Idle;
                 self.timers.stop_all();
@@ -584,13 +589,25 @@ impl Core {
 
     fn on_busy(&mut self, what: &str) {
         self.quiet_since = self.now + BUSY_INTERVAL;
-        if what.contains("user")
-            && let Some(oldest) = &mut self.oldest
-        {
-            // Somebody changes filament or reads a prompt: that may take the night.
-            oldest.since = self.now;
-        }
         self.events.push_back(Event::Busy(what.to_owned()));
+        let Some(oldest) = self.oldest.as_mut().filter(|_| what.contains("user")) else { return };
+        // Somebody changes filament or reads a prompt: that may take the night.
+        oldest.since = self.now;
+        let number = oldest.number;
+        if self.state.has_job() && self.user_awaited_at != Some(number) {
+            // It stands still, within a line, until somebody presses its button or the operator says to go on.
+            self.events.push_back(Event::Paused);
+        }
+        self.user_awaited_at = Some(number);
+    }
+
+    /// Tells a firmware that waits for the user within a line to go on; anywhere else the word would end the wait for a
+    /// temperature.
+    fn continue_for_user(&mut self) {
+        let awaited = self.user_awaited_at.take();
+        if awaited.is_some() && awaited == self.oldest.map(|oldest| oldest.number) {
+            self.urgent.push_back("M108\n".to_owned());
+        }
     }
 
     fn on_action(&mut self, action: &str) {
