@@ -279,7 +279,7 @@ fn stored_plane(
 /// Refuses what no memory holds before the first plane is read.
 fn check_size(dims: [usize; 3]) -> Result<(), Error> {
     let n = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(Error::TooLarge { dims })?;
-    Vec::<f32>::new().try_reserve_exact(n).map_err(|_| Error::TooLarge { dims })
+    Vec::<f32>::new().try_reserve_exact(n).map_err(|_refused| Error::TooLarge { dims })
 }
 
 /// Refuses images at one place that are not the same image.

@@ -175,19 +175,20 @@ fn error(line: &str) -> Option<Reply<'_>> {
 /// Whether an error is the last word of a firmware: Marlin's, RepRapFirmware's, Smoothieware's (whose bare `!!` answers
 /// every command from then on) and Klipper's.
 fn is_halt(text: &str) -> bool {
-    const WORDS: [&str; 10] = [
+    // RepRapFirmware's words for a heater have changed from version to version.
+    let is_heater_fault = text.contains("eater") && text.contains("fault");
+    const WORDS: [&str; 9] = [
         "halted",
         "kill()",
         "system stopped",
         "Emergency Stop",
-        "Heater fault",
         "HALT",
         "Alarm lock",
         "hutdown",
         "not heating at expected rate",
         "Lost communication",
     ];
-    text == "!!" || WORDS.iter().any(|word| text.contains(word))
+    text == "!!" || is_heater_fault || WORDS.iter().any(|word| text.contains(word))
 }
 
 fn refusal(text: &str) -> Option<Reply<'static>> {
@@ -371,6 +372,9 @@ mod tests {
             "!!",
             "error:Alarm lock",
             "Error: Heater fault on heater 1: runaway",
+            "Error: Heater 1 fault: temperature excursion exceeded 15.0\u{b0}C",
+            "Error: Heating fault on heater 0, temperature rising much more slowly than the expected 1.2\u{b0}C/sec",
+            "Error: Temperature reading fault on heater 1: sensor open circuit",
             "Error: Emergency Stop! Reset the controller to continue.",
             "ERROR: runaway on T0, HALT asserted",
             "fatal:Heater E0 error",

@@ -52,7 +52,7 @@ const LEGEND: &str = "\
 Each cell: no more than one line in flight, the profile's window at 250,000 baud, unlimited.
 =   every move once, the deposition of the clean print
 >   the same, after going on by itself where the port came back
-~   printed to the end, but not the same: damage that firmware without checksums executes, the host cannot see
+~   printed to the end, but not the same, which nothing told the host: firmware that executes what has no checksum, no filament sensor
 P   paused, the heaters on, the operator told (p: every line was with the printer already)
 G   the port did not come back in time: given up, the heaters left to the firmware's own time-out, the operator told
 R H S C  given up with heaters off: reset, halted, silent, a command refused by firmware without line numbers
@@ -144,7 +144,8 @@ fn assert_decided_in_time(rig: &Rig, fault: &Fault, decided_s: f64, what: &str) 
     let kind = rig.setup.faults[0].split(':').next().unwrap();
     // The firmware's own protection looks for a while before it strikes: then that counts.
     let last = |wanted: &str| rig.states.iter().rev().find(|(_, name)| name == wanted).map(|(at_s, _)| *at_s);
-    let Some(struck_s) = last("killed").or_else(|| last(kind)) else { return };
+    let struck = last("killed").or_else(|| last("heater-fault")).or_else(|| last(kind));
+    let Some(struck_s) = struck else { return };
     let due_s = match fault {
         Fault::LinkLost => HOLD_S,
         Fault::Silent { .. } => SILENCE_S,
