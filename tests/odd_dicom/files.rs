@@ -200,6 +200,13 @@ fn truncated_and_damaged() {
             ),
         ),
         (
+            "a quarter of a number",
+            |f| f.insert(b"\x01\x70\x12\x10FD\x02\0\x01\0"),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (the length of an element is no whole number of its values): copy or export it again",
+            ),
+        ),
+        (
             "a private sequence without an end",
             |f| f.insert(&unknown_sequence(4)[..36]),
             Err(

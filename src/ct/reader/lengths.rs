@@ -247,7 +247,10 @@ impl<'a> Walk<'a> {
                 tags::TRANSFER_SYNTAX_UID if element.length <= LONGEST_UID => {
                     syntax = self.read_bytes(element.length as usize)?;
                 }
-                _ => self.skip_value(&element)?,
+                _ => {
+                    self.check_whole(&element)?;
+                    self.skip_value(&element)?;
+                }
             }
         }
         let name = String::from_utf8_lossy(&syntax);
@@ -316,8 +319,25 @@ impl<'a> Walk<'a> {
                 self.check_within(element)?;
                 Err(damaged(self.path, "an element of its header has more than 256 MiB"))
             }
-            _ => self.skip_value(element),
+            _ => {
+                self.check_whole(element)?;
+                self.skip_value(element)
+            }
         }
+    }
+
+    /// Of a value of numbers the library takes those that are whole, and would go on in the middle of what is left.
+    fn check_whole(&self, element: &Element) -> Result<(), Error> {
+        let n_bytes = match element.vr {
+            VR::US | VR::SS | VR::OW => 2,
+            VR::UL | VR::SL | VR::FL | VR::AT | VR::OF | VR::OL => 4,
+            VR::FD | VR::OD | VR::SV | VR::UV | VR::OV => 8,
+            _ => 1,
+        };
+        if element.length % n_bytes == 0 {
+            return Ok(());
+        }
+        Err(damaged(self.path, "the length of an element is no whole number of its values"))
     }
 
     /// Enters a sequence that is not called one.
