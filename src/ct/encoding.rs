@@ -16,6 +16,8 @@ pub(super) struct Frame {
     pub(super) deflated_from: Option<u64>,
     /// Whether bytes were swapped in pairs though each is a pixel: 8 bits in big-endian words.
     pub(super) is_swapped: bool,
+    /// Whether the pixels of all frames are more than the header's size needs, beyond a byte that makes them even.
+    pub(super) is_too_long: bool,
 }
 
 /// How the pixels of a file are packed.

@@ -42,6 +42,9 @@ use std::borrow::Cow;
 pub(crate) const LONGEST_SIDE: u16 = 8192;
 /// Positions nearer than this are the same place: twice what two decimals in a header may be off, mm.
 pub(crate) const SAME_PLACE_MM: f64 = 0.01;
+/// Largest slope and intercept that are believed: counts of other modalities reach some 100,000, and 16-bit values rescaled by more
+/// would leave no digit of a 32-bit number for a fraction.
+pub(crate) const LARGEST_RESCALE: f64 = 1e6;
 /// Heights that are written with three decimals still meet their plane, mm.
 pub(crate) const HEIGHT_SLACK_MM: f64 = 1e-3;
 

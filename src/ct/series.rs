@@ -170,7 +170,13 @@ pub(super) mod tests {
                 loss: SyntaxLoss::Never,
             },
             loss: Loss::Nowhere,
-            frame: Frame { number: None, pieces: Vec::new(), deflated_from: None, is_swapped: false },
+            frame: Frame {
+                number: None,
+                pieces: Vec::new(),
+                deflated_from: None,
+                is_swapped: false,
+                is_too_long: false,
+            },
             is_inverted: false,
         }
     }

@@ -55,6 +55,13 @@ fn geometry() {
             ),
         ),
         (
+            "more pixels than rows",
+            |f| f.edit_all(|_, o| put_number(o, tags::ROWS, 22)),
+            Ok(&[
+                "ct.more_pixels: 8 image(s) hold more pixels than Rows, Columns and NumberOfFrames say: what is left over was not read; one of these may be wrong",
+            ]),
+        ),
+        (
             "another size",
             |f| {
                 f.edit(6, |o| {

@@ -7,7 +7,7 @@ use super::grid::{self, Grid};
 use super::text::told;
 use super::values::{Endian, GZIP_MAGIC, Packing, Scalar};
 use super::{DataFile, DataPlace, Fault, Header, Skip, checked_sides};
-use crate::ct::Warning;
+use crate::ct::{LARGEST_RESCALE, Warning};
 use crate::geom::{Point3, Vector3};
 use flate2::read::MultiGzDecoder;
 use std::io::Read;
@@ -157,7 +157,7 @@ impl<'a> Fields<'a> {
         let (dims, n_volumes) = self.dims()?;
         let mut warnings = Vec::new();
         let grid = self.grid(dims, &mut warnings)?;
-        let rescale = self.rescale(&mut warnings);
+        let rescale = self.rescale(&mut warnings)?;
         Ok(Header {
             format: self.version.name,
             grid,
@@ -222,17 +222,22 @@ impl<'a> Fields<'a> {
     }
 
     /// A slope of zero means that values stand as they are.
-    fn rescale(&self, warnings: &mut Vec<Warning>) -> [f64; 2] {
+    fn rescale(&self, warnings: &mut Vec<Warning>) -> Result<[f64; 2], Fault> {
         let [slope, intercept] = [0, 1].map(|i| self.real(self.version.at[4], i));
         if slope == 0.0 {
-            return [1.0, 0.0];
+            return Ok([1.0, 0.0]);
+        }
+        for (field, value) in [("scl_slope", slope), ("scl_inter", intercept)] {
+            if value.is_finite() && value.abs() > LARGEST_RESCALE {
+                return Err(self.fault(field, value, "a number within 1000000"));
+            }
         }
         if slope.is_finite() && intercept.is_finite() {
-            return [slope, intercept];
+            return Ok([slope, intercept]);
         }
         let text = "slope and intercept of the values are no numbers: the values were taken as they stand";
         warnings.push(Warning::new("ct.no_rescale", text));
-        [1.0, 0.0]
+        Ok([1.0, 0.0])
     }
 
     /// Millimetres that the header's unit of length is.

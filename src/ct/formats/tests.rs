@@ -450,6 +450,9 @@ fn slope_and_intercept_rescale_the_values() {
     bytes[112..116].copy_from_slice(&2_f32.to_le_bytes());
     bytes[116..120].copy_from_slice(&(-1024_f32).to_le_bytes());
     assert_eq!(f64::from(read(&bytes, 0).unwrap().1.at(2, 1, 1)), 2.0 * value(2, 1, 1) - 1024.0);
+    bytes[112..116].copy_from_slice(&1e30_f32.to_le_bytes());
+    let refused = read(&bytes, 0).unwrap_err().to_string();
+    assert!(refused.contains("scl_slope") && refused.contains("within 1000000"), "{refused}");
     bytes[112..116].copy_from_slice(&f32::NAN.to_le_bytes());
     let (header, volume) = read(&bytes, 0).unwrap();
     assert_eq!(

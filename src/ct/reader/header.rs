@@ -7,7 +7,7 @@ use super::super::axes::orthonormal;
 use super::super::encoding::{Frame, Loss, Packing};
 use super::super::series::{Header, PixelFormat, Shape};
 use super::super::traits::{Trait, Traits};
-use super::super::{Error, LONGEST_SIDE};
+use super::super::{Error, LARGEST_RESCALE, LONGEST_SIDE};
 use super::lengths::Layout;
 use super::open::open;
 use super::places;
@@ -37,9 +37,6 @@ pub(super) enum Content {
     Other,
 }
 
-/// Largest slope and intercept that are believed: counts of other modalities reach some 100,000, and 16-bit values rescaled by more
-/// would leave no digit of a 32-bit number for a fraction.
-const LARGEST_RESCALE: f64 = 1e6;
 /// Objects that are images of planes and nothing else.
 const IMAGE_CLASSES: [&str; 3] =
     [uids::CT_IMAGE_STORAGE, uids::MR_IMAGE_STORAGE, uids::POSITRON_EMISSION_TOMOGRAPHY_IMAGE_STORAGE];
@@ -333,6 +330,7 @@ impl<'a> Attributes<'a> {
             pieces: wanted.pieces(layout)?,
             deflated_from: layout.deflated_from,
             is_swapped,
+            is_too_long: wanted.is_too_long(layout),
         })
     }
 

@@ -334,7 +334,7 @@ impl<'a> Walk<'a> {
             VR::FD | VR::OD | VR::SV | VR::UV | VR::OV => 8,
             _ => 1,
         };
-        if element.length % n_bytes == 0 {
+        if element.length.is_multiple_of(n_bytes) {
             return Ok(());
         }
         Err(damaged(self.path, "the length of an element is no whole number of its values"))

@@ -33,6 +33,8 @@ pub(super) struct Findings {
     pub(super) n_foreign_bits: usize,
     /// CT pixels beyond any CT number.
     pub(super) n_beyond: usize,
+    /// Images whose files hold more pixels than their headers say.
+    pub(super) n_too_long: usize,
 }
 
 impl Findings {
@@ -42,6 +44,7 @@ impl Findings {
             n_padding: self.n_padding + other.n_padding,
             n_foreign_bits: self.n_foreign_bits + other.n_foreign_bits,
             n_beyond: self.n_beyond + other.n_beyond,
+            n_too_long: self.n_too_long + other.n_too_long,
         }
     }
 
@@ -61,6 +64,13 @@ impl Findings {
                 self.n_beyond
             );
             warnings.push(Warning::new("ct.implausible_values", text));
+        }
+        if self.n_too_long > 0 {
+            let text = format!(
+                "{} image(s) hold more pixels than Rows, Columns and NumberOfFrames say: what is left over was not read; one of these may be wrong",
+                self.n_too_long
+            );
+            warnings.push(Warning::new("ct.more_pixels", text));
         }
         warnings
     }
@@ -141,7 +151,7 @@ pub(super) fn read_plane(
         }
     };
     turn_over(plane, header.shape.columns, reversed);
-    Ok(findings)
+    Ok(Findings { n_too_long: usize::from(header.frame.is_too_long), ..findings })
 }
 
 /// The bytes of the image as they stand in the file, or in its inflated data set.
@@ -365,7 +375,7 @@ mod tests {
         let mut plane = [0.0; 3];
         let findings = intensity(16, 15, true).rescale(words.into_iter(), &mut plane);
         assert_eq!(plane, [-1024.0, -800.0, 33_000.0]);
-        assert_eq!(findings, Findings { n_padding: 1, n_foreign_bits: 0, n_beyond: 1 });
+        assert_eq!(findings, Findings { n_padding: 1, n_beyond: 1, ..Findings::default() });
         let codes: Vec<String> = findings.warnings().into_iter().map(|w| w.code).collect();
         assert_eq!(codes, ["ct.implausible_values"]);
     }

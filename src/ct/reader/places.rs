@@ -62,6 +62,14 @@ impl Wanted<'_> {
         Ok(start..start + self.n_bytes())
     }
 
+    /// Whether uncompressed pixels are more than all frames take, beyond a byte that makes them even.
+    pub(super) fn is_too_long(&self, layout: &Layout) -> bool {
+        let (Some(Pixels::Native(range)), Packing::Native { .. }) = (&layout.pixels, self.packing) else {
+            return false;
+        };
+        range.end - range.start > self.n_bytes().saturating_mul(self.n_frames as u64).saturating_add(1)
+    }
+
     fn truncated(&self, found: u64, expected: u64) -> Error {
         let number = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
         Error::Truncated {
