@@ -379,7 +379,7 @@ fn a_leak_leaves_a_case_to_correct_and_a_picture_of_the_place() {
     );
     let picture = fs::read(place.path("case/leak.png")).unwrap();
     assert!(picture.starts_with(b"\x89PNG"));
-    let none = place.refused(1, &["solid", "case"]);
+    let none = place.refused(2, &["solid", "case"]);
     assert!(none.contains("lumenfab segment"), "{none}");
     // The case is this patient's already.
     place.phantom("other", &Params { seed: 9, noise_hu: 30.0, ..small() });
@@ -426,7 +426,10 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
         .spawn()
         .unwrap();
     wait_for(&place.path("port"), &mut simulator);
-    let error = place.refused(1, &["print", "job.gcode", "--port", "port"]);
+    // Nobody waits half an hour for the port to come back.
+    let impatient = "inherits = \"marlin\"\nname = \"impatient\"\n\n[firmware]\norphan_hold_s = 2\n";
+    fs::write(place.path("impatient.toml"), impatient).unwrap();
+    let error = place.refused(1, &["print", "job.gcode", "--port", "port", "--profile", "impatient.toml"]);
     simulator.kill().ok();
     simulator.wait().unwrap();
     assert!(

@@ -338,6 +338,12 @@ impl Case {
         Ok(atomic::hash_of_path(&self.output(stage, file)?)?)
     }
 
+    /// Whether any stage is done.
+    #[must_use]
+    pub fn has_results(&self) -> bool {
+        self.manifest.values().any(|record| !record.made.is_empty())
+    }
+
     /// What a stage was made from when it was last done, by name.
     #[must_use]
     pub fn made_from(&self, stage: Stage) -> Option<&BTreeMap<String, String>> {

@@ -135,7 +135,10 @@ impl<'a> Session<'a> {
             return Err(CaseError::OtherSource(dir.to_owned()).into());
         }
         let named = Places { ct: changes.ct.clone(), segmentation: changes.segmentation.clone() };
-        let settings = Settings::try_from(CaseFile { ct: None, segmentation: None, ..changes }.over(before))?;
+        // A case of which nothing came is begun anew by whoever names its source again: what was taken out of a case file is out.
+        let is_anew = changes.named_source().is_some() && !case.has_results();
+        let below = if is_anew { CaseFile { source: before.source, ..CaseFile::default() } } else { before };
+        let settings = Settings::try_from(CaseFile { ct: None, segmentation: None, ..changes }.over(below))?;
         case.set_settings(settings);
         let mut session = Self::new(case, named, context);
         let known = session.context.sources.recall(session.case.id());

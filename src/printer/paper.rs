@@ -90,8 +90,10 @@ impl Paper<'_> {
         let log = log_of(self.job)?;
         let job = self.open_job()?;
         self.check_same(&job, &log)?;
-        if log.end == Some(journal::Ending::Finished) {
-            return Err(super::resume::Refusal::Finished.into());
+        match log.end {
+            Some(journal::Ending::Finished) => return Err(super::resume::Refusal::Finished.into()),
+            Some(journal::Ending::Cancelled) => return Err(super::resume::Refusal::Cancelled.into()),
+            Some(journal::Ending::Faulted(_)) | None => {}
         }
         self.draw_last();
         let link = self.open_port(&undisturbed(self.profile)).await?;

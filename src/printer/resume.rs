@@ -161,6 +161,19 @@ pub enum Refusal {
     /// The print was not interrupted.
     #[error("the print was finished: there is nothing to resume")]
     Finished,
+    /// It was given up on request.
+    #[error(
+        "the print was cancelled, which throws moves away that the printer had taken: where it stopped is not known; print the job anew"
+    )]
+    Cancelled,
+    /// The last attempt to go on broke off before it was back at the part.
+    #[error(
+        "{why}, while it was on its way back to the part: the height of the nozzle is not known; print the job anew"
+    )]
+    WithinRecovery {
+        /// Why not exactly.
+        why: Why,
+    },
     /// Nothing was printed.
     #[error("{why}, and nothing was printed before: print the job with `lumenfab print`")]
     NothingPrinted {
@@ -206,6 +219,8 @@ impl Refusal {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::Finished => "printer.resume_finished",
+            Self::Cancelled => "printer.resume_cancelled",
+            Self::WithinRecovery { .. } => "printer.resume_within_recovery",
             Self::NothingPrinted { .. } => "printer.resume_nothing_printed",
             Self::HeightUnknown { .. } => "printer.resume_height_unknown",
             Self::NoScript { .. } => "printer.resume_no_script",
@@ -321,6 +336,9 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     }
 
     fn recover(&mut self, why: Why) -> Result<Decision, job::Error> {
+        if self.is_within_recovery() {
+            return Ok(Decision::Refuse(Refusal::WithinRecovery { why }));
+        }
         let Known { progress, .. } = self.known;
         let n_done = progress.n_certain;
         let n_known = progress.n_sent.max(n_done).min(self.job.n_lines());
@@ -337,6 +355,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             return Ok(Decision::Refuse(Refusal::NoScript { why }));
         }
         let n_lines = n_sent - n_done;
+        if let Some(told_mm) = self.told_height().filter(|_| why != Why::Restarted) {
+            // Elsewhere, somebody has moved it, or it has gone on further than is known.
+            let is_there = (told_mm - z).abs() <= MOTOR_STEP_MM;
+            let told_mm = if is_there { z } else { told_mm };
+            (doubt.low_mm, doubt.high_mm) = (told_mm.min(z), told_mm.max(z));
+        }
         if doubt.high_mm - doubt.low_mm > 1e-6 && !self.homes_z() {
             let Doubt { low_mm, high_mm, .. } = doubt;
             return Ok(Decision::Refuse(Refusal::HeightUnknown { why, low_mm, high_mm, n_lines }));
@@ -362,6 +386,18 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             commands,
             modal,
         })))
+    }
+
+    /// Whether the last session was to find the part again and may not have come to it: the nozzle stands anywhere above.
+    fn is_within_recovery(&self) -> bool {
+        let Known { track, progress, .. } = self.known;
+        let finds_again = track.prelude.iter().any(|line| line.starts_with("G92"));
+        finds_again && progress.n_certain <= track.n_before
+    }
+
+    /// Z by the printer's own word, mm.
+    fn told_height(&self) -> Option<f64> {
+        self.survey.position.map(|position| position.xyz_mm[2])
     }
 
     /// What may have been sent at most in the second that the journal is behind where the host broke off too.

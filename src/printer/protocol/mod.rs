@@ -538,6 +538,10 @@ impl Core {
         if fault.can_transmit() {
             // The line feed ends whatever half line the firmware may hold.
             self.urgent.push_back("\n".to_owned());
+            if self.wire.oldest_waits_for_heat() {
+                // Else heaters-off stands behind a wait that may never end.
+                self.urgent.push_back("M108\n".to_owned());
+            }
             for line in self.config.safe.iter().chain(&self.config.safe) {
                 self.urgent.push_back(format!("{line}\n"));
             }

@@ -127,6 +127,8 @@ fn other(line: &str) -> Reply<'_> {
         "wait" => Reply::Wait,
         _ if line.ends_with("is up and running.") => Reply::Start,
         _ if line.starts_with("FIRMWARE_") => Reply::Firmware(line),
+        // RepRapFirmware's, which is no error to it.
+        _ if line.starts_with("Emergency Stop") => Reply::Halted(line),
         _ => skipped(line)
             .or_else(|| position(line).map(Reply::Position))
             .or_else(|| temperatures(line).map(Reply::Temperatures))
@@ -375,7 +377,7 @@ mod tests {
             "Error: Heater 1 fault: temperature excursion exceeded 15.0\u{b0}C",
             "Error: Heating fault on heater 0, temperature rising much more slowly than the expected 1.2\u{b0}C/sec",
             "Error: Temperature reading fault on heater 1: sensor open circuit",
-            "Error: Emergency Stop! Reset the controller to continue.",
+            "Emergency Stop! Reset the controller to continue.",
             "ERROR: runaway on T0, HALT asserted",
             "fatal:Heater E0 error",
         ] {

@@ -309,6 +309,12 @@ impl Wire {
         self.in_flight() > 0 && self.index(self.acked + 1).is_some_and(|i| self.lines[i].is_slow)
     }
 
+    /// Whether the oldest line in flight ends when something is warm.
+    pub(super) fn oldest_waits_for_heat(&self) -> bool {
+        let waits = |command: &str| command.starts_with("M109") || command.starts_with("M190");
+        self.oldest_command().is_some_and(waits)
+    }
+
     /// Whether `text` is a command in flight, as the firmware may repeat it.
     pub(super) fn is_in_flight(&self, text: &str) -> bool {
         (self.acked + 1..self.next).any(|n| {

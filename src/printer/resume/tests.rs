@@ -77,6 +77,34 @@ fn a_printer_that_counts_anew_or_is_elsewhere_or_cold_is_no_exact_case() {
 }
 
 #[test]
+fn a_nozzle_that_somebody_has_lifted_is_no_place_to_go_on_from() {
+    let mut job = job(50, "");
+    let refused = |decision| match decision {
+        Decision::Refuse(refusal) => refusal.code(),
+        other => panic!("{other:?}"),
+    };
+    let known = known(38, 35, 30);
+    assert_eq!(
+        refused(decided(&mut job, &known, &survey(37, [40.0, 10.0, 10.2]))),
+        "printer.resume_height_unknown"
+    );
+    // After a reset the printer's own word is worth nothing.
+    assert_eq!(why(decided(&mut job, &known, &survey(0, [0.0, 0.0, 10.2]))), Why::Restarted);
+    // The last attempt was on its way back to the part.
+    let prelude = vec!["M190 S60".into(), "G92 Z5.2".into(), "G1 Z0.2".into()];
+    let track = Track { first_number: 1, prelude, n_before: 30 };
+    let progress = Progress { number: 2, n_sent: 30, n_acked: 30, n_certain: 30, ..Progress::default() };
+    let away = Known { track: track.clone(), progress, is_behind: false };
+    assert_eq!(refused(decided(&mut job, &away, &survey(0, [0.0; 3]))), "printer.resume_within_recovery");
+    let back = Known {
+        track,
+        progress: Progress { n_sent: 40, n_acked: 38, n_certain: 34, ..progress },
+        is_behind: false,
+    };
+    assert_eq!(why(decided(&mut job, &back, &survey(0, [0.0; 3]))), Why::Restarted);
+}
+
+#[test]
 fn recovery_states_where_how_much_and_restores_the_modes() {
     let decision = decided(&mut job(50, ""), &known(38, 35, 30), &survey(0, [0.0; 3]));
     let Decision::Recover(recovery) = decision else { panic!("{decision:?}") };
