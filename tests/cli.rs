@@ -385,7 +385,7 @@ fn a_leak_leaves_a_case_to_correct_and_a_picture_of_the_place() {
     place.phantom("other", &Params { seed: 9, noise_hu: 30.0, ..small() });
     let other = place.refused(2, &["segment", "case", "--ct", "other", "--out", "case"]);
     assert!(!other.contains("leak"), "{other}");
-    let other = place.refused(2, &["segment", "--ct", "other", "--out", "case"]);
+    let other = place.refused(2, &["segment", "--ct", "other", &seed, "--out", "case"]);
     assert!(other.contains("another"), "{other}");
     let case = fs::read_to_string(place.path("case/case.toml")).unwrap();
     let corrected: String =
