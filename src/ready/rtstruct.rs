@@ -4,9 +4,8 @@
 //! hole and back along the same line, opens. Planes need not be transaxial: they have the normal of their contours.
 
 use super::dicom::{Place, frame_of_reference, items, numbers, text, whole};
-use super::place::SAME_PLANE_MM;
 use super::{Error, Label, Ready, Reference, Structure, chosen, seg};
-use crate::ct::FrameOfReference;
+use crate::ct::{FrameOfReference, SAME_PLACE_MM};
 use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
 use crate::progress::Task;
 use crate::sections::ready::{Drawn, DrawnStack};
@@ -171,17 +170,9 @@ fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) ->
         flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
     }
     flat.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // A contour and its hole may each be off their plane by rounding: what lies near the lowest of a plane is of that plane.
-    let mut planes: Vec<(f64, Vec<Contour>)> = Vec::new();
-    for (z_mm, contour) in flat {
-        match planes.last_mut().filter(|(lowest_mm, _)| z_mm - *lowest_mm < SAME_PLANE_MM) {
-            Some((_, contours)) => contours.push(contour),
-            None => planes.push((z_mm, vec![contour])),
-        }
-    }
-    let one = |(z_mm, contours): (f64, Vec<Contour>)| Drawn {
-        z_mm,
-        contours: Region::from_even_odd(&contours).contours,
+    let one = |group: &[(f64, Contour)]| {
+        let contours: Vec<Contour> = group.iter().map(|(_, c)| c.clone()).collect();
+        Drawn { z_mm: group[0].0, contours: Region::from_even_odd(&contours).contours }
     };
-    Ok(planes.into_iter().map(one).collect())
+    Ok(flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(one).collect())
 }
