@@ -1,6 +1,7 @@
 //! Asking a printer that is not printing, and switching its heaters off: for `profiles detect` and `safe-off`.
 //!
-//! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed exactly.
+//! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed: exactly after
+//! `detect`; after `safe-off` by recovery moves alone, for what has cooled has let go of its place.
 
 use super::driver::Clock;
 use super::link::Link;

@@ -2,8 +2,9 @@
 //!
 #![doc = include_str!("policy.md")]
 //!
-//! [`action`] is the table, exhaustive; the session asks it, and a test keeps the text above the same. Details of the wire (lost
-//! or damaged lines) are no troubles: the protocol core puts them right by itself.
+//! [`action`] is the table, exhaustive; a test keeps the text above the same. The session asks it when the port goes and when a stop
+//! is asked for; the other rows say what the protocol core does by itself, which the fault matrix shows for most of them. Details of
+//! the wire (lost or damaged lines) are no troubles: the core puts them right.
 
 use super::protocol::Fault;
 use std::fmt::Write as _;
