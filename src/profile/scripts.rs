@@ -102,6 +102,20 @@ impl Profile {
         }
     }
 
+    /// What keeps the motors on, and with them the printer's place, as long as a print may be gone on with: most firmwares let
+    /// them go after a minute or two without moves. Nothing where they have no such time-out, or one for all.
+    #[must_use]
+    pub fn motors_gcode(&self) -> Option<String> {
+        let hold_s = self.firmware.orphan_hold_s.ceil();
+        match self.firmware.dialect {
+            _ if hold_s <= 0.0 => None,
+            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier | Dialect::RepRapFirmware => {
+                Some(format!("M84 S{hold_s}"))
+            }
+            Dialect::Klipper | Dialect::Smoothie => None,
+        }
+    }
+
     /// What takes [`Self::orphan_gcode`] back at the end of a job.
     #[must_use]
     pub fn orphan_end_gcode(&self) -> Option<String> {

@@ -254,11 +254,12 @@ impl Planner {
     }
 }
 
-/// Temperature reports, and the firmware's own time-out that switches the heaters off when nobody speaks to it any more.
+/// Temperature reports, the firmware's own time-out that switches the heaters off when nobody speaks to it any more, and
+/// motors that hold their place as long.
 fn prelude_of(profile: &Profile) -> Vec<String> {
     let every_s = profile.firmware.temperature_report_s;
     let reports = (every_s > 0.0).then(|| format!("M155 S{}", every_s.ceil()));
-    reports.into_iter().chain(profile.orphan_gcode()).collect()
+    reports.into_iter().chain(profile.orphan_gcode()).chain(profile.motors_gcode()).collect()
 }
 
 /// A numbered line after the last one of the job: without it a damaged number there would go unnoticed. Then what the prelude
@@ -371,7 +372,11 @@ impl Core {
             (Command::Inquire { beyond }, State::Disconnected) => self.inquire(beyond),
             (Command::Ask(question), State::Idle) => self.put(question, 1),
             (Command::Begin, State::Idle) => self.begin(),
-            (Command::GoOn, State::Idle) => self.state = State::Streaming,
+            (Command::GoOn, State::Idle) => {
+                // A host that died in a pause had taken it back.
+                self.guard(true);
+                self.state = State::Streaming;
+            }
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
             (Command::HostLine(text), State::Streaming) => self.wire.push(text, Origin::Host),
             (Command::EndOfJob, State::Streaming) => self.end_job(),
@@ -524,7 +529,8 @@ impl Core {
             self.n_emergencies_owed += 1;
         }
         self.wire.drop_unsent();
-        for line in &self.config.safe {
+        // The time-out that watched over the heaters would kill a firmware that is done, half an hour later.
+        for line in self.config.safe.iter().chain(self.config.postlude.iter().skip(1)) {
             self.wire.push(line, Origin::Host);
         }
     }
