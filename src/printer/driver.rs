@@ -103,6 +103,7 @@ pub async fn run<R: BufRead + Seek, L: Link>(
         }
         End::Job(error) => Err(error.into()),
         End::Cancelled => Err(Error::Cancelled),
+        End::Left => Err(Error::Left { port }),
         End::Faulted(Fault::LinkLost) => Err(Error::PortVanished { port }),
         End::Faulted(fault) => Err(Error::Fault { port, fault }),
         End::NeedsConsent(recovery) => Err(Error::NeedsConsent { recovery }),

@@ -86,6 +86,23 @@ pub enum Error {
     /// Given up on request.
     #[error("the print was cancelled; the heaters are off")]
     Cancelled,
+    /// Given up on request before anything was sent.
+    #[error(
+        "stopped before anything was sent to {port}: the printer is as it was, and its heaters are on if they were; `lumenfab safe-off` \
+         switches them off"
+    )]
+    Left {
+        /// The port.
+        port: String,
+    },
+    /// The journal's print was made by another profile, or on another printer.
+    #[error("not resumed: found {found}, expected {expected}, on which the print began; give that one")]
+    OtherMachine {
+        /// What was given.
+        found: String,
+        /// What the journal tells of.
+        expected: String,
+    },
     /// The simulated printer did not start or ended badly.
     #[error("the simulated printer {problem}")]
     Simulator {
@@ -113,6 +130,8 @@ impl Error {
             Self::Fault { fault, .. } => fault.code(),
             Self::StillHeating { .. } => "printer.still_heating",
             Self::Cancelled => "printer.cancelled",
+            Self::Left { .. } => "printer.left",
+            Self::OtherMachine { .. } => "printer.other_machine",
             Self::Simulator { .. } => "printer.simulator",
         }
     }
@@ -130,6 +149,10 @@ impl Error {
             Self::Fault { fault, .. } => fault.next_step(),
             Self::StillHeating { .. } => "switch the printer off",
             Self::Cancelled => "take the part off the bed before the next print",
+            Self::Left { .. } => {
+                "switch the heaters off with `lumenfab safe-off`, or go on with `lumenfab resume`"
+            }
+            Self::OtherMachine { .. } => "give the printer and the profile with which the print began",
             Self::Simulator { .. } => "run the simulator by hand to see what it says",
         }
     }

@@ -97,6 +97,7 @@ impl Paper<'_> {
         }
         self.draw_last();
         let link = self.open_port(&undisturbed(self.profile)).await?;
+        self.check_machine(&link, &log)?;
         let journal = Journal::append_to(&path_for(self.job))?;
         let known = Box::new(Known::from(&log));
         let order = Order { job, start: Start::Resume { known, after_reset }, journal: Some(journal) };
@@ -143,6 +144,22 @@ impl Paper<'_> {
         }
         let journal = path_for(self.job).display().to_string();
         Err(Error::OtherJob { job: self.job.display().to_string(), journal })
+    }
+
+    /// Refuses another printer, and a profile that has changed: its numbers are what the place was reckoned with.
+    fn check_machine(&self, link: &SerialLink, log: &Log) -> Result<(), Error> {
+        let (now, before) = (self.machine(link), &log.machine);
+        if now.profile_hash != before.profile_hash {
+            let found = format!("the profile {}", now.profile);
+            let expected = format!("the profile {} as it was", before.profile);
+            return Err(Error::OtherMachine { found, expected });
+        }
+        match (now.device, &before.device) {
+            (Some(found), Some(expected)) if found != *expected => {
+                Err(Error::OtherMachine { found, expected: expected.clone() })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Draws what the journal says.

@@ -55,6 +55,8 @@ pub enum End {
     Finished,
     /// Given up on request; heaters-off is confirmed.
     Cancelled,
+    /// Given up on request before anything was sent: the printer is as it was.
+    Left,
     /// Given up.
     Faulted(Fault),
     /// The job cannot be read any more.
@@ -222,7 +224,7 @@ impl<R: BufRead + Seek> Session<R> {
         self.now = now;
         match policy::action(self.phase(), Trouble::StopRequested) {
             Action::Stop => self.command(Command::Cancel),
-            Action::Refuse => self.over(End::Cancelled),
+            Action::Refuse => self.over(End::Left),
             Action::GiveUpUnknown => self.over(End::Faulted(Fault::LinkLost)),
             _ => {}
         }
@@ -537,7 +539,7 @@ fn ending(end: &End) -> Option<Ending> {
         End::Cancelled => Some(Ending::Cancelled),
         End::Faulted(fault) => Some(Ending::Faulted(fault.code().to_owned())),
         End::Job(error) => Some(Ending::Faulted(error.code().to_owned())),
-        End::NeedsConsent(_) | End::Refused(_) => None,
+        End::NeedsConsent(_) | End::Refused(_) | End::Left => None,
     }
 }
 
