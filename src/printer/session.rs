@@ -97,6 +97,8 @@ enum Stage {
     Detached {
         until: Instant,
         is_paused: bool,
+        /// What was known when the port went, where it went again before the printer had said where it is.
+        known: Option<Box<Known>>,
     },
     Over,
 }
@@ -105,7 +107,11 @@ enum Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Manner {
     /// The port was away within this session.
-    Reattach { is_paused: bool },
+    Reattach {
+        is_paused: bool,
+        /// How long the port was waited for; it may go again.
+        until: Instant,
+    },
     /// An earlier session is resumed.
     Resume { after_reset: bool },
 }
@@ -191,14 +197,18 @@ impl<R: BufRead + Seek> Session<R> {
             return;
         }
         let phase = self.phase();
+        if let Stage::Surveying { known, manner: Manner::Reattach { is_paused, until }, .. } = &self.stage {
+            // This core has counted nothing yet.
+            self.stage = Stage::Detached { until: *until, is_paused: *is_paused, known: Some(known.clone()) };
+            return;
+        }
         self.note_progress();
-        let is_paused = matches!(self.core.state(), State::Pausing | State::Paused)
-            || matches!(self.stage, Stage::Surveying { manner: Manner::Reattach { is_paused: true }, .. });
+        let is_paused = matches!(self.core.state(), State::Pausing | State::Paused);
         let hold = Duration::from_secs_f64(self.profile.firmware.orphan_hold_s);
         match policy::action(phase, Trouble::PortGone) {
             Action::Await if !hold.is_zero() => {
                 self.events.push_back(PrintEvent::PortLost { hold });
-                self.stage = Stage::Detached { until: now + hold, is_paused };
+                self.stage = Stage::Detached { until: now + hold, is_paused, known: None };
             }
             _ => self.over(End::Faulted(Fault::LinkLost)),
         }
@@ -207,15 +217,16 @@ impl<R: BufRead + Seek> Session<R> {
     /// The port is there again, the same device behind it.
     pub fn handle_port(&mut self, now: Instant) {
         self.now = now;
-        let Stage::Detached { is_paused, .. } = self.stage else { return };
-        let known = Known {
+        let Stage::Detached { is_paused, until, known } = &self.stage else { return };
+        let manner = Manner::Reattach { is_paused: *is_paused, until: *until };
+        let known = known.as_deref().cloned().unwrap_or_else(|| Known {
             track: self.recorder.track().clone(),
             progress: self.recorder.progress(now, self.core.progress()),
             is_behind: false,
-        };
+        });
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);
-        self.survey(known, Manner::Reattach { is_paused });
+        self.survey(known, manner);
         self.settle();
     }
 
@@ -465,7 +476,7 @@ impl<R: BufRead + Seek> Session<R> {
         if let Place::Prelude(n) = place {
             prelude.iter().skip(n).for_each(|line| self.command(Command::HostLine(line)));
         }
-        if manner == (Manner::Reattach { is_paused: true }) {
+        if matches!(manner, Manner::Reattach { is_paused: true, .. }) {
             self.command(Command::Pause);
         }
     }

@@ -35,6 +35,23 @@ fn a_cable_that_was_out_leaves_no_trace() {
 }
 
 #[test]
+fn a_cable_that_slips_twice_leaves_no_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let expected = clean(&setup);
+        let mut rig = Rig::new(setup.with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+        // There for a moment, too short for an answer.
+        let now = rig.now();
+        rig.session.handle_port(now);
+        rig.session.handle_lost(now);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?} {:?}", rig.events);
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
 fn a_host_that_died_is_resumed_without_a_trace() {
     for profile in ALL {
         let setup = Setup::new(profile, 3, 48);
