@@ -105,7 +105,14 @@ pub fn parse(line: &str) -> Reply<'_> {
         }
         return Reply::Unknown(line);
     }
-    resend(line).or_else(|| error(line)).unwrap_or_else(|| other(line))
+    filament(line).or_else(|| resend(line)).or_else(|| error(line)).unwrap_or_else(|| other(line))
+}
+
+/// Firmwares that say in words of their own that the filament has run out, and want the host to pause: Repetier,
+/// RepRapFirmware, Smoothieware.
+fn filament(line: &str) -> Option<Reply<'_>> {
+    let starts = ["RequestPause:", "Error: Filament error", "// Filament Detector has detected"];
+    starts.iter().any(|start| line.starts_with(start)).then_some(Reply::Action("pause"))
 }
 
 fn other(line: &str) -> Reply<'_> {
@@ -116,7 +123,7 @@ fn other(line: &str) -> Reply<'_> {
     if let Some(rest) = text.strip_prefix("Unknown command:") {
         return Reply::UnknownCommand(rest.trim().trim_matches('"'));
     }
-    if let Some(rest) = line.strip_prefix("//action:") {
+    if let Some(rest) = line.strip_prefix("//action:").or_else(|| line.strip_prefix("// action:")) {
         return Reply::Action(rest.trim());
     }
     if let Some(rest) = line.strip_prefix("// ") {
@@ -346,6 +353,14 @@ mod tests {
         assert_eq!(parse("busy:heating"), Reply::Busy("heating"));
         assert_eq!(parse("echo:Unknown command: \"FOO\""), Reply::UnknownCommand("FOO"));
         assert_eq!(parse("//action:pause"), Reply::Action("pause"));
+        assert_eq!(parse("// action:paused"), Reply::Action("paused"));
+        for line in [
+            "RequestPause:No filament detected!",
+            "Error: Filament error on extruder 0: no filament",
+            "// Filament Detector has detected a filament jam",
+        ] {
+            assert_eq!(parse(line), Reply::Action("pause"), "{line}");
+        }
         assert_eq!(parse("echo:wait"), Reply::Unknown("echo:wait"));
         let Reply::Temperatures(t) = parse("T:180.10 /210.00 B:60.00 /60.00 @:127 B@:0 W:?") else {
             panic!()
