@@ -176,7 +176,7 @@ impl Error {
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
                 | Self::Report(report::Error::Cancelled(_))
-                | Self::Printer(printer::Error::Cancelled)
+                | Self::Printer(printer::Error::Cancelled | printer::Error::Left { .. })
         )
     }
 
