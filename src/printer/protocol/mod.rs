@@ -36,6 +36,7 @@
 //! Firmware without line numbers gets one line at a time and no proof; what noise does to those lines is not found out.
 //! Memory is bounded: a few hundred lines of history.
 
+mod allowance;
 mod event;
 mod fault;
 mod greeting;

@@ -136,6 +136,7 @@ impl Core {
         };
         if let Some(free) = ok.planner_free.filter(|_| is_progress) {
             self.planner.heard(free);
+            self.wire.planner_has_room(self.now, free);
         }
         if is_progress {
             self.quiet_since = self.now;

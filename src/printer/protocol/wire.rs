@@ -6,9 +6,13 @@
 //! acknowledged; ADVANCED_OK also tells how many lines the command queue holds, and those have left the buffer
 //! too. Room for one probe is always kept.
 //!
+//! Where ADVANCED_OK says that the planner has room for the moves in flight, so that the firmware waits at none of them, a
+//! little more may be under way: see [`Allowance`]. A damaged line takes that back for good.
+//!
 //! Where lines are acknowledged faster than any serial wire carries them, the link is not one (a pseudo-terminal, USB): it holds
 //! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
+use super::allowance::Allowance;
 use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
@@ -47,6 +51,8 @@ struct Line {
     end: u64,
     origin: Origin,
     is_slow: bool,
+    /// A straight move: it takes one place of the planner, and no time where there is one.
+    is_move: bool,
 }
 
 /// Commands that may take minutes: homing, levelling, heating, waiting, and whatever asks the operator.
@@ -57,9 +63,12 @@ const SLOW: &[&str] = &[
 
 fn is_slow(command: &str) -> bool {
     let word = command.split_ascii_whitespace().next().unwrap_or_default();
-    let bytes = word.as_bytes();
     // The words of nearly all lines of a job.
-    !matches!(bytes, [b'G', b'0' | b'1']) && SLOW.contains(&word)
+    !is_move(command) && SLOW.contains(&word)
+}
+
+fn is_move(command: &str) -> bool {
+    matches!(command.as_bytes(), [b'G', b'0' | b'1'] | [b'G', b'0' | b'1', b' ', ..])
 }
 
 /// See the module. Numbers count from 1, after `M110 N0`.
@@ -72,6 +81,9 @@ pub(super) struct Wire {
     /// Where and when the speed of the link began to be measured; nothing once it is known.
     measured: Option<(u64, Instant)>,
     command_slots: u64,
+    allowance: Allowance,
+    /// Last line at which the firmware does not wait: the planner has room for all moves up to it.
+    flowing: u64,
     lines: VecDeque<Line>,
     /// Number of the first of `lines`.
     base: u64,
@@ -101,6 +113,8 @@ impl Wire {
             profile_rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
             measured: Some((0, Instant::default())),
             command_slots: firmware.command_slots as u64,
+            allowance: Allowance::new(firmware),
+            flowing: 0,
             lines: VecDeque::new(),
             base: 1,
             base_end: 0,
@@ -143,7 +157,8 @@ impl Wire {
             text.push('\n');
         }
         let end = self.end_of(self.queued()) + text.len() as u64;
-        self.lines.push_back(Line { text, end, origin, is_slow: is_slow(command) });
+        let (is_slow, is_move) = (is_slow(command), is_move(command));
+        self.lines.push_back(Line { text, end, origin, is_slow, is_move });
     }
 
     /// The last line appended.
@@ -192,7 +207,8 @@ impl Wire {
         let read = self.read.max(self.acked).min(number - 1);
         let unread_bytes = line.end - self.end_of(read);
         let is_alone = read == number - 1;
-        if !is_alone && unread_bytes > self.rx_bytes {
+        let extra_bytes = if number <= self.flowing { self.allowance.bytes() } else { 0 };
+        if !is_alone && unread_bytes > self.rx_bytes + extra_bytes {
             return None;
         }
         self.next += 1;
@@ -226,6 +242,16 @@ impl Wire {
             self.read = self.read.max((number + waiting).min(self.next - 1));
         }
         true
+    }
+
+    /// With the answer to the last line acknowledged the planner had room for so many moves.
+    pub(super) fn planner_has_room(&mut self, now: Instant, n_moves: u32) {
+        let number = self.acked;
+        let ahead = number + 1..=number + u64::from(n_moves);
+        let is_move = |n: &u64| self.index(*n).is_some_and(|i| self.lines[i].is_move);
+        self.flowing = number + ahead.take_while(is_move).count() as u64;
+        let flows = self.flowing > number;
+        self.allowance.acknowledged(now, self.end_of(number), flows);
     }
 
     fn ack_to(&mut self, number: u64) {
@@ -274,6 +300,7 @@ impl Wire {
 
     /// A line was damaged, perhaps because there was no room for it: no more in flight than the profile allows.
     pub(super) fn narrow(&mut self) {
+        self.allowance.withdraw();
         if self.rx_bytes > self.profile_rx_bytes {
             self.rx_bytes = self.profile_rx_bytes;
             self.measured = None;
@@ -401,6 +428,29 @@ mod tests {
         assert!(wire.ack_through(1, Some(1)));
         assert_eq!(send_all(&mut wire), 3);
         assert_eq!(wire.in_flight(), 5);
+    }
+
+    #[test]
+    fn a_little_more_is_under_way_while_the_firmware_waits_at_no_line() {
+        let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        firmware.baud = 1_000_000;
+        let mut wire = Wire::new(&firmware);
+        let mut most = [0; 2];
+        let mut now = Instant::default();
+        for n in 0..20_000 {
+            while wire.unsent() < 600 {
+                wire.push("G1 X100.123 Y90.456 E0.01234", Origin::Job);
+            }
+            send_all(&mut wire);
+            let n_moves = if n < 10_000 { 15 } else { 0 };
+            let most = &mut most[usize::from(n_moves == 0)];
+            *most = wire.in_flight().max(if n % 10_000 < 9_000 { 0 } else { *most });
+            // Each answer is late: the more is in flight, the more is answered in the same time.
+            now = now + std::time::Duration::from_micros((1600 / wire.in_flight()).max(430));
+            assert!(wire.ack_oldest());
+            wire.planner_has_room(now, n_moves);
+        }
+        assert_eq!(most, [4, 2], "with room in the planner, and without");
     }
 
     #[test]

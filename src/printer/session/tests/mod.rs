@@ -2,5 +2,6 @@
 
 mod crash;
 mod matrix;
+mod rate;
 mod reattach;
 mod rig;

@@ -1,0 +1,25 @@
+//! How much of the wire is used.
+
+use super::rig::{Rig, Setup};
+use crate::printer::session::End;
+
+/// Reply latency, and moves that take no time: the wire alone is the limit.
+fn printed(baud: u32, n_lines: usize) -> (f64, u64) {
+    let mut setup = Setup::new("marlin", 1, 3).with("delay:dir=tx,rate=1,for-s=0.001");
+    setup.profile.firmware.baud = baud;
+    setup.baud = Some(baud);
+    setup.job = "G1 X0.0000 Y0.00000 E0.00000\n".repeat(n_lines);
+    let mut rig = Rig::new(setup);
+    assert!(matches!(rig.run(), End::Finished));
+    (rig.printer.now_s(), rig.printer.summary().bytes_received)
+}
+
+#[test]
+fn of_the_wire_99_percent_are_used_at_every_rate() {
+    for baud in [115_200, 250_000,  500_000, 1_000_000] {
+        // Begin and end of the session are the same in both, and what is tried on the way.
+        let ((short_s, few), (long_s, many)) = (printed(baud, 4_000), printed(baud, 24_000));
+        let share = (many - few) as f64 * 10.0 / f64::from(baud) / (long_s - short_s);
+        assert!((0.99..=1.0 + 1e-9).contains(&share), "{baud} baud: {share:.4}");
+    }
+}
