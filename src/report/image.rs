@@ -10,10 +10,15 @@
 //! and the place is moved back. A point is skipped and counted where the fall is much weaker or
 //! stronger than usual, runs out of the searched range or stands out among its neighbours.
 //!
-//! Limits: a vessel narrower than three times the blur shows no plateau and is measured too wide; a wall as thin as that
-//! is seen too low, which draws the boundary of a dark lumen inward; noise moves a point by about noise / slope.
+//! A wall that is hardly thicker than the blur shows no level of its own ([`wall`](super::wall)): the profiles of a contour,
+//! laid over one another at their crossings, say together how high it is, and the boundary is where the profile is
+//! half-way to it.
+//!
+//! Limits: a vessel narrower than three times the blur shows no plateau and is measured too wide; noise moves a point by
+//! about noise / slope.
 
 use super::deviation::Outline;
+use super::wall::Wall;
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Region, Vector2};
 use std::borrow::Cow;
@@ -42,12 +47,46 @@ pub(super) struct ImageBoundary {
 
 /// Where the profile of one contour point crosses, relative to the contour, and its plateaus.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    offset_mm: f64,
-    inner_hu: f64,
-    outer_hu: f64,
+pub(super) struct Edge {
+    pub(super) offset_mm: f64,
+    /// Levels of the lumen and of what surrounds it; those of a dark lumen have their sign changed.
+    pub(super) top: f64,
+    pub(super) bottom: f64,
     /// Standard deviation of the blur that makes an edge this steep, mm.
-    blur_mm: f64,
+    pub(super) blur_mm: f64,
+}
+
+/// Grey values along a normal, from inside to outside, as far as they belong to the contour; lumen bright.
+#[derive(Debug, Clone)]
+pub(super) struct Scan {
+    values: Vec<f64>,
+    /// The index of the contour.
+    centre: usize,
+    step_mm: f64,
+}
+
+impl Scan {
+    /// The value at a distance outward of the contour, linear between the samples; `None` beyond them.
+    pub(super) fn at(&self, d_mm: f64) -> Option<f64> {
+        let x = d_mm / self.step_mm + self.centre as f64;
+        if x < 0.0 {
+            return None;
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not below zero")]
+        let j = x as usize;
+        let (a, b) = (self.values.get(j)?, self.values.get(j + 1)?);
+        Some(a + (b - a) * x.fract())
+    }
+
+    /// Where the falling values pass `level`, nearest to `from_mm`, mm outward of the contour.
+    pub(super) fn crossing_mm(&self, from_mm: f64, level: f64) -> Option<f64> {
+        let from = from_mm / self.step_mm + self.centre as f64;
+        let passes = |j: &usize| self.values[*j] >= level && self.values[j + 1] < level;
+        let within = |j: usize| (self.values[j] - level) / (self.values[j] - self.values[j + 1]);
+        let places = (0..self.values.len() - 1).filter(passes).map(|j| j as f64 + within(j));
+        let nearest = places.min_by(|a, b| (a - from).abs().total_cmp(&(b - from).abs()))?;
+        Some((nearest - self.centre as f64) * self.step_mm)
+    }
 }
 
 /// Finds the boundary near the contours of plane `k` of the volume.
@@ -59,7 +98,7 @@ pub(super) fn boundary(volume: &Volume, k: usize, contours: &[Contour], polarity
         let (boundary, flags, edges) = search.contour(contour);
         found.n_points += flags.len();
         found.n_found += edges.len();
-        found.levels_hu.extend(edges.iter().map(|e| [e.inner_hu, e.outer_hu]));
+        found.levels_hu.extend(edges.iter().map(|e| [search.sign * e.top, search.sign * e.bottom]));
         // A contour of which next to nothing is seen gives no outline at all.
         if 4 * edges.len() >= flags.len() {
             found.outline.region.contours.push(boundary);
@@ -108,13 +147,14 @@ impl<'a> Search<'a> {
         let profiles: Vec<Vec<f64>> =
             points.iter().zip(&normals).map(|(&p, &normal)| self.profile(p, normal)).collect();
         let smoothed = averaged_round(&profiles, pixel_points);
-        let edges: Vec<Option<Edge>> = (0..n)
-            .map(|i| {
-                let limits = self.limits(points[i], normals[i]);
-                self.edge(&smoothed[i], limits)
-            })
-            .collect();
+        let scans: Vec<Option<Scan>> =
+            (0..n).map(|i| self.scan(&smoothed[i], self.limits(points[i], normals[i]))).collect();
+        let edges: Vec<Option<Edge>> = scans.iter().map(|s| s.as_ref().and_then(|s| self.edge(s))).collect();
         let edges = without_outliers(&edges, 3 * pixel_points, self.pixel_mm);
+        let edges = match Wall::behind(&scans, &edges, self.step_mm) {
+            Some(wall) => wall.edges(&scans, &edges),
+            None => edges,
+        };
         let blur_mm = median(edges.iter().flatten().map(|e| e.blur_mm)).unwrap_or(0.0);
         let offsets = bridged(&edges);
         let moved = (0..n).map(|i| {
@@ -143,24 +183,28 @@ impl<'a> Search<'a> {
         [steps(-normal), steps(normal)]
     }
 
-    /// The crossing of one profile, of which `limits` steps to each side may be used.
-    fn edge(&self, hu: &[f64], limits: [usize; 2]) -> Option<Edge> {
+    /// The part of a profile of which `limits` steps to each side may be used; where the image ends, it does.
+    fn scan(&self, hu: &[f64], limits: [usize; 2]) -> Option<Scan> {
         let (lo, hi) = (self.half - limits[0].min(self.half), self.half + limits[1].min(self.half));
-        // Where the image ends, the profile does.
         let lo = (lo..=self.half).rev().take_while(|&j| !hu[j].is_nan()).last()?;
         let hi = (self.half..=hi).take_while(|&j| !hu[j].is_nan()).last()?;
-        let g: Vec<f64> = hu[lo..=hi].iter().map(|v| self.sign * v).collect();
-        let centre = self.half - lo;
-        let steepest = self.steepest(&g, centre)?;
+        let values = hu[lo..=hi].iter().map(|v| self.sign * v).collect();
+        Some(Scan { values, centre: self.half - lo, step_mm: self.step_mm })
+    }
+
+    /// The crossing of one profile.
+    fn edge(&self, scan: &Scan) -> Option<Edge> {
+        let g = &scan.values;
+        let steepest = self.steepest(g, scan.centre)?;
         let inward: Vec<f64> = g[..=steepest].iter().rev().copied().collect();
         let outward: Vec<f64> = g[steepest..].iter().map(|v| -v).collect();
         let (top, bottom) = (plateau(&inward)?, -plateau(&outward)?);
-        let at = crossing(&g, steepest, 0.5 * (top + bottom))?;
-        let offset_mm = (at - centre as f64) * self.step_mm;
+        let steepest_mm = (steepest as f64 - scan.centre as f64) * self.step_mm;
+        let offset_mm = scan.crossing_mm(steepest_mm, 0.5 * (top + bottom))?;
         let slope = (g[steepest - 1] - g[steepest + 1]) / (2.0 * self.step_mm);
         // The edge of a Gaussian blur falls steepest with contrast / (s sqrt(2 pi)).
         let blur_mm = (top - bottom) / (slope * std::f64::consts::TAU.sqrt());
-        Some(Edge { offset_mm, inner_hu: self.sign * top, outer_hu: self.sign * bottom, blur_mm })
+        Some(Edge { offset_mm, top, bottom, blur_mm })
     }
 
     /// The step of the steepest fall, near ones preferred; `None` where nothing falls.
@@ -284,18 +328,10 @@ fn plateau(values: &[f64]) -> Option<f64> {
     (top > start).then(|| level.iter().sum::<f64>() / level.len() as f64)
 }
 
-/// Where the falling profile passes `level`, nearest to `from`, in steps.
-fn crossing(g: &[f64], from: usize, level: f64) -> Option<f64> {
-    let passes = |j: usize| g[j] >= level && g[j + 1] < level;
-    let n = g.len() - 1;
-    let j = (0..n).filter(|&j| passes(j)).min_by_key(|&j| j.abs_diff(from))?;
-    Some(j as f64 + (g[j] - level) / (g[j] - g[j + 1]))
-}
-
 /// Drops edges that are much weaker than usual, much stronger (a thin layer of tissue before air or bone), or stand out
 /// from the median of their neighbours, `n` to each side.
 fn without_outliers(edges: &[Option<Edge>], n: usize, pixel_mm: f64) -> Vec<Option<Edge>> {
-    let contrast = |e: &Edge| (e.inner_hu - e.outer_hu).abs();
+    let contrast = |e: &Edge| e.top - e.bottom;
     let Some(usual) = median(edges.iter().flatten().map(contrast)) else { return edges.to_vec() };
     let strong: Vec<Option<Edge>> =
         edges.iter().map(|e| e.filter(|e| (0.35 * usual..=1.6 * usual).contains(&contrast(e)))).collect();

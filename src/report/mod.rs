@@ -36,6 +36,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 mod verdict;
+mod wall;
 mod write;
 
 pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMeasures, Stenosis, Throat};

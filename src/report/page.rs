@@ -16,7 +16,7 @@ pub(super) const METHODS: [(&str, &str); 6] = [
     ),
     (
         "Boundary in the image",
-        "Half-way between the grey levels inside and outside, along the normal of the contour, linear between pixels, averaged over about a pixel along the contour; found from the grey values alone. Blur draws the half-way point of a curved boundary inward by s\u{b2}k/2; this is measured (blur s from the steepness of the edge, curvature k from the contour) and undone. Where no clear edge exists, the place is left out.",
+        "Half-way between the grey levels inside and outside, along the normal of the contour, linear between pixels, averaged over about a pixel along the contour; found from the grey values alone. Behind a wall hardly thicker than the blur, the wall's own level is found from all profiles of the contour together. Blur draws the half-way point of a curved boundary inward by s\u{b2}k/2; this is measured (blur s from the steepness of the edge, curvature k from the contour) and undone. Where no clear edge exists, the place is left out.",
     ),
     (
         "Beads",

@@ -47,22 +47,31 @@ fn blurred_disk(r: f64, radius_mm: f64) -> f64 {
 
 /// A vertical cylinder, blurred as a scanner blurs.
 pub(super) fn blurred_cylinder(polarity: Polarity, radius_mm: f64, n_planes: usize, noise_hu: f64) -> Volume {
-    let (n, pixel_mm) = (100usize, 0.2);
     let (inner, outer) = if polarity == Polarity::Bright { (300.0, 50.0) } else { (-20.0, 120.0) };
+    blurred_shells(&[(radius_mm, inner)], outer, n_planes, noise_hu)
+}
+
+/// Vertical cylinders in one another, from the inside out, each with its radius in mm and its grey value; blurred.
+pub(super) fn blurred_shells(shells: &[(f64, f64)], outer_hu: f64, n_planes: usize, noise_hu: f64) -> Volume {
+    let (n, pixel_mm) = (100usize, 0.2);
     let first = -0.5 * pixel_mm * (n - 1) as f64;
     let mut noise = 0x9e37_79b9_7f4a_7c15_u64;
     let mut random = || {
         noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (noise >> 33) as f64 / f64::from(1u32 << 31) - 0.5
     };
-    let table: Vec<f64> = (0..1500).map(|i| blurred_disk(0.01 * f64::from(i), radius_mm)).collect();
+    let beyond = |i: usize| shells.get(i + 1).map_or(outer_hu, |shell| shell.1);
+    let at_radius = |r: f64| -> f64 {
+        let steps = shells.iter().enumerate();
+        outer_hu + steps.map(|(i, s)| (s.1 - beyond(i)) * blurred_disk(r, s.0)).sum::<f64>()
+    };
+    let table: Vec<f64> = (0..1500).map(|i| at_radius(0.01 * f64::from(i))).collect();
     let mut value = |i: usize, j: usize| {
         let r = 100.0 * (first + pixel_mm * i as f64).hypot(first + pixel_mm * j as f64);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
         let (below, part) = (r as usize, r.fract());
-        let part = table[below] * (1.0 - part) + table[below + 1] * part;
         // Uniform noise of the same standard deviation.
-        outer + (inner - outer) * part + noise_hu * 12f64.sqrt() * random()
+        table[below] * (1.0 - part) + table[below + 1] * part + noise_hu * 12f64.sqrt() * random()
     };
     #[expect(clippy::cast_possible_truncation, reason = "grey values fit")]
     let hu: Vec<f32> = (0..n_planes * n * n).map(|v| value(v % n, v / n % n) as f32).collect();

@@ -28,29 +28,34 @@ const COMMAND: f64 = 1e6;
 
 /// Values across an edge, evenly spaced, lumen first and bright, the contour in the middle.
 #[derive(Debug, Clone)]
-pub(super) struct Profile {
-    pub(super) values: Vec<f64>,
-    pub(super) step_mm: f64,
+pub(crate) struct Profile {
+    pub(crate) values: Vec<f64>,
+    pub(crate) step_mm: f64,
 }
 
 /// An edge that was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Edge {
+pub(crate) struct Edge {
     /// Level of the lumen; dark lumens have their sign changed.
-    pub(super) lumen: f64,
+    pub(crate) lumen: f64,
     /// Level of the wall.
-    pub(super) wall: f64,
+    pub(crate) wall: f64,
     /// Level of what lies beyond the wall.
-    pub(super) tissue: f64,
+    pub(crate) tissue: f64,
     /// Thickness of the wall, mm; anything where nothing else lies beyond it.
-    pub(super) wall_mm: f64,
+    pub(crate) wall_mm: f64,
     /// Standard deviation of the blur, mm.
-    pub(super) blur_mm: f64,
+    pub(crate) blur_mm: f64,
 }
 
 impl Edge {
-    pub(super) fn half_level(&self) -> f64 {
+    pub(crate) fn half_level(&self) -> f64 {
         0.5 * (self.lumen + self.wall)
+    }
+
+    /// The blurred value at the boundary: half-way to the wall, and what reaches it from beyond a thin one.
+    pub(crate) fn value_at_boundary(&self) -> f64 {
+        self.half_level() + (self.tissue - self.wall) * normal_cdf(-self.wall_mm / self.blur_mm)
     }
 }
 
@@ -88,7 +93,7 @@ impl Fit {
 
 impl Profile {
     /// The edge nearest to the middle; `None` where there is none, or none of this kind.
-    pub(super) fn edge(&self) -> Option<Edge> {
+    pub(crate) fn edge(&self) -> Option<Edge> {
         let single = self.single_step();
         let fit = single.filter(Fit::is_close).or_else(|| {
             let with_wall =
@@ -126,7 +131,7 @@ impl Profile {
     }
 
     /// The part of the profile within a distance of its middle; at least eight samples on either side.
-    pub(super) fn within(mut self, reach_mm: f64) -> Self {
+    pub(crate) fn within(mut self, reach_mm: f64) -> Self {
         let half = (self.values.len() - 1) / 2;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the profile")]
         let kept = (reach_mm / self.step_mm).clamp(8.0, f64::max(8.0, half as f64)) as usize;

@@ -7,7 +7,7 @@ mod consistency;
 mod curve;
 mod denoise;
 mod detached;
-mod edge;
+pub(crate) mod edge;
 pub mod extract;
 mod fit;
 pub mod format;

@@ -16,7 +16,7 @@ fn printed(baud: u32, n_lines: usize) -> (f64, u64) {
 
 #[test]
 fn of_the_wire_99_percent_are_used_at_every_rate() {
-    for baud in [115_200, 250_000,  500_000, 1_000_000] {
+    for baud in [115_200, 250_000, 500_000, 1_000_000] {
         // Begin and end of the session are the same in both, and what is tried on the way.
         let ((short_s, few), (long_s, many)) = (printed(baud, 4_000), printed(baud, 24_000));
         let share = (many - few) as f64 * 10.0 / f64::from(baud) / (long_s - short_s);
