@@ -1,6 +1,8 @@
 //! Sessions against the simulated printer, in one process and on its clock.
 
 mod crash;
+mod deposit;
 mod matrix;
 mod reattach;
 mod rig;
+mod vessel;
