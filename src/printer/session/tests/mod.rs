@@ -1,6 +1,7 @@
 //! Sessions against the simulated printer, in one process and on its clock.
 
 mod crash;
+mod hold;
 mod matrix;
 mod reattach;
 mod rig;
