@@ -21,6 +21,7 @@ mod life;
 mod limits;
 mod motion;
 mod replies;
+mod strict;
 #[cfg(test)]
 mod tests;
 

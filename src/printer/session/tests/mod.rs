@@ -1,7 +1,9 @@
 //! Sessions against the simulated printer, in one process and on its clock.
 
 mod crash;
+mod deposit;
 mod hold;
 mod matrix;
 mod reattach;
 mod rig;
+mod vessel;

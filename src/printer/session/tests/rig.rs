@@ -88,6 +88,9 @@ pub(super) struct Rig {
     is_connected: bool,
     /// The printer neither hears nor says anything any more.
     pub(super) is_deaf: bool,
+    /// This share of the next write gets out, then the host is dead.
+    pub(super) dies_at: Option<f64>,
+    pub(super) is_dead: bool,
 }
 
 impl Rig {
@@ -106,6 +109,8 @@ impl Rig {
             gave_up_s: None,
             is_connected: true,
             is_deaf: false,
+            dies_at: None,
+            is_dead: false,
             setup,
         };
         let n_lines = rig.session.n_lines();
@@ -137,6 +142,10 @@ impl Rig {
         }
         let mut out = Vec::new();
         self.session.transmit(&mut out);
+        if let Some(share) = self.dies_at.filter(|_| !out.is_empty()) {
+            out.truncate(whole(share * out.len() as f64));
+            self.is_dead = true;
+        }
         if !out.is_empty() && self.is_connected {
             if !self.is_deaf {
                 self.printer.receive(&out);
@@ -190,8 +199,8 @@ impl Rig {
 
     /// Everything that happens at this moment, then on to the next one. False when nothing will ever happen.
     pub(super) fn step(&mut self) -> bool {
-        while self.exchange() {}
-        if self.session.is_over() {
+        while !self.is_dead && self.exchange() {}
+        if self.session.is_over() || self.is_dead {
             return false;
         }
         let due = self.session.poll_timeout();
@@ -235,9 +244,15 @@ impl Rig {
     /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
     pub(super) fn resume(&mut self, lost_s: f64, after_reset: bool) {
         let known = self.known(lost_s);
+        self.resume_by(known, after_reset);
+    }
+
+    /// A new host resumes by what its journal says.
+    pub(super) fn resume_by(&mut self, known: Known, after_reset: bool) {
         self.printer.host_left();
         self.printer.host_arrived();
         self.is_connected = true;
+        (self.dies_at, self.is_dead) = (None, false);
         let start = Start::Resume { known: Box::new(known), after_reset };
         self.session = Session::new(self.setup.job(), &self.setup.profile, start, self.now());
     }
@@ -263,6 +278,16 @@ impl Rig {
         self.printer.output().clear();
         self.observe();
     }
+}
+
+fn whole(share: f64) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a write's length"
+    )]
+    let n = share as usize;
+    n
 }
 
 /// What a print without faults lays down.
