@@ -213,6 +213,18 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// Why not exactly, where it would otherwise have gone on.
+    #[must_use]
+    pub const fn why(&self) -> Option<Why> {
+        match self {
+            Self::WithinRecovery { why }
+            | Self::NothingPrinted { why }
+            | Self::HeightUnknown { why, .. }
+            | Self::NoScript { why } => Some(*why),
+            Self::Finished | Self::Cancelled | Self::Ambiguous { .. } => None,
+        }
+    }
+
     /// A stable name for programs.
     #[must_use]
     pub const fn code(&self) -> &'static str {
@@ -305,6 +317,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let first = self.known.progress.n_acked;
         let end = self.known.progress.n_sent.max(first) + self.unrecorded();
         let Some(position) = self.survey.position else { return self.recover(Why::Elsewhere) };
+        if let Some(exact) = self.within_prelude(position)? {
+            return Ok(match self.is_cold(&exact.modal) {
+                Some(why) => self.recover(why)?,
+                None => Decision::Exact(Box::new(exact)),
+            });
+        }
         let mut modal = Modal::new(self.profile.firmware.dialect);
         let mut tail = Tail::default();
         let mut runs = Runs::default();
@@ -332,6 +350,27 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             }
             _ => self.recover(Why::Elsewhere),
         }
+    }
+
+    /// The host's own lines of a pause bring the nozzle away and back: behind which of them it is there. Where several are alike, the
+    /// last: what follows sets modes, and may be said twice.
+    fn within_prelude(&mut self, position: Position) -> Result<Option<Exact>, job::Error> {
+        let Track { prelude, n_before, .. } = &self.known.track;
+        let (prelude, n_before) = (prelude.clone(), *n_before);
+        if n_before == 0 || self.known.progress.n_sent > n_before {
+            return Ok(None);
+        }
+        let (modal, tail) = self.state_after(n_before)?;
+        let mut at = modal.clone();
+        let mut behind = None;
+        for (i, line) in prelude.iter().enumerate() {
+            at.apply(line);
+            behind = if is_exactly(&at, position) { Some(i + 1) } else { behind };
+        }
+        Ok(behind.map(|n| {
+            let track = Track { first_number: 1, prelude: prelude[n..].to_vec(), n_before };
+            Exact { place: Place::Prelude(0), track, modal, tail }
+        }))
     }
 
     fn recover(&mut self, why: Why) -> Result<Decision, job::Error> {

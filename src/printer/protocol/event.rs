@@ -2,7 +2,9 @@
 
 use super::fault::Fault;
 use super::planner::Held;
+use super::prompt::Prompt;
 use super::reply::{Position, Temperatures};
+use super::safety::Heat;
 
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +25,8 @@ pub enum Event {
     Busy(String),
     /// The printer wishes something (`//action:`).
     Action(String),
+    /// The printer asks the operator; nothing where the question is over.
+    Prompt(Option<Prompt>),
     /// A line that means nothing to the protocol: kept for the log.
     Message(String),
     /// Something went wrong on the wire and was put right.
@@ -35,8 +39,10 @@ pub enum Event {
     Finished,
     /// The job was given up on request; the heaters are off, and the firmware says so.
     Cancelled,
-    /// The job was given up. The heaters' state is as the fault tells.
+    /// The job was given up; heaters-off is on its way.
     Faulted(Fault),
+    /// Heaters-off was sent until it was confirmed, or as long as that made sense: what is known of them.
+    Secured(Heat),
 }
 
 /// What was put right.

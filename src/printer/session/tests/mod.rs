@@ -3,6 +3,7 @@
 mod certain;
 mod crash;
 mod deposit;
+mod hold;
 mod matrix;
 mod reattach;
 mod rig;

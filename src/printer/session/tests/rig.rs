@@ -83,9 +83,11 @@ pub(super) struct Rig {
     pub(super) events: Vec<PrintEvent>,
     /// Names of faults and states that the printer has told, with the time.
     pub(super) states: Vec<(f64, String)>,
-    /// What was written last.
-    last_words: Vec<u8>,
+    /// When the print was given up, s.
+    pub(super) gave_up_s: Option<f64>,
     is_connected: bool,
+    /// The printer neither hears nor says anything any more.
+    pub(super) is_deaf: bool,
     /// This share of the next write gets out, then the host is dead.
     pub(super) dies_at: Option<f64>,
     pub(super) is_dead: bool,
@@ -104,8 +106,9 @@ impl Rig {
             laid: Vec::new(),
             events: Vec::new(),
             states: Vec::new(),
-            last_words: Vec::new(),
+            gave_up_s: None,
             is_connected: true,
+            is_deaf: false,
             dies_at: None,
             is_dead: false,
             setup,
@@ -144,16 +147,22 @@ impl Rig {
             self.is_dead = true;
         }
         if !out.is_empty() && self.is_connected {
-            self.printer.receive(&out);
-            self.last_words = out;
+            if !self.is_deaf {
+                self.printer.receive(&out);
+            }
             moved = true;
         }
         let said = std::mem::take(self.printer.output());
-        if !said.is_empty() && self.is_connected {
+        if !said.is_empty() && self.is_connected && !self.is_deaf {
             self.session.handle_bytes(self.now(), &said);
             moved = true;
         }
+        let before = self.events.len();
         self.events.extend(std::iter::from_fn(|| self.session.poll_event()));
+        let gave_up = |event: &PrintEvent| matches!(event, PrintEvent::Session(Event::Faulted(_)));
+        if self.events[before..].iter().any(gave_up) {
+            self.gave_up_s.get_or_insert(self.printer.now_s());
+        }
         self.observe();
         moved
     }
@@ -164,14 +173,17 @@ impl Rig {
                 self.is_connected = false;
                 self.session.handle_lost(self.now());
             }
-            (true, false) if self.session.wants_port() => {
-                self.is_connected = true;
-                self.printer.host_arrived();
-                self.session.handle_port(self.now());
-            }
+            (true, false) if self.session.wants_port() => self.reconnect(),
             _ => return false,
         }
         true
+    }
+
+    /// The port is opened again.
+    pub(super) fn reconnect(&mut self) {
+        self.is_connected = true;
+        self.printer.host_arrived();
+        self.session.handle_port(self.now());
     }
 
     fn observe(&mut self) {
@@ -227,11 +239,6 @@ impl Rig {
         self.session
             .take_end()
             .unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
-    }
-
-    /// Whether heaters-off was the last that was written.
-    pub(super) fn told_off(&self) -> bool {
-        String::from_utf8_lossy(&self.last_words).contains("M104 S0")
     }
 
     /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
