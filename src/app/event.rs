@@ -70,6 +70,15 @@ pub enum Event {
         /// One line for the operator.
         text: String,
     },
+    /// Something that the operator should not miss while a stage goes on.
+    Told {
+        /// The stage.
+        stage: Stage,
+        /// A stable name for programs.
+        code: &'static str,
+        /// One line for the operator.
+        text: String,
+    },
     /// A stage ended well, or there was nothing to do.
     Ended(StageOutcome),
 }

@@ -9,6 +9,7 @@ use super::source::{Places, Sources};
 use super::stages::report::ReportPlace;
 use super::stages::slice::Sliced;
 use crate::ct::{self, SeriesName, Volume, Warning};
+use crate::printer::control::Controls;
 use crate::progress::{CancelToken, Task};
 use crate::sections::SectionStack;
 use crate::segment::Candidate;
@@ -26,6 +27,8 @@ pub struct Context<'a> {
     pub events: &'a EventSink<'a>,
     /// Set to stop the work.
     pub cancel: CancelToken,
+    /// What the operator asks of a print while it runs.
+    pub controls: Controls,
     /// Where the CTs of cases lie.
     pub sources: Sources,
 }

@@ -5,10 +5,12 @@ use super::args::{
     SegmentArgs, SliceArgs, SolidArgs,
 };
 use super::face::{Face, error_document};
+use super::keys::{self, Keys};
 use super::signals;
 use crate::app::settings::{CaseFile, SIMULATED_PORT, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
+use crate::printer::control::Controls;
 use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
@@ -28,8 +30,9 @@ const INTERRUPTED: u8 = 130;
 pub(super) fn run(cli: Cli) -> u8 {
     let face = Face::new(cli.json);
     let events = |event: Event| face.event(event);
-    let context =
-        Context { events: &events, cancel: signals::cancel_on_signal(), sources: Sources::of_user() };
+    let controls = Controls::default();
+    let cancel = signals::cancel_on_signal(&controls);
+    let context = Context { events: &events, cancel, controls, sources: Sources::of_user() };
     let command = cli.command.unwrap_or_else(|| Command::Run(default_run()));
     let done = match command {
         Command::Run(args) => return run_cases(&args, &face, &context),
@@ -340,7 +343,15 @@ fn slice_model(args: &SliceArgs, face: &Face, context: &Context<'_>) -> Result<u
     Ok(0)
 }
 
+/// The operator's keys for a print, where there is a terminal.
+fn listen(face: &Face, context: &Context<'_>) -> Option<Keys> {
+    let keys = Keys::listen(&context.controls)?;
+    face.line(keys::HELP);
+    Some(keys)
+}
+
 fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    let _keys = listen(face, &context);
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes = CaseFile { profile: args.profile.clone(), ..args.printer.patch() };
         return stage(&args.what, changes, context, |session| session.print_again(args.baud))
@@ -355,6 +366,7 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
 }
 
 fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {
+    let _keys = listen(face, &context);
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes =
             CaseFile { profile: args.profile.clone(), port: args.port.clone(), ..CaseFile::default() };

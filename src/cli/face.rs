@@ -42,6 +42,7 @@ impl Face {
                 bar.set_position(done);
             }),
             Event::Note { text, .. } => self.with_bar(|bar| bar.set_message(text)),
+            Event::Told { stage, code, text } => self.told(stage, code, &text),
             Event::Warned { stage, warning } => {
                 self.line(&format!("{stage:<8} warning: {} ({})", warning.text, warning.code));
             }
@@ -50,6 +51,13 @@ impl Face {
                 self.line(&stage_line(&outcome));
             }
         }
+    }
+
+    /// Something that nobody should miss: a line on stderr, a document of its own where documents are asked for.
+    fn told(&self, stage: Stage, code: &str, text: &str) {
+        let document = || serde_json::json!({"event": code, "stage": stage, "text": text}).to_string();
+        self.line(&if self.json { document() } else { format!("{stage:<8} {text}") });
+        self.with_bar(|bar| bar.set_message(text.to_owned()));
     }
 
     /// A result: a document, or its text.

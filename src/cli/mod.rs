@@ -6,6 +6,7 @@
 mod args;
 mod commands;
 mod face;
+mod keys;
 mod signals;
 
 use args::{Cli, usage_line};
@@ -77,6 +78,7 @@ fn say_panic(info: &panic::PanicHookInfo<'_>) {
     if crate::ct::reader::is_decoding() {
         return;
     }
+    keys::restore();
     let payload = info.payload();
     let text = payload.downcast_ref::<&str>().copied().map(str::to_owned);
     let text = text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default();

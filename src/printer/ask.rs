@@ -3,10 +3,10 @@
 //! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed: exactly after
 //! `detect`; after `safe-off` by recovery moves alone, for what has cooled has let go of its place.
 
+use super::Error;
 use super::driver::Clock;
 use super::link::Link;
-use super::protocol::{Command, Core, Event, Fault, LineSplitter, Question, State, Temperatures};
-use super::{Error, PortProblem};
+use super::protocol::{Command, Core, Event, Fault, Heat, LineSplitter, Question, State, Temperatures};
 use crate::profile::{Dialect, Profile};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
@@ -45,32 +45,24 @@ pub async fn detect<L: Link>(mut link: L, profile: &Profile) -> Result<Found, Er
     Ok(Found { firmware, profile })
 }
 
-/// Switches the heaters off: sends the profile's safe script twice, then looks whether the targets are 0.
+/// Switches the heaters off: sends the profile's safe script until the printer tells twice that the targets are 0; if it tells that
+/// they are not, it is stopped for good (M112).
 ///
 /// # Errors
 /// [`Error::Open`]; [`Error::Fault`] where nothing answers; [`Error::StillHeating`].
 pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Temperatures, Error> {
     let port = link.name().to_owned();
-    let mut stream = link.open().await?;
-    let mut text = "\n".to_owned();
-    for line in profile.safe_gcode().iter().chain(&profile.safe_gcode()) {
-        text.push_str(line);
-        text.push('\n');
-    }
-    let gone =
-        |_| Error::Open { port: port.clone(), problem: PortProblem::Other("it takes no bytes".to_owned()) };
-    stream.write_all(text.as_bytes()).await.map_err(gone)?;
-    let mut told = Temperatures::default();
-    // An answer that was on its way tells of before; the last one counts.
+    let stream = link.open().await?;
     let mut desk = Desk::new(profile, port.clone());
-    desk.ask(stream, &[Question::Temperatures, Question::Position, Question::Temperatures], |event| {
-        if let Event::Temperatures(temperatures) = event {
-            told = *temperatures;
-        }
-    })
-    .await?;
-    let is_on = [told.hotend, told.bed].into_iter().flatten().any(|heater| heater.target_c > 0.0);
-    if is_on { Err(Error::StillHeating { port }) } else { Ok(told) }
+    let mut heat = Heat::default();
+    desk.switch_off(stream, &mut heat).await?;
+    let fault = match heat {
+        Heat::Off(told) => return Ok(told),
+        Heat::On(_) => return Err(Error::StillHeating { port }),
+        Heat::Halted => Fault::Halted { text: "it says that it has stopped for good".to_owned() },
+        Heat::Unknown(_) => Fault::NoAnswer { is_garbled: false },
+    };
+    Err(Error::Fault { port, fault, heat })
 }
 
 struct Desk {
@@ -89,32 +81,63 @@ impl Desk {
 
     async fn ask(
         &mut self,
-        mut stream: impl AsyncRead + AsyncWrite + Unpin,
+        stream: impl AsyncRead + AsyncWrite + Unpin,
         questions: &[Question],
         mut hear: impl FnMut(&Event),
     ) -> Result<(), Error> {
         self.command(Command::Inquire { beyond: 0 });
         let mut questions = questions.iter();
+        self.converse(stream, |desk, event| {
+            hear(event);
+            match event {
+                Event::Faulted(fault) => return Some(Err(desk.fault(fault.clone()))),
+                Event::Found(_) | Event::Answered => match questions.next() {
+                    Some(question) => desk.command(Command::Ask(*question)),
+                    None => return Some(Ok(())),
+                },
+                _ => {}
+            }
+            None
+        })
+        .await
+    }
+
+    async fn switch_off(
+        &mut self,
+        stream: impl AsyncRead + AsyncWrite + Unpin,
+        heat: &mut Heat,
+    ) -> Result<(), Error> {
+        self.command(Command::HeatersOff);
+        let secured = |_: &mut Self, event: &Event| {
+            let Event::Secured(known) = event else { return None };
+            *heat = known.clone();
+            Some(Ok(()))
+        };
+        self.converse(stream, secured).await
+    }
+
+    /// Talks until `hear` has heard enough; what is to be said then still is.
+    async fn converse(
+        &mut self,
+        mut stream: impl AsyncRead + AsyncWrite + Unpin,
+        mut hear: impl FnMut(&mut Self, &Event) -> Option<Result<(), Error>>,
+    ) -> Result<(), Error> {
         let mut splitter = LineSplitter::default();
         let mut buffer = vec![0; 4096];
         loop {
-            let mut out = Vec::new();
+            let mut end = None;
             while let Some(event) = self.core.poll_event() {
-                hear(&event);
-                match event {
-                    Event::Faulted(fault) => return Err(self.fault(fault)),
-                    Event::Found(_) | Event::Answered => match questions.next() {
-                        Some(question) => self.command(Command::Ask(*question)),
-                        None => return Ok(()),
-                    },
-                    _ => {}
-                }
+                end = end.or(hear(self, &event));
             }
+            let mut out = Vec::new();
             while let Some(line) = self.core.poll_transmit() {
                 out.extend_from_slice(line.bytes);
             }
             let gone = |_| Error::PortVanished { port: self.port.clone() };
             stream.write_all(&out).await.map_err(gone)?;
+            if let Some(end) = end {
+                return end;
+            }
             tokio::select! {
                 read = stream.read(&mut buffer) => match read {
                     Ok(n) if n > 0 => {
@@ -144,7 +167,7 @@ impl Desk {
     }
 
     fn fault(&self, fault: Fault) -> Error {
-        Error::Fault { port: self.port.clone(), fault }
+        Error::Fault { port: self.port.clone(), fault, heat: Heat::default() }
     }
 }
 

@@ -6,6 +6,7 @@
 //! not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
 
 use super::Error;
+use super::control::Controls;
 use super::job::Job;
 use super::journal::Record;
 use super::journal::writer::Journal;
@@ -23,7 +24,7 @@ use tokio::time::MissedTickBehavior;
 
 pub use super::session::PrintEvent;
 
-/// How exactly time-outs are kept and how soon a request to cancel is seen.
+/// How exactly time-outs are kept and how soon what the operator asks for is seen.
 const TICK: Duration = Duration::from_millis(20);
 
 /// Progress is told every so many ticks.
@@ -60,6 +61,8 @@ pub struct Order<R> {
     pub start: Start,
     /// Where it is written down.
     pub journal: Option<Journal>,
+    /// What the operator asks for meanwhile.
+    pub controls: Controls,
 }
 
 /// Sends `job` over `link` and waits until the printer says that all of it is executed; no journal is kept.
@@ -73,15 +76,16 @@ pub async fn print<R: BufRead + Seek, L: Link>(
     events: &mpsc::Sender<PrintEvent>,
     cancel: &CancelToken,
 ) -> Result<Printed, Error> {
-    run(Order { job, start: Start::Fresh, journal: None }, link, profile, events, cancel).await
+    let order = Order { job, start: Start::Fresh, journal: None, controls: Controls::default() };
+    run(order, link, profile, events, cancel).await
 }
 
 /// Prints, or goes on with a print, and waits until the printer says that all of it is executed.
 ///
 /// # Errors
 /// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`] once heaters-off is confirmed, [`Error::Job`]
-/// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`]
-/// and [`Error::NotResumable`], nothing having been sent.
+/// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`],
+/// nothing having been sent, and [`Error::Refused`], the heaters having been switched off.
 pub async fn run<R: BufRead + Seek, L: Link>(
     order: Order<R>,
     mut link: L,
@@ -93,9 +97,12 @@ pub async fn run<R: BufRead + Seek, L: Link>(
     let stream = link.open().await?;
     let clock = Clock::start();
     let session = Session::new(order.job, profile, order.start, clock.now());
+    order.controls.clear();
     let mut driver = Driver::new(session, order.journal, clock, events, cancel);
+    driver.controls = order.controls;
     let end = driver.serve(stream, &mut link).await;
     let n_lines = driver.session.n_lines();
+    let heat = driver.session.heat().clone();
     match end {
         End::Finished => {
             let (n_twice, stats) = (driver.session.n_twice(), driver.session.stats());
@@ -103,11 +110,11 @@ pub async fn run<R: BufRead + Seek, L: Link>(
         }
         End::Job(error) => Err(error.into()),
         End::Cancelled => Err(Error::Cancelled),
-        End::Left => Err(Error::Left { port }),
+        End::Left => Err(Error::Left { port, heat }),
         End::Faulted(Fault::LinkLost) => Err(Error::PortVanished { port }),
-        End::Faulted(fault) => Err(Error::Fault { port, fault }),
-        End::NeedsConsent(recovery) => Err(Error::NeedsConsent { recovery }),
-        End::Refused(refusal) => Err(refusal.into()),
+        End::Faulted(fault) => Err(Error::Fault { port, fault, heat }),
+        End::NeedsConsent(recovery) => Err(Error::NeedsConsent { recovery, heat }),
+        End::Refused(refusal) => Err(Error::Refused { refusal, heat }),
     }
 }
 
@@ -123,6 +130,7 @@ struct Driver<'a, R> {
     pending: VecDeque<PrintEvent>,
     cancel: &'a CancelToken,
     is_cancelled: bool,
+    controls: Controls,
 }
 
 impl<'a, R: BufRead + Seek> Driver<'a, R> {
@@ -144,6 +152,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
             pending: VecDeque::new(),
             cancel,
             is_cancelled: false,
+            controls: Controls::default(),
         }
     }
 
@@ -258,6 +267,9 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         if self.cancel.is_cancelled() && !self.is_cancelled {
             self.is_cancelled = true;
             self.session.cancel(now);
+        }
+        while let Some(control) = self.controls.take() {
+            self.session.control(now, control);
         }
         if self.n_ticks.is_multiple_of(TICKS_PER_PROGRESS) && self.session.is_printing() {
             let progress = self.session.progress();

@@ -1,6 +1,6 @@
 //! What can go wrong on the way to the printer, with a stable code and a next step for each.
 
-use super::protocol::Fault;
+use super::protocol::{Fault, Heat};
 use super::resume::{Recovery, Refusal};
 use super::{job, journal};
 
@@ -52,14 +52,24 @@ pub enum Error {
         journal: String,
     },
     /// The print can go on, but not exactly.
-    #[error("not resumed: {recovery}; to do so, look at the part and give --after-reset")]
+    #[error("not resumed: {recovery}; to do so, look at the part and give --after-reset; {heat}")]
     NeedsConsent {
         /// How it would go on.
         recovery: Box<Recovery>,
+        /// The heaters, which are as they were.
+        heat: Heat,
     },
-    /// The print cannot go on.
+    /// The print cannot go on, which the journal tells; the printer was not asked.
     #[error("not resumed: {0}")]
     NotResumable(#[from] Refusal),
+    /// The print cannot go on, which the printer has told; its heaters were switched off.
+    #[error("not resumed: {refusal}; {heat}")]
+    Refused {
+        /// Why not.
+        refusal: Refusal,
+        /// What is known of its heaters.
+        heat: Heat,
+    },
     /// The port vanished while printing.
     #[error(
         "port {port} vanished during the print; whether the heaters are on is unknown: check the cable, and switch \
@@ -70,12 +80,14 @@ pub enum Error {
         port: String,
     },
     /// The print was given up.
-    #[error("printer on {port}: {fault}; {}", fault.next_step())]
+    #[error("printer on {port}: {fault}; {heat}; {}", next_step_after(fault, heat))]
     Fault {
         /// The port.
         port: String,
         /// Why.
         fault: Fault,
+        /// What is known of its heaters.
+        heat: Heat,
     },
     /// Heaters-off was sent, but the targets are not 0.
     #[error("the printer on {port} answers, but its heaters are still on after heaters-off: switch it off")]
@@ -88,12 +100,13 @@ pub enum Error {
     Cancelled,
     /// Given up on request before anything was sent.
     #[error(
-        "stopped before anything was sent to {port}: the printer is as it was, and its heaters are on if they were; `lumenfab safe-off` \
-         switches them off"
+        "stopped before anything was sent to {port}: the printer is as it was; {heat}; `lumenfab safe-off` switches them off"
     )]
     Left {
         /// The port.
         port: String,
+        /// What is known of its heaters.
+        heat: Heat,
     },
     /// The journal's print was made by another profile, or on another printer.
     #[error("not resumed: found {found}, expected {expected}, on which the print began; give that one")]
@@ -125,7 +138,7 @@ impl Error {
             Self::Journal(error) => error.code(),
             Self::OtherJob { .. } => "printer.other_job",
             Self::NeedsConsent { .. } => "printer.resume_needs_consent",
-            Self::NotResumable(refusal) => refusal.code(),
+            Self::NotResumable(refusal) | Self::Refused { refusal, .. } => refusal.code(),
             Self::PortVanished { .. } => "printer.port_vanished",
             Self::Fault { fault, .. } => fault.code(),
             Self::StillHeating { .. } => "printer.still_heating",
@@ -138,15 +151,15 @@ impl Error {
 
     /// What the operator should do next.
     #[must_use]
-    pub const fn next_step(&self) -> &'static str {
+    pub fn next_step(&self) -> &'static str {
         match self {
             Self::Job(_) => "correct the job, or choose the profile it was made for",
             Self::Open { problem, .. } => next_step_of(problem),
             Self::Journal(_) | Self::OtherJob { .. } => "print the job from its beginning",
             Self::NeedsConsent { .. } => "look at the part; then resume with --after-reset, or print anew",
-            Self::NotResumable(_) => "take the part off the bed and print anew",
+            Self::NotResumable(_) | Self::Refused { .. } => "take the part off the bed and print anew",
             Self::PortVanished { .. } => Fault::LinkLost.next_step(),
-            Self::Fault { fault, .. } => fault.next_step(),
+            Self::Fault { fault, heat, .. } => next_step_after(fault, heat),
             Self::StillHeating { .. } => "switch the printer off",
             Self::Cancelled => "take the part off the bed before the next print",
             Self::Left { .. } => {
@@ -155,6 +168,18 @@ impl Error {
             Self::OtherMachine { .. } => "give the printer and the profile with which the print began",
             Self::Simulator { .. } => "run the simulator by hand to see what it says",
         }
+    }
+}
+
+/// Heat without an owner goes before everything else.
+fn next_step_after(fault: &Fault, heat: &Heat) -> &'static str {
+    match heat {
+        Heat::Off(_) | Heat::Halted => fault.next_step(),
+        Heat::On(_) => "switch the printer off",
+        Heat::Unknown(_) => match fault {
+            Fault::NoAnswer { .. } | Fault::NoLineNumbers | Fault::Echo => fault.next_step(),
+            _ => "switch the printer off if it is hot, then look what is wrong with it and its cable",
+        },
     }
 }
 

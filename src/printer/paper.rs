@@ -1,6 +1,7 @@
 //! A job from a file on a port, with what is kept beside the file (IO): the journal, and a picture of the layer in which a print
 //! that broke off will go on.
 
+use super::control::Controls;
 use super::driver::{self, Order, PrintEvent, Printed};
 use super::job::Job;
 use super::journal::writer::Journal;
@@ -30,6 +31,8 @@ pub struct Paper<'a> {
     pub port: &'a str,
     /// Rate of the wire instead of the profile's, 1/s.
     pub baud: Option<u32>,
+    /// What the operator asks for meanwhile.
+    pub controls: &'a Controls,
 }
 
 /// The firmware, not to be reset when its port is opened: what it knows is what can be gone on with.
@@ -68,7 +71,8 @@ impl Paper<'_> {
         let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
         let journal = Journal::create(&path_for(self.job), &records)?;
-        let order = Order { job, start: Start::Fresh, journal: Some(journal) };
+        let order =
+            Order { job, start: Start::Fresh, journal: Some(journal), controls: self.controls.clone() };
         let printed = driver::run(order, link, self.profile, events, cancel).await;
         if matches!(printed, Err(Error::PortVanished { .. } | Error::Fault { .. })) {
             self.draw_last();
@@ -100,9 +104,14 @@ impl Paper<'_> {
         self.check_machine(&link, &log)?;
         let journal = Journal::append_to(&path_for(self.job))?;
         let known = Box::new(Known::from(&log));
-        let order = Order { job, start: Start::Resume { known, after_reset }, journal: Some(journal) };
+        let order = Order {
+            job,
+            start: Start::Resume { known, after_reset },
+            journal: Some(journal),
+            controls: self.controls.clone(),
+        };
         let printed = driver::run(order, link, self.profile, events, cancel).await;
-        if let Err(Error::NeedsConsent { recovery }) = &printed {
+        if let Err(Error::NeedsConsent { recovery, .. }) = &printed {
             self.draw(recovery.n_done, recovery.n_twice);
         }
         printed

@@ -2,9 +2,9 @@
 //!
 #![doc = include_str!("policy.md")]
 //!
-//! [`action`] is the table, exhaustive; a test keeps the text above the same. The session asks it when the port goes and when a stop
-//! is asked for; the other rows say what the protocol core does by itself, which the fault matrix shows for most of them. Details of
-//! the wire (lost or damaged lines) are no troubles: the core puts them right.
+//! [`action`] is the table, exhaustive; a test keeps the text above the same. Core and session ask it whenever one of these happens,
+//! and the tests of the session drive a print into every cell of it. Details of the wire (lost or damaged lines) are no troubles: the
+//! core puts them right.
 
 use super::protocol::Fault;
 use std::fmt::Write as _;
@@ -22,6 +22,8 @@ pub enum Phase {
     Stopping,
     /// The port has vanished in the middle of the job.
     Detached,
+    /// It is there again, and the printer is asked where it is.
+    Returned,
 }
 
 /// What goes wrong.
@@ -35,16 +37,22 @@ pub enum Trouble {
     Silence,
     /// The port is gone.
     PortGone,
-    /// The port is back, and the firmware names a line of this print.
+    /// The port is there again, the same device behind it.
     PortBack,
+    /// The printer has said where it is, and it is exactly where the print was.
+    PlaceFound,
+    /// The printer has said where it is, and the print cannot go on exactly.
+    PlaceLost,
     /// Noise, but no answer: the wrong baud rate.
     Garbage,
-    /// Another program has the port, or writes to it too.
+    /// Another program writes to the port too, or there is no printer but an echo.
     PortShared,
     /// The filament has run out.
     FilamentOut,
     /// The operator, or the printer's own buttons, ask to stop.
     StopRequested,
+    /// The operator wants it to stop at once.
+    EmergencyStop,
     /// A line does not get through, or a command is refused or never ends.
     Stuck,
 }
@@ -52,13 +60,18 @@ pub enum Trouble {
 /// What is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
-    /// Heaters-off is sent twice, the print is given up, the operator told.
+    /// The print is given up; heaters-off is sent until the printer confirms it, ten seconds at most; the operator is told whether it
+    /// has.
     GiveUp,
-    /// The print is given up before anything was sent; the operator is told.
-    Refuse,
+    /// It is stopped for good (M112) until it says so, and the print is given up as above.
+    StopAtOnce,
+    /// The print is given up before anything of it was sent; the printer stays as it is, and the operator is told how warm it is.
+    Leave,
     /// Nobody can be told to switch the heaters off: the port is awaited for `orphan_hold_s`, the operator told at once;
     /// the firmware's own time-out watches meanwhile.
     Await,
+    /// The printer is asked for its last line and its place; nothing else is sent.
+    Ask,
     /// It goes on behind the line that the firmware names, each move once.
     GoOn,
     /// No more lines are sent; the heaters stay on; the operator is told.
@@ -72,7 +85,8 @@ pub enum Action {
 }
 
 impl Phase {
-    const ALL: [Self; 5] = [Self::Greeting, Self::Printing, Self::Paused, Self::Stopping, Self::Detached];
+    pub(super) const ALL: [Self; 6] =
+        [Self::Greeting, Self::Printing, Self::Paused, Self::Stopping, Self::Detached, Self::Returned];
 
     const fn words(self) -> &'static str {
         match self {
@@ -81,21 +95,25 @@ impl Phase {
             Self::Paused => "paused",
             Self::Stopping => "stopping",
             Self::Detached => "port gone",
+            Self::Returned => "port back",
         }
     }
 }
 
 impl Trouble {
-    const ALL: [Self; 10] = [
+    pub(super) const ALL: [Self; 13] = [
         Self::Halted,
         Self::Reset,
         Self::Silence,
         Self::PortGone,
         Self::PortBack,
+        Self::PlaceFound,
+        Self::PlaceLost,
         Self::Garbage,
         Self::PortShared,
         Self::FilamentOut,
         Self::StopRequested,
+        Self::EmergencyStop,
         Self::Stuck,
     ];
 
@@ -105,11 +123,14 @@ impl Trouble {
             Self::Reset => "firmware reset",
             Self::Silence => "silence",
             Self::PortGone => "port gone",
-            Self::PortBack => "port back, same session",
+            Self::PortBack => "port back, same device",
+            Self::PlaceFound => "place found",
+            Self::PlaceLost => "place lost",
             Self::Garbage => "garbage, wrong baud",
             Self::PortShared => "another program",
             Self::FilamentOut => "filament out",
             Self::StopRequested => "asked to stop",
+            Self::EmergencyStop => "asked to stop at once",
             Self::Stuck => "line or command stuck",
         }
     }
@@ -119,11 +140,13 @@ impl Trouble {
     pub const fn of(fault: &Fault) -> Self {
         match fault {
             Fault::LinkLost => Self::PortGone,
-            Fault::NoAnswer { is_garbled: true } => Self::Garbage,
+            Fault::NoAnswer { is_garbled: true } | Fault::Garbled { .. } => Self::Garbage,
             Fault::NoAnswer { is_garbled: false } | Fault::Silent { .. } => Self::Silence,
             Fault::FirmwareReset => Self::Reset,
             Fault::Halted { .. } => Self::Halted,
-            Fault::LineUnavailable { .. } => Self::PortShared,
+            Fault::LineUnavailable { .. } | Fault::Echo => Self::PortShared,
+            Fault::LostPlace { .. } => Self::PlaceLost,
+            Fault::EmergencyStop => Self::EmergencyStop,
             Fault::NoLineNumbers
             | Fault::CommandRefused { .. }
             | Fault::CommandTimeout { .. }
@@ -136,8 +159,10 @@ impl Action {
     const fn words(self) -> &'static str {
         match self {
             Self::GiveUp => "heaters off, give up",
-            Self::Refuse => "refuse",
+            Self::StopAtOnce => "stop at once, give up",
+            Self::Leave => "leave it as it is",
             Self::Await => "await the port, heaters guarded",
+            Self::Ask => "ask where it is",
             Self::GoOn => "go on, each move once",
             Self::Pause => "pause, heaters on",
             Self::Stop => "stop, heaters off confirmed",
@@ -154,25 +179,25 @@ pub const fn action(phase: Phase, trouble: Trouble) -> Action {
     use Phase as P;
     use Trouble as T;
     match (phase, trouble) {
-        (_, T::Halted) | (P::Printing | P::Paused | P::Stopping | P::Detached, T::Reset) => A::GiveUp,
+        (P::Detached, T::PortBack) => A::Ask,
+        (P::Detached, T::PortGone) => A::Await,
+        (P::Detached, T::EmergencyStop | T::StopRequested) => A::GiveUpUnknown,
+        // Nobody is there to say anything.
+        (P::Detached, _) => A::Nothing,
+        (_, T::EmergencyStop) => A::StopAtOnce,
         // A board that starts when its port is opened: it is greeted again.
         (P::Greeting, T::Reset) => A::Nothing,
-        (P::Greeting, T::PortGone | T::Silence | T::Garbage | T::PortShared) => A::Refuse,
-        (P::Printing | P::Paused, T::PortGone) => A::Await,
-        (P::Stopping, T::PortGone) => A::GiveUpUnknown,
-        (P::Detached, T::PortGone | T::PortShared) => A::Await,
-        (P::Detached, T::PortBack) => A::GoOn,
-        (_, T::PortBack) => A::Nothing,
-        (P::Printing | P::Paused | P::Stopping | P::Detached, T::Silence | T::Garbage) => A::GiveUp,
-        (P::Printing | P::Paused | P::Stopping, T::PortShared) => A::GiveUp,
+        (_, T::Halted | T::Reset | T::Silence | T::Garbage | T::PortShared | T::Stuck) => A::GiveUp,
+        (P::Greeting | P::Stopping, T::PortGone) => A::GiveUpUnknown,
+        (P::Printing | P::Paused | P::Returned, T::PortGone) => A::Await,
+        (P::Returned, T::PlaceFound) => A::GoOn,
+        (P::Returned, T::PlaceLost) => A::GiveUp,
+        (_, T::PortBack | T::PlaceFound | T::PlaceLost) => A::Nothing,
         (P::Printing, T::FilamentOut) => A::Pause,
-        (P::Greeting | P::Paused | P::Stopping | P::Detached, T::FilamentOut) => A::Nothing,
-        (P::Printing | P::Paused, T::StopRequested) => A::Stop,
-        (P::Greeting, T::StopRequested) => A::Refuse,
+        (_, T::FilamentOut) => A::Nothing,
+        (P::Printing | P::Paused | P::Returned, T::StopRequested) => A::Stop,
+        (P::Greeting, T::StopRequested) => A::Leave,
         (P::Stopping, T::StopRequested) => A::Nothing,
-        (P::Detached, T::StopRequested) => A::GiveUpUnknown,
-        (P::Greeting, T::Stuck) => A::Refuse,
-        (P::Printing | P::Paused | P::Stopping | P::Detached, T::Stuck) => A::GiveUp,
     }
 }
 
@@ -183,7 +208,7 @@ pub fn table() -> String {
     for phase in Phase::ALL {
         write!(text, " {} |", phase.words()).expect("writing to a string cannot fail");
     }
-    text.push_str("\n|---|---|---|---|---|---|\n");
+    text.push_str("\n|---|---|---|---|---|---|---|\n");
     for trouble in Trouble::ALL {
         write!(text, "| {} |", trouble.words()).expect("writing to a string cannot fail");
         for phase in Phase::ALL {
@@ -206,19 +231,14 @@ mod tests {
 
     #[test]
     fn nothing_goes_on_blindly_and_no_heater_is_left_to_itself() {
-        for phase in [Phase::Printing, Phase::Paused, Phase::Detached] {
-            for trouble in
-                [Trouble::Halted, Trouble::Reset, Trouble::Silence, Trouble::Garbage, Trouble::Stuck]
-            {
+        for phase in Phase::ALL.into_iter().filter(|&phase| phase != Phase::Detached) {
+            for trouble in [Trouble::Halted, Trouble::Silence, Trouble::Garbage, Trouble::Stuck] {
                 assert_eq!(action(phase, trouble), Action::GiveUp, "{phase:?} {trouble:?}");
             }
-            assert!(matches!(action(phase, Trouble::PortGone), Action::Await));
         }
-        let going_on: Vec<_> = Phase::ALL
-            .into_iter()
-            .flat_map(|phase| Trouble::ALL.map(|trouble| (phase, trouble)))
-            .filter(|&(phase, trouble)| action(phase, trouble) == Action::GoOn)
-            .collect();
-        assert_eq!(going_on, [(Phase::Detached, Trouble::PortBack)]);
+        let all = Phase::ALL.into_iter().flat_map(|phase| Trouble::ALL.map(|trouble| (phase, trouble)));
+        let going_on: Vec<_> =
+            all.filter(|&(phase, trouble)| action(phase, trouble) == Action::GoOn).collect();
+        assert_eq!(going_on, [(Phase::Returned, Trouble::PlaceFound)]);
     }
 }

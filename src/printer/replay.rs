@@ -6,22 +6,48 @@
 //! Lengths mm in the job's own coordinates (after its `G92`), feedrates mm/min, temperatures °C. Arcs end where they say;
 //! the way between is not followed. Offsets that the operator has set at the printer are not known here.
 
+use super::protocol::Ahead;
 use crate::gcode::reader::{self, Command};
 use crate::profile::Dialect;
+use crate::units::mm_s_from_mm_min;
 use serde::Serialize;
 
 /// A shorter move may be merged into the next one by the firmware instead of taking a place in its planner, mm.
 const SURE_BLOCK_MM: f64 = 0.1;
 
-/// What a command does to the planner.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a command does to the planner. Times are the least that it takes: a machine moves no faster than it is told, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Effect {
     /// It takes a place of its own.
-    Block,
+    Block {
+        /// See above.
+        least_s: f64,
+    },
+    /// It takes several, nobody knows how many.
+    Arc {
+        /// See above.
+        least_s: f64,
+    },
+    /// It may take one, or be merged into the next move.
+    Short {
+        /// See above.
+        least_s: f64,
+    },
     /// It ends only when all moves before it have ended.
     Drains,
-    /// Neither, or not surely.
+    /// It moves nothing.
     Other,
+}
+
+impl Effect {
+    /// The least that it takes, s.
+    #[must_use]
+    pub const fn least_s(self) -> f64 {
+        match self {
+            Self::Block { least_s } | Self::Arc { least_s } | Self::Short { least_s } => least_s,
+            Self::Drains | Self::Other => 0.0,
+        }
+    }
 }
 
 /// Which commands change how the filament's numbers are meant.
@@ -68,6 +94,8 @@ pub struct Modal {
     pub top_mm: Option<f64>,
     #[serde(skip)]
     filament: Filament,
+    #[serde(skip)]
+    dialect: Dialect,
 }
 
 const AXES: [char; 4] = ['X', 'Y', 'Z', 'E'];
@@ -87,7 +115,14 @@ impl Modal {
             is_homed: false,
             top_mm: None,
             filament: Filament::of(dialect),
+            dialect,
         }
+    }
+
+    /// Whose firmware it is.
+    #[must_use]
+    pub const fn dialect(&self) -> Dialect {
+        self.dialect
     }
 
     /// Takes the next command of the job. One that is no G-code changes nothing.
@@ -101,6 +136,8 @@ impl Modal {
     fn command(&mut self, c: &Command) -> Effect {
         match (c.letter, c.code) {
             ('G', 0..=3) => return self.go(c),
+            // Klipper queues a dwell and lets motors go as it queues a move; what waits for somebody is a macro.
+            ('G', 4) | ('M', 0 | 1 | 18 | 84 | 600) if self.dialect == Dialect::Klipper => {}
             ('G', 4 | 29) | ('M', 0 | 1 | 18 | 84 | 400 | 600) => return Effect::Drains,
             ('G', 28) => {
                 self.home(c);
@@ -165,7 +202,15 @@ impl Modal {
         if let Some(z_mm) = self.at_mm[2].filter(|_| pushes) {
             self.top_mm = Some(self.top_mm.map_or(z_mm, |top| top.max(z_mm)));
         }
-        if longest_mm >= SURE_BLOCK_MM { Effect::Block } else { Effect::Other }
+        let mm_min = self.feedrate_mm_min.unwrap_or(f64::INFINITY).max(1.0);
+        let least_s = longest_mm / mm_s_from_mm_min(mm_min);
+        match c.code {
+            // The way round is longer than the longest axis of the way straight.
+            2 | 3 => Effect::Arc { least_s },
+            _ if longest_mm >= SURE_BLOCK_MM => Effect::Block { least_s },
+            _ if longest_mm > 0.0 => Effect::Short { least_s },
+            _ => Effect::Other,
+        }
     }
 }
 
@@ -196,23 +241,87 @@ impl Tail {
         }
     }
 
-    /// Lines that are certainly executed when `n_acked` are acknowledged and the planner may still hold `n_moves` moves.
+    /// Lines that are certainly executed when `n_acked` are acknowledged and this may be before the firmware.
     #[must_use]
-    pub fn n_certain(&self, n_acked: u64, n_moves: u32) -> u64 {
-        let known = usize::try_from(n_acked.saturating_sub(self.n_before)).unwrap_or(usize::MAX);
-        let mut left = n_moves;
+    pub fn n_certain(&self, n_acked: u64, ahead: Queue) -> u64 {
+        let mut left = ahead;
         let mut certain = n_acked;
-        for effect in self.effects.iter().take(known).rev() {
-            match effect {
-                Effect::Drains => return certain,
-                Effect::Block if left == 0 => return certain,
-                Effect::Block => left -= 1,
-                Effect::Other if left == 0 => return certain,
-                Effect::Other => {}
+        for effect in self.back_from(n_acked) {
+            if left.n_lines > 0 {
+                left.n_lines -= 1;
+            } else if *effect == Effect::Drains || left.is_full() {
+                return certain;
+            } else {
+                left.take(*effect);
             }
             certain -= 1;
         }
         certain
+    }
+
+    /// Lines that may have been begun when `n_acked` are acknowledged and the planner surely held so many moves: all up to the
+    /// first of those, which may be under way.
+    #[must_use]
+    pub fn n_begun(&self, n_acked: u64, n_held: u32) -> u64 {
+        let mut left = n_held;
+        let mut begun = n_acked;
+        for effect in self.back_from(n_acked) {
+            match effect {
+                _ if left == 0 => break,
+                // All that is left may be of this one.
+                Effect::Arc { .. } | Effect::Drains => return begun,
+                Effect::Block { .. } | Effect::Short { .. } => left -= 1,
+                Effect::Other => {}
+            }
+            begun -= 1;
+        }
+        (begun + 1).min(n_acked.max(begun))
+    }
+
+    /// What the lines known did, from the last one acknowledged back.
+    fn back_from(&self, n_acked: u64) -> impl Iterator<Item = &Effect> {
+        let known = usize::try_from(n_acked.saturating_sub(self.n_before)).unwrap_or(usize::MAX);
+        self.effects.iter().take(known).rev()
+    }
+}
+
+/// What a firmware may have before it, at most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Queue {
+    /// Lines that it has taken, whatever they are; the next two count before these.
+    pub n_lines: u64,
+    /// Moves.
+    pub n_moves: u32,
+    /// Time that its moves take at the speeds told, s.
+    pub time_s: f64,
+}
+
+/// What Klipper has before it: two seconds by its print time (`BUFFER_TIME_HIGH`), checked each 0.1 s, and behind these what its
+/// look-ahead has not handed over (0.25 s); half as much again for a speed that somebody has turned up, s.
+const KLIPPER_QUEUE_S: f64 = 3.6;
+
+impl Queue {
+    /// What `ahead` means for this firmware.
+    #[must_use]
+    pub const fn of(dialect: Dialect, ahead: Ahead) -> Self {
+        let Ahead { n_lines, n_moves, .. } = ahead;
+        match dialect {
+            // It counts time, not moves.
+            Dialect::Klipper => Self { n_lines, n_moves: u32::MAX, time_s: KLIPPER_QUEUE_S },
+            _ => Self { n_lines, n_moves, time_s: f64::INFINITY },
+        }
+    }
+
+    /// Whether it is full with what lies behind a line: the line itself is then executed.
+    fn is_full(&self) -> bool {
+        self.n_moves == 0 || self.time_s <= 0.0
+    }
+
+    fn take(&mut self, effect: Effect) {
+        if matches!(effect, Effect::Block { .. } | Effect::Arc { .. }) {
+            self.n_moves = self.n_moves.saturating_sub(1);
+        }
+        self.time_s -= effect.least_s();
     }
 }
 
@@ -273,6 +382,10 @@ mod tests {
         assert_eq!(modal, Modal::new(Dialect::Marlin));
     }
 
+    fn moves(n_moves: u32) -> Queue {
+        Queue { n_lines: 0, n_moves, time_s: f64::INFINITY }
+    }
+
     fn tail(lines: &[&str]) -> Tail {
         let mut modal = Modal::new(Dialect::Marlin);
         let mut tail = Tail::default();
@@ -285,22 +398,56 @@ mod tests {
     #[test]
     fn moves_in_the_planner_are_not_certain() {
         let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S1", "G1 X3", "G1 X4"]);
-        assert_eq!(tail.n_certain(6, 2), 4);
-        assert_eq!(tail.n_certain(6, 3), 2);
-        assert_eq!(tail.n_certain(6, 0), 6);
-        assert_eq!(tail.n_certain(3, 16), 1);
-        assert_eq!(tail.n_certain(0, 16), 0);
+        assert_eq!(tail.n_certain(6, moves(2)), 4);
+        assert_eq!(tail.n_certain(6, moves(3)), 2);
+        assert_eq!(tail.n_certain(6, moves(0)), 6);
+        assert_eq!(tail.n_certain(3, moves(16)), 1);
+        assert_eq!(tail.n_certain(0, moves(16)), 0);
     }
 
     #[test]
     fn what_drains_the_planner_makes_all_before_it_certain() {
-        assert_eq!(tail(&["G1 X1", "G1 X2", "M400"]).n_certain(3, 16), 3);
-        assert_eq!(tail(&["G1 X1", "G1 X2", "M400", "G1 X3"]).n_certain(4, 16), 3);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400"]).n_certain(3, moves(16)), 3);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400", "G1 X3"]).n_certain(4, moves(16)), 3);
+    }
+
+    #[test]
+    fn a_queue_of_time_holds_what_takes_as_long() {
+        // 60 mm/s: a sixth of a second each.
+        let lines: Vec<_> = (1..=60).map(|i| format!("G1 X{} F3600", 10 * i)).collect();
+        let lines: Vec<_> = std::iter::once("G28").chain(lines.iter().map(String::as_str)).collect();
+        let mut modal = Modal::new(Dialect::Klipper);
+        let mut known = Tail::default();
+        lines.iter().for_each(|line| known.push(modal.apply(line)));
+        let queue = Queue::of(Dialect::Klipper, Ahead { n_lines: 0, n_moves: 64, held: None });
+        // 3.6 s are 22 of them, and the one that begins before.
+        assert_eq!(known.n_certain(61, queue), 61 - 22);
+        assert_eq!(known.n_certain(10, queue), 1);
+        let mut modal = Modal::new(Dialect::Klipper);
+        assert_eq!(modal.apply("G4 P500"), Effect::Other, "a dwell is queued");
+    }
+
+    #[test]
+    fn lines_that_were_only_taken_are_not_begun() {
+        let tail = tail(&["G28", "G1 X1", "G1 X2", "M400", "G1 X4"]);
+        assert_eq!(tail.n_certain(5, Queue { n_lines: 3, ..moves(1) }), 1);
+        assert_eq!(tail.n_certain(5, Queue { n_lines: 9, ..moves(1) }), 0);
+    }
+
+    #[test]
+    fn behind_moves_that_the_planner_held_nothing_is_begun() {
+        let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S9", "G1 X3", "G1 X3.05", "G1 X4"]);
+        assert_eq!(tail.n_begun(7, 0), 7);
+        assert_eq!(tail.n_begun(7, 1), 7, "it may be under way");
+        assert_eq!(tail.n_begun(7, 3), 5);
+        assert_eq!(tail.n_begun(7, 4), 3);
+        let arcs = super::tests::tail(&["G28", "G1 X1", "G2 X2 I1", "G1 X3"]);
+        assert_eq!(arcs.n_begun(4, 5), 3);
     }
 
     #[test]
     fn lines_that_may_take_no_place_are_not_counted_as_places() {
-        assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, 2), 1);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, moves(2)), 1);
     }
 
     proptest::proptest! {
@@ -308,9 +455,9 @@ mod tests {
         fn certain_lines_grow_with_acknowledgements(moves in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
             let mut tail = Tail::default();
             for kind in &moves {
-                tail.push([Effect::Block, Effect::Drains, Effect::Other][usize::from(*kind)]);
+                tail.push([Effect::Block { least_s: 0.1 }, Effect::Drains, Effect::Other][usize::from(*kind)]);
             }
-            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, n)).collect();
+            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, self::moves(n))).collect();
             proptest::prop_assert!(certain.is_sorted());
             proptest::prop_assert!(certain.iter().zip(0..).all(|(c, acked)| *c <= acked));
         }

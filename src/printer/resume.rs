@@ -17,7 +17,6 @@ use super::journal::{Log, Place, Progress, Track};
 use super::protocol::{Position, Temperatures};
 use super::replay::{Modal, Tail};
 use crate::profile::{Dialect, Profile, ResumePoint};
-use crate::units::mm_s_from_mm_min;
 use serde::Serialize;
 use std::io::{BufRead, Seek};
 
@@ -214,6 +213,18 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// Why not exactly, where it would otherwise have gone on.
+    #[must_use]
+    pub const fn why(&self) -> Option<Why> {
+        match self {
+            Self::WithinRecovery { why }
+            | Self::NothingPrinted { why }
+            | Self::HeightUnknown { why, .. }
+            | Self::NoScript { why } => Some(*why),
+            Self::Finished | Self::Cancelled | Self::Ambiguous { .. } => None,
+        }
+    }
+
     /// A stable name for programs.
     #[must_use]
     pub const fn code(&self) -> &'static str {
@@ -306,6 +317,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let first = self.known.progress.n_acked;
         let end = self.known.progress.n_sent.max(first) + self.unrecorded();
         let Some(position) = self.survey.position else { return self.recover(Why::Elsewhere) };
+        if let Some(exact) = self.within_prelude(position)? {
+            return Ok(match self.is_cold(&exact.modal) {
+                Some(why) => self.recover(why)?,
+                None => Decision::Exact(Box::new(exact)),
+            });
+        }
         let mut modal = Modal::new(self.profile.firmware.dialect);
         let mut tail = Tail::default();
         let mut runs = Runs::default();
@@ -335,15 +352,39 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
     }
 
+    /// The host's own lines of a pause bring the nozzle away and back: behind which of them it is there. Where several are alike, the
+    /// last: what follows sets modes, and may be said twice.
+    fn within_prelude(&mut self, position: Position) -> Result<Option<Exact>, job::Error> {
+        let Track { prelude, n_before, .. } = &self.known.track;
+        let (prelude, n_before) = (prelude.clone(), *n_before);
+        if n_before == 0 || self.known.progress.n_sent > n_before {
+            return Ok(None);
+        }
+        let (modal, tail) = self.state_after(n_before)?;
+        let mut at = modal.clone();
+        let mut behind = None;
+        for (i, line) in prelude.iter().enumerate() {
+            at.apply(line);
+            behind = if is_exactly(&at, position) { Some(i + 1) } else { behind };
+        }
+        Ok(behind.map(|n| {
+            let track = Track { first_number: 1, prelude: prelude[n..].to_vec(), n_before };
+            Exact { place: Place::Prelude(0), track, modal, tail }
+        }))
+    }
+
     fn recover(&mut self, why: Why) -> Result<Decision, job::Error> {
         if self.is_within_recovery() {
             return Ok(Decision::Refuse(Refusal::WithinRecovery { why }));
         }
         let Known { progress, .. } = self.known;
         let n_done = progress.n_certain;
-        let n_known = progress.n_sent.max(n_done).min(self.job.n_lines());
-        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_known);
-        self.job.replay(n_known + self.in_a_second(), |command| doubt.take(command))?;
+        let n_lines = self.job.n_lines();
+        let n_sent = progress.n_sent.max(n_done).min(n_lines) + self.in_a_second();
+        let since_s = progress.begun_s + if self.known.is_behind { BEHIND_S } else { 0.0 };
+        let n_begun = progress.n_begun.max(n_done).min(n_lines);
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_begun, since_s);
+        self.job.replay(n_sent, |command| doubt.take(command))?;
         let n_sent = doubt.n;
         let Some(modal) = doubt.at.take().filter(|modal| modal.top_mm.is_some()) else {
             return Ok(Decision::Refuse(Refusal::NothingPrinted { why }));
@@ -447,14 +488,14 @@ impl Runs {
     }
 }
 
-/// What may or may not be executed: from the last certain line to the last one that may have been sent.
+/// What may or may not be executed: from the last certain line to the last one that may have been begun.
 #[derive(Debug)]
 struct Doubt {
     modal: Modal,
     n_certain: u64,
-    /// Lines that were sent, as far as the journal knows.
-    n_known: u64,
-    /// Behind these: a line makes room for another one only when a move has ended, and moves are no faster than they are told.
+    /// Lines that may have been begun, as far as the journal knows.
+    n_begun: u64,
+    /// Time since then: behind these a line is begun only when the moves before it have ended.
     left_s: f64,
     n: u64,
     /// The state at the last certain line.
@@ -466,14 +507,16 @@ struct Doubt {
 
 /// How far the journal is behind at most, and what the printer is ahead of its clock, s.
 const BEHIND_S: f64 = 1.25;
+/// Somebody may have turned the speed up at the printer, by half: moves take no less than this share of the time they are told.
+const TURNED_UP: f64 = 0.67;
 
 impl Doubt {
-    const fn new(dialect: Dialect, n_certain: u64, n_known: u64) -> Self {
+    const fn new(dialect: Dialect, n_certain: u64, n_begun: u64, since_s: f64) -> Self {
         Self {
             modal: Modal::new(dialect),
             n_certain,
-            n_known,
-            left_s: BEHIND_S,
+            n_begun,
+            left_s: since_s,
             n: 0,
             at: None,
             low_mm: f64::INFINITY,
@@ -483,12 +526,15 @@ impl Doubt {
     }
 
     fn take(&mut self, command: &str) {
-        if self.n >= self.n_known && self.left_s <= 0.0 {
+        if self.n >= self.n_begun && self.left_s <= 0.0 {
             return;
         }
         let before = self.modal.at_mm;
-        self.modal.apply(command);
+        let effect = self.modal.apply(command);
         self.n += 1;
+        if self.n > self.n_begun {
+            self.left_s -= TURNED_UP * effect.least_s();
+        }
         if self.n == self.n_certain {
             self.at = Some(self.modal.clone());
         }
@@ -506,10 +552,6 @@ impl Doubt {
         let way_mm = way(0).hypot(way(1)).hypot(way(2));
         if self.n > self.n_certain && way(3) > 0.0 {
             self.printed_mm += way_mm;
-        }
-        if self.n > self.n_known {
-            let speed_mm_s = self.modal.feedrate_mm_min.map_or(f64::INFINITY, mm_s_from_mm_min);
-            self.left_s -= way_mm / speed_mm_s.max(1e-3);
         }
     }
 }

@@ -11,12 +11,16 @@
 //! `orphan_hold_s`; then it asks the printer where it is and decides as [`super::resume`] does: exactly, or not at all. A
 //! printer that has started anew meanwhile is never sent the job again.
 
+mod hold;
+mod survey;
+
+use super::control::Control;
 use super::job::{self, Job};
 use super::journal::recorder::Recorder;
-use super::journal::{Ending, Place, Record, Track};
+use super::journal::{Ending, Record, Track};
 use super::policy::{self, Action, Phase, Trouble};
-use super::protocol::{Command, Core, Event, Fault, Instant, LineSplitter, Question, State, Stats};
-use super::resume::{self, Decision, Exact, Known, Recovery, Refusal, Survey};
+use super::protocol::{Command, Core, Event, Fault, Heat, Instant, LineSplitter, State, Stats, Temperatures};
+use super::resume::{Known, Recovery, Refusal, Survey};
 use crate::profile::Profile;
 use std::collections::VecDeque;
 use std::io::{BufRead, Seek};
@@ -44,6 +48,8 @@ pub enum PrintEvent {
         /// Behind this line of the job.
         n_lines_done: u64,
     },
+    /// The operator has asked for something.
+    Asked(Control),
     /// The journal cannot be written; the print goes on.
     JournalFailed(String),
 }
@@ -57,13 +63,13 @@ pub enum End {
     Cancelled,
     /// Given up on request before anything was sent: the printer is as it was.
     Left,
-    /// Given up.
+    /// Given up; what is known of the heaters then tells [`Session::heat`].
     Faulted(Fault),
     /// The job cannot be read any more.
     Job(job::Error),
-    /// It can go on, but not exactly; nothing was sent.
+    /// It can go on, but not exactly; nothing was sent, and the heaters are as they were.
     NeedsConsent(Box<Recovery>),
-    /// It cannot go on; nothing was sent.
+    /// It cannot go on; the heaters were switched off.
     Refused(Refusal),
 }
 
@@ -96,7 +102,6 @@ enum Stage {
     Printing,
     Detached {
         until: Instant,
-        is_paused: bool,
         /// What was known when the port went, where it went again before the printer had said where it is.
         known: Option<Box<Known>>,
     },
@@ -108,7 +113,6 @@ enum Stage {
 enum Manner {
     /// The port was away within this session.
     Reattach {
-        is_paused: bool,
         /// How long the port was waited for; it may go again.
         until: Instant,
     },
@@ -134,6 +138,16 @@ pub struct Session<R> {
     job_error: Option<job::Error>,
     /// Lines that may have been executed twice, after a reset.
     n_twice: u64,
+    /// The operator, or the printer, wants a pause: also while the port is away.
+    is_held: bool,
+    /// The printer has paused by itself, and moves by itself in it.
+    parks_itself: bool,
+    /// What brings the nozzle back from where it waits.
+    parked: Option<Vec<String>>,
+    /// How it ends once the heaters are seen to.
+    pending: Option<End>,
+    heat: Heat,
+    temperatures: Temperatures,
 }
 
 impl<R: BufRead + Seek> Session<R> {
@@ -156,6 +170,12 @@ impl<R: BufRead + Seek> Session<R> {
             now,
             job_error: None,
             n_twice: 0,
+            is_held: false,
+            parks_itself: false,
+            parked: None,
+            pending: None,
+            heat: Heat::default(),
+            temperatures: Temperatures::default(),
         };
         match start {
             Start::Fresh => {
@@ -196,19 +216,24 @@ impl<R: BufRead + Seek> Session<R> {
         if matches!(self.stage, Stage::Detached { .. } | Stage::Over) {
             return;
         }
-        let phase = self.phase();
-        if let Stage::Surveying { known, manner: Manner::Reattach { is_paused, until }, .. } = &self.stage {
+        if self.pending.is_some() {
+            self.core.handle_disconnect(now);
+            self.settle();
+            return;
+        }
+        let action = policy::action(self.phase(), Trouble::PortGone);
+        if let Stage::Surveying { known, manner: Manner::Reattach { until }, .. } = &self.stage {
             // This core has counted nothing yet.
-            self.stage = Stage::Detached { until: *until, is_paused: *is_paused, known: Some(known.clone()) };
+            self.stage = Stage::Detached { until: *until, known: Some(known.clone()) };
             return;
         }
         self.note_progress();
-        let is_paused = matches!(self.core.state(), State::Pausing | State::Paused);
+        self.is_held = self.core.state().is_paused();
         let hold = Duration::from_secs_f64(self.profile.firmware.orphan_hold_s);
-        match policy::action(phase, Trouble::PortGone) {
+        match action {
             Action::Await if !hold.is_zero() => {
                 self.events.push_back(PrintEvent::PortLost { hold });
-                self.stage = Stage::Detached { until: now + hold, is_paused, known: None };
+                self.stage = Stage::Detached { until: now + hold, known: None };
             }
             _ => self.over(End::Faulted(Fault::LinkLost)),
         }
@@ -217,8 +242,8 @@ impl<R: BufRead + Seek> Session<R> {
     /// The port is there again, the same device behind it.
     pub fn handle_port(&mut self, now: Instant) {
         self.now = now;
-        let Stage::Detached { is_paused, until, known } = &self.stage else { return };
-        let manner = Manner::Reattach { is_paused: *is_paused, until: *until };
+        let Stage::Detached { until, known } = &self.stage else { return };
+        let manner = Manner::Reattach { until: *until };
         let known = known.as_deref().cloned().unwrap_or_else(|| Known {
             track: self.recorder.track().clone(),
             progress: self.recorder.progress(now, self.core.progress()),
@@ -227,25 +252,6 @@ impl<R: BufRead + Seek> Session<R> {
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);
         self.survey(known, manner);
-        self.settle();
-    }
-
-    /// The operator asks to stop.
-    pub fn cancel(&mut self, now: Instant) {
-        self.now = now;
-        match policy::action(self.phase(), Trouble::StopRequested) {
-            Action::Stop => self.command(Command::Cancel),
-            Action::Refuse => self.over(End::Left),
-            Action::GiveUpUnknown => self.over(End::Faulted(Fault::LinkLost)),
-            _ => {}
-        }
-        self.settle();
-    }
-
-    /// The operator asks to pause, or to go on.
-    pub fn pause(&mut self, now: Instant, pauses: bool) {
-        self.now = now;
-        self.command(if pauses { Command::Pause } else { Command::Resume });
         self.settle();
     }
 
@@ -310,6 +316,12 @@ impl<R: BufRead + Seek> Session<R> {
         self.end.take()
     }
 
+    /// What is known of the heaters at the end.
+    #[must_use]
+    pub const fn heat(&self) -> &Heat {
+        &self.heat
+    }
+
     /// Lines of the job acknowledged, and in all.
     #[must_use]
     pub fn progress(&self) -> PrintEvent {
@@ -343,14 +355,16 @@ impl<R: BufRead + Seek> Session<R> {
     }
 
     const fn phase(&self) -> Phase {
-        match (&self.stage, self.core.state()) {
-            (Stage::Detached { .. } | Stage::Surveying { manner: Manner::Reattach { .. }, .. }, _) => {
-                Phase::Detached
-            }
-            (Stage::Greeting { .. } | Stage::Surveying { .. } | Stage::Over, _) => Phase::Greeting,
-            (_, State::Cancelling) => Phase::Stopping,
-            (_, State::Pausing | State::Paused) => Phase::Paused,
-            _ => Phase::Printing,
+        match &self.stage {
+            _ if self.pending.is_some() => Phase::Stopping,
+            Stage::Detached { .. } => Phase::Detached,
+            Stage::Surveying { manner: Manner::Reattach { .. }, .. } => Phase::Returned,
+            Stage::Greeting { .. } | Stage::Surveying { .. } | Stage::Over => Phase::Greeting,
+            Stage::Printing => match self.core.state().phase() {
+                // Between the greeting's end and the first line.
+                Phase::Greeting => Phase::Printing,
+                phase => phase,
+            },
         }
     }
 
@@ -399,6 +413,7 @@ impl<R: BufRead + Seek> Session<R> {
                 }
             }
             Event::Temperatures(temperatures) => {
+                self.temperatures = *temperatures;
                 self.recorder.hear(*temperatures);
                 if let Stage::Surveying { survey, .. } = &mut self.stage {
                     survey.temperatures = *temperatures;
@@ -406,15 +421,24 @@ impl<R: BufRead + Seek> Session<R> {
             }
             Event::Finished => self.over(End::Finished),
             Event::Cancelled => self.over(End::Cancelled),
-            Event::Faulted(fault) => self.over(End::Faulted(fault.clone())),
+            Event::Faulted(fault) => self.pending = Some(End::Faulted(fault.clone())),
+            Event::Secured(heat) => {
+                self.heat = heat.clone();
+                if let Some(end) = self.pending.take() {
+                    self.over(end);
+                }
+            }
+            Event::Paused => self.paused(),
+            Event::Resumed => self.resumed(),
+            Event::Action(action) => self.parks_itself = action.starts_with("paused"),
             _ => {}
         }
     }
 
     fn begin(&mut self) {
-        let Stage::Greeting { host_lines } = std::mem::replace(&mut self.stage, Stage::Printing) else {
-            return;
-        };
+        let Stage::Greeting { host_lines } = &mut self.stage else { return };
+        let host_lines = std::mem::take(host_lines);
+        self.stage = Stage::Printing;
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
         let track = Track { first_number: 1, prelude, n_before };
@@ -429,87 +453,15 @@ impl<R: BufRead + Seek> Session<R> {
         for line in &host_lines {
             self.command(Command::HostLine(line));
         }
-    }
-
-    fn survey(&mut self, known: Known, manner: Manner) {
-        let beyond = known.progress.number;
-        self.stage = Stage::Surveying { known: Box::new(known), survey: Survey::default(), manner };
-        self.command(Command::Inquire { beyond });
-    }
-
-    fn found(&mut self, last: Option<u64>) {
-        if let Stage::Surveying { survey, .. } = &mut self.stage {
-            survey.last = last;
-            self.command(Command::Ask(Question::Temperatures));
-        }
-    }
-
-    /// Temperatures first, then the position; then it is decided.
-    fn answered(&mut self) {
-        let Stage::Surveying { known, survey, manner } = &self.stage else { return };
-        if survey.position.is_none() {
-            self.command(Command::Ask(Question::Position));
-            return;
-        }
-        let (manner, survey, known) = (*manner, *survey, known.clone());
-        match resume::decide(&mut self.job, &self.profile, &known, &survey) {
-            Ok(Decision::Exact(exact)) => self.go_on(*exact, manner),
-            Ok(Decision::Recover(recovery)) => self.recover(recovery, manner),
-            Ok(Decision::Refuse(refusal)) => self.refuse(refusal, manner),
-            Err(error) => self.over(End::Job(error)),
-        }
-    }
-
-    fn go_on(&mut self, exact: Exact, manner: Manner) {
-        let n_done = exact.n_done();
-        let Exact { place, track, modal, tail } = exact;
-        self.records.push_back(Record::Session(track.clone()));
-        let prelude = track.prelude.clone();
-        self.recorder = Recorder::new(track, modal, tail, self.now);
-        self.stage = Stage::Printing;
-        self.events.push_back(PrintEvent::WentOn { n_lines_done: n_done });
-        if let Err(error) = self.job.replay(n_done, |_| {}) {
-            self.over(End::Job(error));
-            return;
-        }
-        self.command(Command::GoOn);
-        if let Place::Prelude(n) = place {
-            prelude.iter().skip(n).for_each(|line| self.command(Command::HostLine(line)));
-        }
-        if matches!(manner, Manner::Reattach { is_paused: true, .. }) {
+        if self.is_held {
             self.command(Command::Pause);
         }
     }
 
-    /// Nobody is asked while a print runs: the printer has lost its place, and is told to switch its heaters off.
-    fn recover(&mut self, recovery: Box<Recovery>, manner: Manner) {
-        match manner {
-            Manner::Reattach { .. } => self.core.give_up(self.now, Fault::FirmwareReset),
-            Manner::Resume { after_reset: false } => self.over(End::NeedsConsent(recovery)),
-            Manner::Resume { after_reset: true } => self.begin_anew(*recovery),
-        }
-    }
-
-    fn begin_anew(&mut self, recovery: Recovery) {
-        let Recovery { n_done, n_twice, commands, modal, .. } = recovery;
-        self.n_twice = n_twice;
-        if let Err(error) = self.job.replay(n_done, |_| {}) {
-            self.over(End::Job(error));
-            return;
-        }
-        let tail = super::replay::Tail::after(n_done);
-        self.recorder = Recorder::new(Track::default(), modal, tail, self.now);
-        self.stats = self.stats.plus(self.core.stats());
-        self.core = Core::new(&self.profile);
-        self.stage = Stage::Greeting { host_lines: commands };
-        self.command(Command::Connect);
-    }
-
-    fn refuse(&mut self, refusal: Refusal, manner: Manner) {
-        match manner {
-            Manner::Reattach { .. } => self.core.give_up(self.now, Fault::FirmwareReset),
-            Manner::Resume { .. } => self.over(End::Refused(refusal)),
-        }
+    /// It is over as soon as the heaters are seen to.
+    fn switch_off(&mut self, end: End) {
+        self.pending = Some(end);
+        self.command(Command::HeatersOff);
     }
 
     /// The last numbers before the connection is forgotten.
@@ -539,6 +491,14 @@ impl<R: BufRead + Seek> Session<R> {
             self.records.extend(ending(&end).map(Record::End));
         }
         self.stage = Stage::Over;
+        self.heat = match (&end, std::mem::take(&mut self.heat)) {
+            // Nothing was sent: what was heard last still holds.
+            (End::NeedsConsent(_) | End::Left, _) => Heat::told(self.temperatures),
+            (_, Heat::Unknown(None)) if self.temperatures.hotend.is_some() => {
+                Heat::Unknown(Some(self.temperatures))
+            }
+            (_, heat) => heat,
+        };
         self.end = Some(end);
     }
 }

@@ -89,6 +89,8 @@ pub(super) fn together(profile: &Profile, layers: &Layers) -> Result<(), Error> 
         ("start", profile.start_gcode()),
         ("end", profile.end_gcode(0.0)),
         ("safe", profile.safe_gcode()),
+        ("pause", profile.pause_gcode(&far)),
+        ("resume", profile.resume_gcode(&far)),
         ("recovery", profile.recovery_gcode(&far)),
     ];
     for (script, lines) in filled {

@@ -508,6 +508,11 @@ pub struct Scripts {
     pub end: Vec<String>,
     /// When a print is given up: heaters off, no moves.
     pub safe: Vec<String>,
+    /// When a print is paused, once what the printer had taken is done: away from the part. Empty: it stays where it is. The
+    /// placeholders are those of `recovery`, for the place where the print stands; the heaters stay as they are.
+    pub pause: Vec<String>,
+    /// Before it goes on: back to that place. Modes, filament's place and speed are restored behind it.
+    pub resume: Vec<String>,
     /// Before a print goes on after the firmware or the power failed; empty: it cannot. The printer knows nothing any more;
     /// nozzle and part are where they were. Besides the other placeholders: `{resume_x_mm}`, `{resume_y_mm}`,
     /// `{resume_z_mm}`, the place where it goes on; `{resume_clear_z_mm}`, above all that is printed; `{resume_hotend_c}`,

@@ -138,6 +138,8 @@ pub(super) const FIELDS: &[Field] = &[
     field("scripts.start", "", Kind::Script),
     field("scripts.end", "", Kind::Script),
     field("scripts.safe", "", Kind::Script),
+    field("scripts.pause", "", Kind::Script),
+    field("scripts.resume", "", Kind::Script),
     field("scripts.recovery", "", Kind::Script),
 ];
 

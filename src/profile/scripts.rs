@@ -33,7 +33,10 @@ pub struct ResumePoint {
 
 /// The names that may stand in braces in a script.
 pub(super) fn placeholders(key: &str) -> &'static [&'static str] {
-    if key == "scripts.recovery" { RESUME_PLACEHOLDERS } else { PLACEHOLDERS }
+    match key {
+        "scripts.recovery" | "scripts.pause" | "scripts.resume" => RESUME_PLACEHOLDERS,
+        _ => PLACEHOLDERS,
+    }
 }
 
 /// How far above the part the nozzle is parked, mm.
@@ -70,6 +73,22 @@ impl Profile {
     /// The script before a print goes on after a reset, with its placeholders filled in.
     #[must_use]
     pub fn recovery_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        self.fill_at(&self.scripts.recovery, at)
+    }
+
+    /// The script of a pause of a print that stands there, with its placeholders filled in.
+    #[must_use]
+    pub fn pause_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        self.fill_at(&self.scripts.pause, at)
+    }
+
+    /// The script before it goes on there, with its placeholders filled in.
+    #[must_use]
+    pub fn resume_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        self.fill_at(&self.scripts.resume, at)
+    }
+
+    fn fill_at(&self, script: &[String], at: &ResumePoint) -> Vec<String> {
         let rounded = |mm: f64| ((mm * 1e3).round() / 1e3).to_string();
         let [bed_x_mm, bed_y_mm, bed_z_mm] = self.machine.bed_mm;
         let values = [
@@ -86,7 +105,7 @@ impl Profile {
         let filled = |line: &String| {
             values.iter().fold(line.trim().to_owned(), |line, (name, value)| line.replace(name, value))
         };
-        self.scripts.recovery.iter().map(filled).collect()
+        script.iter().map(filled).collect()
     }
 
     /// What makes the firmware itself switch the heaters off when nobody has spoken to it for `orphan_hold_s`; nothing where

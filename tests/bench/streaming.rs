@@ -5,6 +5,7 @@
 
 #![expect(clippy::print_stdout, reason = "the table is what the bench is for")]
 
+use lumenfab::printer::control::Controls;
 use lumenfab::printer::driver::{self, Order, PrintEvent};
 use lumenfab::printer::job::Job;
 use lumenfab::printer::journal::writer::Journal;
@@ -73,7 +74,8 @@ async fn print(path: &Path, port: &Path, profile: &Profile) -> f64 {
     let journal = Journal::create(&path.with_extension("journal"), &[]).expect("a journal");
     let (sender, mut events) = tokio::sync::mpsc::channel::<PrintEvent>(256);
     let listener = tokio::spawn(async move { while events.recv().await.is_some() {} });
-    let order = Order { job, start: Start::Fresh, journal: Some(journal) };
+    let controls = Controls::default();
+    let order = Order { job, start: Start::Fresh, journal: Some(journal), controls };
     let cancel = CancelToken::default();
     let printed = driver::run(order, link, profile, &sender, &cancel).await.expect("it prints");
     drop(sender);

@@ -33,6 +33,11 @@ impl Printer {
         {
             return outcome;
         }
+        if self.profile.dialect.family == Family::Klipper
+            && let Some(outcome) = self.refuse_what_is_no_number(&command)
+        {
+            return outcome;
+        }
         let outcome = match command.letter {
             letter @ (b'G' | b'M') if !self.profile.dialect.knows(letter, command.code) => {
                 self.unknown(&command)
@@ -55,7 +60,7 @@ impl Printer {
         Outcome::Done
     }
 
-    fn unknown(&mut self, command: &Command<'_>) -> Outcome {
+    pub(super) fn unknown(&mut self, command: &Command<'_>) -> Outcome {
         self.summary.unknown_commands += 1;
         if let Some(reply) = self.profile.dialect.unknown(command.text) {
             self.say_bytes(&reply);

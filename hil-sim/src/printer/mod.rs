@@ -21,6 +21,7 @@ mod life;
 mod limits;
 mod motion;
 mod replies;
+mod strict;
 #[cfg(test)]
 mod tests;
 
@@ -232,7 +233,7 @@ impl Printer {
             alone_s: None,
             silent_until_s: 0.0,
             unplugged_until_s: 0.0,
-            planner: Planner::new(profile.planner_blocks),
+            planner: Planner::new(profile.planner_blocks).with_queue_s(profile.queue_s),
             motion: Motion::new(&profile),
             heaters: profile
                 .heaters

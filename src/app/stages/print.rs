@@ -11,11 +11,13 @@ use crate::app::session::{Context, Made, Session};
 use crate::app::settings::{DEFAULT_PROFILE, Fault, SIMULATED_PORT, SettingError};
 use crate::ct::Warning;
 use crate::printer::ask::{self, Found};
+use crate::printer::control::Control;
 use crate::printer::device::{self, Device};
 use crate::printer::driver::{self, PrintEvent};
 use crate::printer::job::Job;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::{self, Stats, Temperatures};
+use crate::printer::session::Start;
 use crate::printer::sim::{Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
 use crate::profile::{self, Profile};
@@ -363,6 +365,7 @@ impl Order<'_> {
                     profile_name: self.profile_name,
                     port: self.port,
                     baud: self.baud,
+                    controls: &context.controls,
                 };
                 let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
                 let printing = async {
@@ -397,7 +400,9 @@ impl Order<'_> {
         let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
         let printing = async {
             let sender = sender;
-            driver::print(job, link, &profile, &sender, &context.cancel).await
+            let controls = context.controls.clone();
+            let order = driver::Order { job, start: Start::Fresh, journal: None, controls };
+            driver::run(order, link, &profile, &sender, &context.cancel).await
         };
         let printed = self.printed(tokio::join!(printing, show(receiver, task, context)).0);
         // Ctrl-C reaches the simulator too: that its port then vanishes leaves nothing hot.
@@ -428,25 +433,81 @@ fn check_resumable(manner: Manner) -> Result<(), SettingError> {
 
 /// Passes on what the printer tells, until the print has ended.
 async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: &Context<'_>) {
-    let note = |text| (context.events)(Event::Note { stage: Stage::Print, text });
+    let stage = Stage::Print;
     while let Some(event) = events.recv().await {
-        match event {
-            PrintEvent::Progress { n_lines_done, n_lines } => task.report(n_lines_done, n_lines),
-            PrintEvent::PortLost { hold } => note(format!(
-                "the port vanished: check the cable; the print goes on by itself within {} s, the heaters may be on",
-                hold.as_secs()
-            )),
-            PrintEvent::WentOn { n_lines_done } => {
-                note(format!("goes on exactly behind line {n_lines_done}"))
-            }
-            PrintEvent::JournalFailed(why) => {
-                note(format!(
-                    "the journal cannot be written ({why}): the print goes on, but could not be resumed"
-                ));
-            }
-            PrintEvent::Session(protocol::Event::Busy(what)) => note(format!("printer: {what}")),
-            PrintEvent::Session(protocol::Event::Action(what)) => note(format!("printer asks: {what}")),
-            PrintEvent::Session(other) => tracing::debug!("printer: {other:?}"),
+        if let PrintEvent::Progress { n_lines_done, n_lines } = event {
+            task.report(n_lines_done, n_lines);
+        } else if let Some((code, text)) = told(&event) {
+            (context.events)(Event::Told { stage, code, text });
+        } else if let Some(text) = noted(&event) {
+            (context.events)(Event::Note { stage, text });
+        } else {
+            tracing::debug!("printer: {event:?}");
         }
     }
+}
+
+/// What the operator should not miss, with a stable name.
+fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
+    use protocol::Event as Said;
+    let session = match event {
+        PrintEvent::PortLost { hold } => {
+            let text = format!(
+                "the port vanished: check the cable; the print goes on by itself within {} s, the heaters may be on",
+                hold.as_secs()
+            );
+            return Some(("printer.port_lost", text));
+        }
+        PrintEvent::WentOn { n_lines_done } => {
+            return Some(("printer.went_on", format!("goes on exactly behind line {n_lines_done}")));
+        }
+        PrintEvent::JournalFailed(why) => {
+            let text =
+                format!("the journal cannot be written ({why}): the print goes on, but could not be resumed");
+            return Some(("printer.journal_failed", text));
+        }
+        PrintEvent::Asked(control) => return Some(("printer.asked", asked(*control))),
+        PrintEvent::Session(session) => session,
+        PrintEvent::Progress { .. } => return None,
+    };
+    Some(match session {
+        Said::Paused => ("printer.paused", "paused, the heaters stay on".to_owned()),
+        Said::Resumed => ("printer.resumed", "goes on".to_owned()),
+        Said::Prompt(Some(prompt)) => ("printer.prompt", format!("the printer asks: {prompt}")),
+        Said::Prompt(None) => ("printer.prompt_over", "the printer's question is answered".to_owned()),
+        Said::Faulted(fault) => {
+            ("printer.given_up", format!("given up: {fault}; the heaters are being switched off"))
+        }
+        Said::Secured(heat) => ("printer.heat", heat.to_string()),
+        _ => return None,
+    })
+}
+
+/// What the operator has asked for, to show that it was understood.
+fn asked(control: Control) -> String {
+    match control {
+        Control::Pause => "asked to pause".to_owned(),
+        Control::GoOn => "asked to go on".to_owned(),
+        Control::Stop => "asked to stop".to_owned(),
+        Control::EmergencyStop => "asked to stop at once".to_owned(),
+        Control::Answer(button_idx) => format!("answered with [{button_idx}]"),
+    }
+}
+
+/// What is worth a glance.
+fn noted(event: &PrintEvent) -> Option<String> {
+    use protocol::Event as Said;
+    let PrintEvent::Session(session) = event else { return None };
+    Some(match session {
+        Said::Busy(what) => format!("printer: {what}"),
+        Said::Action(what) => format!("printer asks: {what}"),
+        Said::Message(what) => format!("printer: {what}"),
+        Said::Recovered(protocol::Recovery::Resent { line }) => {
+            format!("line {line} was damaged, sent again")
+        }
+        Said::Recovered(protocol::Recovery::LostOk { count }) => {
+            format!("{count} answers were lost, made up for")
+        }
+        _ => return None,
+    })
 }

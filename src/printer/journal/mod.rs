@@ -107,6 +107,10 @@ pub struct Progress {
     pub n_acked: u64,
     /// Lines certainly executed.
     pub n_certain: u64,
+    /// Lines that may have been begun, at most, so long ago: all that were sent, where the firmware does not say what it holds.
+    pub n_begun: u64,
+    /// See above, s.
+    pub begun_s: f64,
     /// Nozzle, actual and wanted, °C.
     pub hotend_c: Option<[f64; 2]>,
     /// Bed, actual and wanted, °C.
@@ -306,7 +310,14 @@ impl Fold {
             Record::Machine(machine) => self.machine = Some(machine),
             Record::Session(track) => {
                 let n = track.n_before;
-                self.progress = Progress { n_sent: n, n_acked: n, n_certain: n, ..self.progress };
+                self.progress = Progress {
+                    n_sent: n,
+                    n_acked: n,
+                    n_certain: n,
+                    n_begun: n,
+                    begun_s: 0.0,
+                    ..self.progress
+                };
                 self.track = Some(track);
                 self.end = None;
             }

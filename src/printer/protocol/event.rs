@@ -1,7 +1,10 @@
 //! What the core tells its owner.
 
 use super::fault::Fault;
+use super::planner::Held;
+use super::prompt::Prompt;
 use super::reply::{Position, Temperatures};
+use super::safety::Heat;
 
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +25,8 @@ pub enum Event {
     Busy(String),
     /// The printer wishes something (`//action:`).
     Action(String),
+    /// The printer asks the operator; nothing where the question is over.
+    Prompt(Option<Prompt>),
     /// A line that means nothing to the protocol: kept for the log.
     Message(String),
     /// Something went wrong on the wire and was put right.
@@ -34,8 +39,10 @@ pub enum Event {
     Finished,
     /// The job was given up on request; the heaters are off, and the firmware says so.
     Cancelled,
-    /// The job was given up. The heaters' state is as the fault tells.
+    /// The job was given up; heaters-off is on its way.
     Faulted(Fault),
+    /// Heaters-off was sent until it was confirmed, or as long as that made sense: what is known of them.
+    Secured(Heat),
 }
 
 /// What was put right.
@@ -100,6 +107,17 @@ pub struct Progress {
     pub n_sent: u64,
     /// The number of the last line acknowledged.
     pub n_acked: u64,
-    /// Moves among the lines acknowledged that the planner may still hold, at most.
-    pub planner_pending: u32,
+    /// What of it may not be executed yet.
+    pub ahead: Ahead,
+}
+
+/// What a firmware may have before it of the lines that it has acknowledged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ahead {
+    /// The last so many lines may not even be begun.
+    pub n_lines: u64,
+    /// Moves before these that the planner may still hold, at most.
+    pub n_moves: u32,
+    /// Moves that it surely held, where it says so.
+    pub held: Option<Held>,
 }

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// The end of a print that the core could not go on with. Heaters-off is queued on every path here, except where
-/// there is nobody to send it to.
+/// The end of a print that the core could not go on with. Heaters-off follows on every path here, except where there is nobody to
+/// send it to.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Fault {
     /// The link is gone.
@@ -15,12 +15,24 @@ pub enum Fault {
         /// Whether unreadable bytes were heard.
         is_garbled: bool,
     },
+    /// What is sent comes back.
+    #[error("what is behind the port repeats what it is sent: no printer, but an echo or another program")]
+    Echo,
     /// It answers, but does not check line numbers.
     #[error("the printer answers, but does not check line numbers as its profile says")]
     NoLineNumbers,
     /// The firmware started anew.
     #[error("the printer restarted in the middle of the job")]
     FirmwareReset,
+    /// The port was away, and the print cannot go on exactly where it was.
+    #[error("after the port was away the print cannot go on: {why}")]
+    LostPlace {
+        /// Why not.
+        why: String,
+    },
+    /// The operator wanted it to stop at once.
+    #[error("emergency stop by the operator")]
+    EmergencyStop,
     /// The firmware stopped for good.
     #[error("the printer stopped: {text}")]
     Halted {
@@ -34,8 +46,14 @@ pub enum Fault {
         text: String,
     },
     /// Nothing was heard any more.
-    #[error("the printer has been silent for {:.0} s; whether its heaters are on is unknown", after.as_secs_f64())]
+    #[error("the printer has been silent for {:.0} s", after.as_secs_f64())]
     Silent {
+        /// For how long.
+        after: Duration,
+    },
+    /// Nothing but noise was heard any more.
+    #[error("nothing but noise has come from the printer for {:.0} s", after.as_secs_f64())]
+    Garbled {
         /// For how long.
         after: Duration,
     },
@@ -74,7 +92,11 @@ impl Fault {
         match self {
             Self::LinkLost => "printer.link_lost",
             Self::NoAnswer { .. } => "printer.no_answer",
+            Self::Echo => "printer.echo",
             Self::NoLineNumbers => "printer.no_line_numbers",
+            Self::LostPlace { .. } => "printer.lost_place",
+            Self::EmergencyStop => "printer.emergency_stop",
+            Self::Garbled { .. } => "printer.garbled",
             Self::FirmwareReset => "printer.firmware_reset",
             Self::Halted { .. } => "printer.halted",
             Self::CommandRefused { .. } => "printer.command_refused",
@@ -92,6 +114,12 @@ impl Fault {
             Self::LinkLost => "check the cable and switch the printer off if it is hot",
             Self::NoAnswer { is_garbled: true } => "check the baud rate of the profile",
             Self::NoAnswer { is_garbled: false } => "check that the printer is on and that this is its port",
+            Self::Echo => "check that this is the printer's port, and that no other program uses it",
+            Self::LostPlace { .. } => {
+                "look at the part; `lumenfab resume` says whether and where it can be continued"
+            }
+            Self::EmergencyStop => "look at the printer, then reset it",
+            Self::Garbled { .. } => "check the cable, the baud rate, and that no other program uses the port",
             Self::NoLineNumbers => "choose the profile of the printer's firmware",
             Self::FirmwareReset => {
                 "check the printer's power supply; `lumenfab resume` says whether and where the part can be continued"
@@ -101,16 +129,11 @@ impl Fault {
             }
             Self::Halted { .. } => "look at the printer, put right what it reports, then reset it",
             Self::Silent { .. } => "switch the printer off if it is hot, then check it and the cable",
-            Self::CommandTimeout { .. } => "look at the printer; heaters-off was sent",
+            Self::CommandTimeout { .. } => "look at the printer",
             Self::ResendLimit { .. } => {
                 "check the cable (shielding, length, mains nearby) or use a lower baud rate"
             }
             Self::LineUnavailable { .. } => "make sure that no other program uses the port, then print again",
         }
-    }
-
-    /// Whether there is still somebody to send heaters-off to.
-    pub(super) const fn can_transmit(&self) -> bool {
-        !matches!(self, Self::LinkLost)
     }
 }

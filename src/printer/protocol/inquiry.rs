@@ -2,8 +2,7 @@
 //!
 //! The last line: a numbered line far ahead cannot be accepted, and its refusal names the last one that was. Firmware
 //! without numbers is asked for temperatures only: what it has taken shows in its position. Where the link broke within a line, its
-//! first half waits in the firmware: a line feed ends it, and it is refused for its missing checksum. Without checksums a
-//! half line might be obeyed; a mark behind it makes it one that no firmware understands.
+//! first half waits in the firmware, and might be obeyed: what is put behind it makes it a line that no firmware understands.
 
 use super::wire::Wire;
 use super::{
@@ -50,8 +49,10 @@ const MAX_TRIES: u32 = 8;
 /// A firmware in the middle of long moves takes its time for the first answer.
 const EXTRA_TRIES: u32 = 16;
 
-/// Behind a half line without checksum: makes it one that no firmware understands.
-const SPOILER: &str = "?\n";
+/// Behind a half line: makes it one that no firmware understands. The digits, because the first half of `M105` is `M1`, which
+/// waits for the user; then no number, because `M104 S` is a half line too; then X, because Klipper takes over a move's axes up to
+/// the first that is no number, and reads X first.
+const SPOILER: &str = "99?X?\n";
 
 impl Core {
     /// Asks for the last line of an earlier session.
@@ -66,8 +67,7 @@ impl Core {
             self.unanswered();
             return;
         }
-        let is_numbered = self.config.firmware.line_numbers;
-        let mut text = if is_numbered { "\n" } else { SPOILER }.to_owned();
+        let mut text = SPOILER.to_owned();
         self.wire.write_probe(&mut text);
         self.urgent.push_back(text);
         self.refused = None;

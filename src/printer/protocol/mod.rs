@@ -26,8 +26,9 @@
 //!
 //! # Faults
 //!
-//! Each path to [`State::Faulted`] queues the profile's `safe` script (heaters off), unnumbered and twice, except where the link is
-//! gone. `start` in the middle of a job is a reset: the job is given up, never begun again.
+//! Each path to [`State::Faulted`] sends the profile's `safe` script (heaters off), unnumbered and again and again until the firmware
+//! tells that the targets are 0 ([`Event::Secured`]), except where the link is gone. What is done about which fault is the table of
+//! [`super::policy`]. `start` in the middle of a job is a reset: the job is given up, never begun again.
 //!
 //! # Limits
 //!
@@ -37,28 +38,42 @@
 //! Memory is bounded: a few hundred lines of history.
 
 mod allowance;
+mod command;
 mod event;
 mod fault;
 mod greeting;
 mod inquiry;
 mod lines;
+mod pause;
+mod planner;
+mod prompt;
 mod recovery;
 mod reply;
+mod safety;
 #[cfg(test)]
 mod tests;
 mod time;
 mod wire;
 
-pub use event::{Event, Progress, Recovery, Stats};
+pub use command::{Command, Refused, State};
+pub use event::{Ahead, Event, Progress, Recovery, Stats};
 pub use fault::Fault;
 pub use greeting::Greeting;
 pub use inquiry::{Inquiry, Question};
 pub use lines::{LineSplitter, MAX_LINE_BYTES};
+pub use planner::Held;
+pub use prompt::{Button, Prompt};
 pub use reply::{Acknowledgement, Heater, Position, Refusal, Reply, Temperatures, parse};
+pub use safety::Heat;
 pub use time::{Instant, Timer};
 
-use crate::profile::{Profile, ResendStyle};
+use super::policy::{self, Action, Trouble};
+use crate::profile::{Dialect, Profile, ResendStyle};
+use pause::Pulse;
+use planner::Planner;
+use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
+use safety::Securing;
 use std::collections::VecDeque;
 use std::time::Duration;
 use time::Timers;
@@ -81,97 +96,6 @@ const SILENCE_FACTOR: u32 = 15;
 
 /// A cancelled job's heaters-off must get through within this time.
 const CANCEL_LIMIT: Duration = Duration::from_secs(120);
-
-/// What the owner asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Command<'a> {
-    /// The port is open: greet the printer.
-    Connect,
-    /// The port is open, and the printer may still hold lines of an earlier session: ask it for its last line, and change
-    /// nothing. No line of that session was numbered higher than `beyond`.
-    Inquire {
-        /// See above.
-        beyond: u64,
-    },
-    /// Ask something.
-    Ask(Question),
-    /// Begin a job: the profile's lines before it ([`Core::prelude`]), then the job's.
-    Begin,
-    /// Go on with a job behind the line that the printer has named as its last.
-    GoOn,
-    /// A line of the host's own before the next one of the job. Only while [`Core::wants_line`].
-    HostLine(&'a str),
-    /// The next line of the job, without number, checksum or line end. Only while [`Core::wants_line`].
-    Line(&'a str),
-    /// The job has no more lines.
-    EndOfJob,
-    /// Send no more lines.
-    Pause,
-    /// Go on.
-    Resume,
-    /// Give the job up: stop the moves, heaters off.
-    Cancel,
-    /// Stop everything at once; the firmware needs a reset afterwards (M112).
-    EmergencyStop,
-}
-
-/// The command does not fit the state.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{command} is not possible while {state}")]
-pub struct Refused {
-    /// What was asked for.
-    pub command: &'static str,
-    /// What the core is doing.
-    pub state: &'static str,
-}
-
-/// What the core is doing. Going back to a refused line is not a state of its own: it happens in several of them.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum State {
-    /// No port.
-    Disconnected,
-    /// Greeting the printer.
-    Handshake(Greeting),
-    /// Ready for a job.
-    Idle,
-    /// An answer is awaited.
-    Asking(Inquiry),
-    /// Lines are sent.
-    Streaming,
-    /// All lines are given; the proof that they are executed is awaited.
-    Finishing,
-    /// No more lines are sent; those in flight are awaited.
-    Pausing,
-    /// Nothing is in flight.
-    Paused,
-    /// The job was given up; the proof that the heaters are off is awaited.
-    Cancelling,
-    /// The job was given up because of a fault.
-    Faulted(Fault),
-}
-
-impl State {
-    /// What the core is doing, in words.
-    #[must_use]
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::Disconnected => "disconnected",
-            Self::Handshake(_) => "greeting the printer",
-            Self::Idle => "idle",
-            Self::Asking(_) => "asking the printer",
-            Self::Streaming => "printing",
-            Self::Finishing => "finishing",
-            Self::Pausing => "pausing",
-            Self::Paused => "paused",
-            Self::Cancelling => "cancelling",
-            Self::Faulted(_) => "faulted",
-        }
-    }
-
-    const fn has_job(&self) -> bool {
-        matches!(self, Self::Streaming | Self::Finishing | Self::Pausing | Self::Paused | Self::Cancelling)
-    }
-}
 
 /// Bytes for the port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -230,29 +154,20 @@ pub struct Core {
     is_advanced: bool,
     n_emergencies_owed: u32,
     planner: Planner,
+    /// Lines of noise since something was understood.
+    n_garbled: u64,
+    pulse: Pulse,
+    prompts: Prompts,
+    securing: Securing,
     stats: Stats,
 }
 
-/// How many of the moves acknowledged the firmware may still have before it, as far as it says so (ADVANCED_OK).
-#[derive(Debug, Clone, Copy)]
-struct Planner {
-    /// Places in its ring, one less than which it can hold.
-    places: u32,
-    free: Option<u32>,
-}
-
-impl Planner {
-    fn heard(&mut self, free: u32) {
-        self.places = self.places.max(free.saturating_add(1));
-        self.free = Some(free);
-    }
-
-    const fn pending(self) -> u32 {
-        match self.free {
-            Some(free) => self.places - 1 - free,
-            None => self.places,
-        }
-    }
+/// Whether an `ok` has something behind it that is not understood: it may be the answer to a question, damaged.
+fn is_odd(line: &str, ok: &Acknowledgement) -> bool {
+    let rest = line.trim().strip_prefix("ok").unwrap_or_default().trim();
+    // Repetier's bare number of a line.
+    let is_bare = rest.bytes().all(|b| b.is_ascii_digit());
+    !is_bare && ok.line.is_none() && ok.temperatures.is_none() && ok.position.is_none()
 }
 
 /// Temperature reports, the firmware's own time-out that switches the heaters off when nobody speaks to it any more, and
@@ -288,10 +203,7 @@ impl Core {
         Self {
             state: State::Disconnected,
             wire: Wire::new(&config.firmware),
-            planner: Planner {
-                places: u32::try_from(config.firmware.planner_moves).unwrap_or(u32::MAX),
-                free: None,
-            },
+            planner: Planner::new(u32::try_from(config.firmware.planner_moves).unwrap_or(u32::MAX)),
             config,
             urgent: VecDeque::new(),
             out: String::new(),
@@ -308,6 +220,10 @@ impl Core {
             probe: None,
             is_advanced: false,
             n_emergencies_owed: 0,
+            n_garbled: 0,
+            pulse: Pulse::default(),
+            prompts: Prompts::default(),
+            securing: Securing::default(),
             stats: Stats::default(),
         }
     }
@@ -331,7 +247,26 @@ impl Core {
             n_lines_done: self.wire.acked_job_lines(),
             n_sent: self.wire.highest(),
             n_acked: self.wire.acked(),
-            planner_pending: self.planner.pending(),
+            ahead: self.ahead(),
+        }
+    }
+
+    /// What the firmware may have before it of the lines acknowledged.
+    fn ahead(&self) -> Ahead {
+        let firmware = &self.config.firmware;
+        let acked = self.wire.acked();
+        // Repetier says `ok` as it takes a line, before it begins with it.
+        let is_late = firmware.dialect == Dialect::Repetier;
+        let taken = if is_late { firmware.command_slots as u64 + 1 } else { 0 };
+        let vouched = self.planner.pending(acked);
+        // An `ok` without number may be that of a damaged line, and a number may be damaged: then it is not for the line that it is
+        // taken for.
+        let is_noisy = self.stats.n_unknown_lines > 0 || self.is_advanced;
+        let is_doubtful = firmware.line_numbers && vouched.is_none() && is_noisy;
+        Ahead {
+            n_lines: taken + if is_doubtful { recovery::FALSE_OKS } else { 0 },
+            n_moves: vouched.unwrap_or(self.planner.places()),
+            held: self.planner.held(acked),
         }
     }
 
@@ -350,11 +285,11 @@ impl Core {
     /// Takes one line from the firmware, without its line end.
     pub fn handle_line(&mut self, now: Instant, line: &str) {
         self.now = now;
-        self.heard = now;
         let reply = parse(line);
+        self.listen(&reply, line);
         match self.state {
             State::Disconnected => {}
-            State::Faulted(_) => self.events.push_back(Event::Message(line.to_owned())),
+            State::Faulted(_) | State::SwitchingOff => self.securing_reply(reply, line),
             State::Handshake(greeting) => self.greeting_reply(greeting, reply, line),
             State::Asking(inquiry) => self.inquiry_reply(inquiry, reply, line),
             _ => self.session_reply(reply, line),
@@ -379,19 +314,19 @@ impl Core {
                 self.state = State::Streaming;
             }
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
-            (Command::HostLine(text), State::Streaming) => self.wire.push(text, Origin::Host),
+            (Command::HostLine(text), State::Streaming | State::Parking) => {
+                self.wire.push(text, Origin::Host);
+            }
             (Command::EndOfJob, State::Streaming) => self.end_job(),
             // All lines may be given long before they are sent.
             (Command::Pause, State::Streaming | State::Finishing) => self.state = State::Pausing,
-            (Command::Pause, State::Pausing | State::Paused) => {}
-            (Command::Resume, State::Pausing | State::Paused) => {
-                if self.state == State::Paused {
-                    self.guard(true);
-                }
-                self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
-                self.continue_for_user();
-                self.events.push_back(Event::Resumed);
+            (Command::Pause, state) if state.is_paused() => {}
+            (Command::Park, State::Paused) => {
+                self.park();
+                // The lines to be sent are given next.
+                return Ok(());
             }
+            (Command::Resume, state) if state.is_paused() => self.go_on(),
             // It may wait for the user without having asked for a pause (M0).
             (Command::Resume, State::Streaming | State::Finishing) => self.continue_for_user(),
             (Command::Cancel, State::Cancelling) => {}
@@ -401,23 +336,14 @@ impl Core {
                 self.events.push_back(Event::Cancelled);
             }
             (Command::Cancel, state) if state.has_job() => self.cancel(),
-            (Command::EmergencyStop, State::Disconnected) | (_, State::Faulted(_)) => {
-                return Err(self.refuse(command));
-            }
-            (Command::EmergencyStop, _) => {
-                self.fail(Fault::Halted { text: "emergency stop by the operator".to_owned() });
-                self.urgent.push_front("M112\n".to_owned());
-            }
-            _ => return Err(self.refuse(command)),
+            (Command::Answer(button_idx), state) if state.has_job() => self.answer(button_idx),
+            (Command::HeatersOff, State::Idle | State::Handshake(_) | State::Asking(_)) => self.secure(),
+            (Command::HeatersOff, State::Disconnected) => self.secure(),
+            (Command::EmergencyStop, state) if *state != State::Disconnected => self.stop_at_once(),
+            _ => return Err(Refused { command: command.name(), state: self.state.name() }),
         }
         self.settle();
         Ok(())
-    }
-
-    /// Gives up for a reason that the owner has found; heaters-off is queued as for any fault.
-    pub fn give_up(&mut self, now: Instant, fault: Fault) {
-        self.now = now;
-        self.fail(fault);
     }
 
     /// Does what is due.
@@ -430,8 +356,10 @@ impl Core {
                     State::Asking(inquiry) => self.inquiry_timeout(inquiry),
                     _ => self.greeting_timeout(),
                 },
-                Timer::Silence => self.fail(Fault::Silent { after: now.since(self.heard_or_sent()) }),
+                Timer::Silence => self.silent(now.since(self.heard_or_sent())),
                 Timer::Command => self.command_timeout(),
+                Timer::Pulse => self.feel_pulse(),
+                Timer::Secure => self.secure_timeout(),
             }
         }
         self.settle();
@@ -442,7 +370,9 @@ impl Core {
         self.now = now;
         if self.state.has_job() || matches!(self.state, State::Handshake(_) | State::Asking(_)) {
             self.fail(Fault::LinkLost);
-        } else if !matches!(self.state, State::Faulted(_)) {
+        } else if matches!(self.state, State::Faulted(_) | State::SwitchingOff) {
+            self.secure_lost();
+        } else {
             self.state = State::Disconnected;
             self.timers.stop_all();
         }
@@ -455,7 +385,12 @@ impl Core {
             self.out = text;
             return Some(Line { bytes: self.out.as_bytes() });
         }
-        let streams = matches!(self.state, State::Streaming | State::Finishing | State::Cancelling);
+        let streams = match self.state {
+            State::Streaming | State::Finishing | State::Parking | State::Cancelling => true,
+            // What was sent once is brought to its end.
+            State::Pausing => self.wire.owes_lines(),
+            _ => false,
+        };
         let is_alone = self.rewind.is_some_and(|rewind| self.wire.next() > rewind.from);
         if !streams || self.probe.is_some() || is_alone {
             return None;
@@ -484,22 +419,6 @@ impl Core {
         self.timers.next()
     }
 
-    fn refuse(&self, command: Command<'_>) -> Refused {
-        let command = match command {
-            Command::Connect => "connecting",
-            Command::Inquire { .. } | Command::Ask(_) => "asking the printer",
-            Command::Begin => "beginning a job",
-            Command::GoOn => "going on with a job",
-            Command::Line(_) | Command::HostLine(_) => "sending a line",
-            Command::EndOfJob => "ending the job",
-            Command::Pause => "pausing",
-            Command::Resume => "resuming",
-            Command::Cancel => "cancelling",
-            Command::EmergencyStop => "an emergency stop",
-        };
-        Refused { command, state: self.state.name() }
-    }
-
     fn begin(&mut self) {
         self.state = State::Streaming;
         for line in &self.config.prelude {
@@ -515,14 +434,6 @@ impl Core {
         self.wire.end();
     }
 
-    /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.
-    fn guard(&mut self, is_set: bool) {
-        if let Some([set, clear]) = &self.config.guard {
-            self.urgent.push_back(format!("{}\n", if is_set { set } else { clear }));
-            self.next_ok = NextOk::EndsRefusal;
-        }
-    }
-
     fn cancel(&mut self) {
         self.state = State::Cancelling;
         for emergency in ["M108\n", "M410\n"] {
@@ -536,31 +447,27 @@ impl Core {
         }
     }
 
-    /// Gives the job up, heaters off first.
-    fn fail(&mut self, fault: Fault) {
-        if matches!(self.state, State::Faulted(_)) {
-            return;
+    /// Noise is no sign of life.
+    fn listen(&mut self, reply: &Reply<'_>, line: &str) {
+        let is_noise = matches!(reply, Reply::Unknown(_))
+            && line.contains(|c: char| c == char::REPLACEMENT_CHARACTER || c.is_control());
+        if is_noise {
+            self.n_garbled += 1;
+        } else {
+            self.heard = self.now;
+            self.n_garbled = 0;
         }
-        self.urgent.clear();
-        if fault.can_transmit() {
-            // The line feed ends whatever half line the firmware may hold.
-            self.urgent.push_back("\n".to_owned());
-            if self.wire.oldest_waits_for_heat() {
-                // Else heaters-off stands behind a wait that may never end.
-                self.urgent.push_back("M108\n".to_owned());
-            }
-            for line in self.config.safe.iter().chain(&self.config.safe) {
-                self.urgent.push_back(format!("{line}\n"));
-            }
+        if matches!(reply, Reply::Ok(_)) {
+            self.pulse.n_unanswered = 0;
         }
-        self.timers.stop_all();
-        self.events.push_back(Event::Faulted(fault.clone()));
-        self.state = State::Faulted(fault);
     }
 
     fn session_reply(&mut self, reply: Reply<'_>, line: &str) {
         match reply {
-            Reply::Ok(ok) => self.on_ok(ok),
+            Reply::Ok(ok) => {
+                self.stats.n_unknown_lines += u64::from(is_odd(line, &ok));
+                self.on_ok(ok);
+            }
             Reply::Resend(number) => self.on_resend(number.0),
             Reply::LineRefused { reason, last } => self.on_refusal(reason, last.0),
             Reply::Busy(what) => self.on_busy(what),
@@ -573,8 +480,10 @@ impl Core {
                 self.events.push_back(Event::Temperatures(temperatures));
                 self.on_temperatures();
             }
-            Reply::Start if self.state.has_job() => self.fail(Fault::FirmwareReset),
-            Reply::Start => self.greet(1),
+            Reply::Start => match policy::action(self.state.phase(), Trouble::Reset) {
+                Action::Nothing => self.greet(1),
+                _ => self.fail(Fault::FirmwareReset),
+            },
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
             Reply::UnknownCommand(text) => self.on_unknown_command(text, line),
             Reply::Action(action) => self.on_action(action),
@@ -598,42 +507,6 @@ impl Core {
         }
     }
 
-    fn on_busy(&mut self, what: &str) {
-        self.quiet_since = self.now + BUSY_INTERVAL;
-        self.events.push_back(Event::Busy(what.to_owned()));
-        let Some(oldest) = self.oldest.as_mut().filter(|_| what.contains("user")) else { return };
-        // Somebody changes filament or reads a prompt: that may take the night.
-        oldest.since = self.now;
-        let number = oldest.number;
-        if self.state.has_job() && self.user_awaited_at != Some(number) {
-            // It stands still, within a line, until somebody presses its button or the operator says to go on.
-            self.events.push_back(Event::Paused);
-        }
-        self.user_awaited_at = Some(number);
-    }
-
-    /// Tells a firmware that waits for the user within a line to go on; anywhere else the word would end the wait for a
-    /// temperature.
-    fn continue_for_user(&mut self) {
-        let awaited = self.user_awaited_at.take();
-        if awaited.is_some() && awaited == self.oldest.map(|oldest| oldest.number) {
-            self.urgent.push_back("M108\n".to_owned());
-        }
-    }
-
-    fn on_action(&mut self, action: &str) {
-        self.events.push_back(Event::Action(action.to_owned()));
-        // What follows the word is why: `pause filament_runout 0`.
-        let command = match action.split_ascii_whitespace().next().unwrap_or_default() {
-            "pause" | "paused" => Command::Pause,
-            "resume" | "resumed" => Command::Resume,
-            "cancel" => Command::Cancel,
-            _ => return,
-        };
-        // The printer's own wish may come at any time; where it has no meaning there is nothing to do.
-        self.handle_command(self.now, command).ok();
-    }
-
     fn command_timeout(&mut self) {
         let command = self.wire.oldest_command().unwrap_or_default().to_owned();
         let after = self.oldest.map_or(Duration::ZERO, |oldest| self.now.since(oldest.since));
@@ -647,11 +520,12 @@ impl Core {
         }
         let is_drained = self.wire.in_flight() == 0 && self.probe.is_none();
         match self.state {
-            State::Pausing if is_drained => {
-                self.state = State::Paused;
+            State::Pausing if is_drained && !self.wire.owes_lines() => {
+                self.paused();
                 self.guard(false);
                 self.events.push_back(Event::Paused);
             }
+            State::Parking if is_drained && self.wire.unsent() == 0 => self.paused(),
             State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
             _ => {}
         }
@@ -671,11 +545,18 @@ impl Core {
     /// Sets the session's timers anew from what is owed.
     fn arm(&mut self) {
         if !self.state.has_job() || (self.oldest.is_none() && self.probe.is_none()) {
-            if !matches!(self.state, State::Handshake(_) | State::Asking(_)) {
-                self.timers.stop_all();
+            match self.state {
+                // These have timers of their own.
+                State::Handshake(_) | State::Asking(_) | State::Faulted(_) | State::SwitchingOff => {}
+                State::Paused => {
+                    self.timers.stop_all();
+                    self.timers.set(Timer::Pulse, self.pulse_due());
+                }
+                _ => self.timers.stop_all(),
             }
             return;
         }
+        self.timers.stop(Timer::Pulse);
         let is_slow = self.wire.oldest_is_slow();
         self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
         let was_heard = self.oldest.is_none_or(|oldest| self.heard > oldest.since);

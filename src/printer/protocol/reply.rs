@@ -87,13 +87,37 @@ pub struct Heater {
     pub target_c: f64,
 }
 
-/// The heaters of a printer.
+/// The heaters of a printer, those whose targets are told.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Temperatures {
     /// The nozzle.
     pub hotend: Option<Heater>,
     /// The bed.
     pub bed: Option<Heater>,
+}
+
+impl Temperatures {
+    /// Whether all targets are 0; nothing where the nozzle's is not told.
+    #[must_use]
+    pub fn are_off(&self) -> Option<bool> {
+        let is_off = |heater: Heater| heater.target_c <= 0.0;
+        self.hotend.map(|hotend| is_off(hotend) && self.bed.is_none_or(is_off))
+    }
+}
+
+impl std::fmt::Display for Temperatures {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let heaters = [("nozzle", self.hotend), ("bed", self.bed)];
+        let known = heaters.into_iter().filter_map(|(name, heater)| heater.map(|heater| (name, heater)));
+        for (i, (name, Heater { actual_c, target_c })) in known.enumerate() {
+            let comma = if i > 0 { ", " } else { "" };
+            write!(f, "{comma}{name} {actual_c:.0} °C")?;
+            if target_c > 0.0 {
+                write!(f, " of {target_c:.0} °C")?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Parses one line, without its line end.
@@ -257,21 +281,23 @@ fn temperatures(line: &str) -> Option<Temperatures> {
         return None;
     }
     let mut out = Temperatures::default();
+    let mut is_told = false;
     let mut words = line.split_ascii_whitespace().peekable();
     while let Some(word) = words.next() {
         let Some((name, actual)) = word.split_once(':') else { continue };
         let Some(actual_c) = finite(actual) else { continue };
+        is_told |= matches!(name, "T" | "T0" | "B");
+        // A heater whose target is not told is not known to be off.
         let target = words.next_if(|next| next.starts_with('/'));
-        let target_c = target.and_then(|t| finite(&t[1..])).unwrap_or(0.0);
-        let heater = Some(Heater { actual_c, target_c });
+        let heater = target.and_then(|t| finite(&t[1..])).map(|target_c| Heater { actual_c, target_c });
         match name {
-            "T" => out.hotend = heater,
+            "T" => out.hotend = heater.or(out.hotend),
             "T0" => out.hotend = out.hotend.or(heater),
-            "B" => out.bed = heater,
+            "B" => out.bed = heater.or(out.bed),
             _ => {}
         }
     }
-    (out.hotend.is_some() || out.bed.is_some()).then_some(out)
+    is_told.then_some(out)
 }
 
 fn finite(text: &str) -> Option<f64> {

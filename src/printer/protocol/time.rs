@@ -40,14 +40,19 @@ pub enum Timer {
     Command,
     /// The firmware has not answered the greeting.
     Handshake,
+    /// A sign of life is due, in a pause.
+    Pulse,
+    /// The answer to heaters-off is due.
+    Secure,
 }
 
 /// At most one deadline for each [`Timer`].
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Timers([Option<Instant>; 4]);
+pub(super) struct Timers([Option<Instant>; 6]);
 
 impl Timers {
-    const ALL: [Timer; 4] = [Timer::Response, Timer::Silence, Timer::Command, Timer::Handshake];
+    const ALL: [Timer; 6] =
+        [Timer::Response, Timer::Silence, Timer::Command, Timer::Handshake, Timer::Pulse, Timer::Secure];
 
     pub(super) fn set(&mut self, timer: Timer, deadline: Instant) {
         self.0[timer as usize] = Some(deadline);

@@ -134,6 +134,16 @@ impl Wire {
         self.is_whole = true;
     }
 
+    /// More will be appended after all.
+    pub(super) fn reopen(&mut self) {
+        self.is_whole = false;
+    }
+
+    /// Whether lines that were sent once are to be sent again.
+    pub(super) fn owes_lines(&self) -> bool {
+        self.next <= self.highest
+    }
+
     pub(super) fn is_whole(&self) -> bool {
         self.is_whole
     }

@@ -1,7 +1,11 @@
 //! Sessions against the simulated printer, in one process and on its clock.
 
+mod certain;
 mod crash;
+mod deposit;
+mod hold;
 mod matrix;
 mod rate;
 mod reattach;
 mod rig;
+mod vessel;

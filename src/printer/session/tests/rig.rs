@@ -83,9 +83,14 @@ pub(super) struct Rig {
     pub(super) events: Vec<PrintEvent>,
     /// Names of faults and states that the printer has told, with the time.
     pub(super) states: Vec<(f64, String)>,
-    /// What was written last.
-    last_words: Vec<u8>,
+    /// When the print was given up, s.
+    pub(super) gave_up_s: Option<f64>,
     is_connected: bool,
+    /// The printer neither hears nor says anything any more.
+    pub(super) is_deaf: bool,
+    /// This share of the next write gets out, then the host is dead.
+    pub(super) dies_at: Option<f64>,
+    pub(super) is_dead: bool,
 }
 
 impl Rig {
@@ -101,8 +106,11 @@ impl Rig {
             laid: Vec::new(),
             events: Vec::new(),
             states: Vec::new(),
-            last_words: Vec::new(),
+            gave_up_s: None,
             is_connected: true,
+            is_deaf: false,
+            dies_at: None,
+            is_dead: false,
             setup,
         };
         let n_lines = rig.session.n_lines();
@@ -134,17 +142,27 @@ impl Rig {
         }
         let mut out = Vec::new();
         self.session.transmit(&mut out);
+        if let Some(share) = self.dies_at.filter(|_| !out.is_empty()) {
+            out.truncate(whole(share * out.len() as f64));
+            self.is_dead = true;
+        }
         if !out.is_empty() && self.is_connected {
-            self.printer.receive(&out);
-            self.last_words = out;
+            if !self.is_deaf {
+                self.printer.receive(&out);
+            }
             moved = true;
         }
         let said = std::mem::take(self.printer.output());
-        if !said.is_empty() && self.is_connected {
+        if !said.is_empty() && self.is_connected && !self.is_deaf {
             self.session.handle_bytes(self.now(), &said);
             moved = true;
         }
+        let before = self.events.len();
         self.events.extend(std::iter::from_fn(|| self.session.poll_event()));
+        let gave_up = |event: &PrintEvent| matches!(event, PrintEvent::Session(Event::Faulted(_)));
+        if self.events[before..].iter().any(gave_up) {
+            self.gave_up_s.get_or_insert(self.printer.now_s());
+        }
         self.observe();
         moved
     }
@@ -155,14 +173,17 @@ impl Rig {
                 self.is_connected = false;
                 self.session.handle_lost(self.now());
             }
-            (true, false) if self.session.wants_port() => {
-                self.is_connected = true;
-                self.printer.host_arrived();
-                self.session.handle_port(self.now());
-            }
+            (true, false) if self.session.wants_port() => self.reconnect(),
             _ => return false,
         }
         true
+    }
+
+    /// The port is opened again.
+    pub(super) fn reconnect(&mut self) {
+        self.is_connected = true;
+        self.printer.host_arrived();
+        self.session.handle_port(self.now());
     }
 
     fn observe(&mut self) {
@@ -178,8 +199,8 @@ impl Rig {
 
     /// Everything that happens at this moment, then on to the next one. False when nothing will ever happen.
     pub(super) fn step(&mut self) -> bool {
-        while self.exchange() {}
-        if self.session.is_over() {
+        while !self.is_dead && self.exchange() {}
+        if self.session.is_over() || self.is_dead {
             return false;
         }
         let due = self.session.poll_timeout();
@@ -220,17 +241,18 @@ impl Rig {
             .unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
     }
 
-    /// Whether heaters-off was the last that was written.
-    pub(super) fn told_off(&self) -> bool {
-        String::from_utf8_lossy(&self.last_words).contains("M104 S0")
-    }
-
     /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
     pub(super) fn resume(&mut self, lost_s: f64, after_reset: bool) {
         let known = self.known(lost_s);
+        self.resume_by(known, after_reset);
+    }
+
+    /// A new host resumes by what its journal says.
+    pub(super) fn resume_by(&mut self, known: Known, after_reset: bool) {
         self.printer.host_left();
         self.printer.host_arrived();
         self.is_connected = true;
+        (self.dies_at, self.is_dead) = (None, false);
         let start = Start::Resume { known: Box::new(known), after_reset };
         self.session = Session::new(self.setup.job(), &self.setup.profile, start, self.now());
     }
@@ -256,6 +278,16 @@ impl Rig {
         self.printer.output().clear();
         self.observe();
     }
+}
+
+fn whole(share: f64) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a write's length"
+    )]
+    let n = share as usize;
+    n
 }
 
 /// What a print without faults lays down.

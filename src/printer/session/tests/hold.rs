@@ -1,0 +1,245 @@
+//! What the operator asks for while a print runs: pauses that leave no trace, stops that are confirmed.
+
+use super::super::super::control::Control;
+use super::super::*;
+use super::rig::{Rig, Setup, clean, is_same};
+
+const ALL: [&str; 8] =
+    ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];
+
+fn ask(rig: &mut Rig, control: Control) {
+    let now = rig.now();
+    rig.session.control(now, control);
+}
+
+/// In the middle of a print, paused, and the nozzle away from the part.
+fn paused(setup: Setup, n_laid: usize) -> Rig {
+    let name = setup.profile.name.clone();
+    let mut rig = Rig::new(setup);
+    assert!(rig.run_until(|rig| rig.laid.len() >= n_laid), "{name}");
+    ask(&mut rig, Control::Pause);
+    assert!(rig.run_until(|rig| *rig.session.core.state() == State::Paused), "{name}");
+    wait(&mut rig, 60.0);
+    rig
+}
+
+/// Klipper takes some two hundred lines before the nozzle has done the first: in a short job nothing is left to pause.
+fn long(profile: &str) -> Setup {
+    Setup::new(profile, if profile == "klipper" { 10 } else { 4 }, 48)
+}
+
+fn wait(rig: &mut Rig, for_s: f64) {
+    let until_s = rig.printer.now_s() + for_s;
+    rig.run_until(|rig| rig.printer.now_s() >= until_s);
+}
+
+fn is_away(rig: &Rig) -> bool {
+    rig.printer.summary().position_mm[2] >= 9.0
+}
+
+#[test]
+fn a_pause_parks_the_nozzle_keeps_the_heat_and_leaves_no_trace() {
+    for profile in ALL {
+        let setup = long(profile);
+        let expected = clean(&setup);
+        for n_laid in [3, 60, 100] {
+            let mut rig = paused(setup.clone(), n_laid);
+            let n_before = rig.laid.len();
+            wait(&mut rig, 900.0);
+            assert!(rig.events.contains(&PrintEvent::Session(Event::Paused)), "{profile}");
+            assert!(is_away(&rig) && rig.printer.summary().hotend_c[1] > 0.0, "{profile} {n_laid}");
+            assert_eq!(rig.laid.len(), n_before, "{profile}");
+            ask(&mut rig, Control::GoOn);
+            let end = rig.run();
+            assert!(matches!(end, End::Finished), "{profile} {n_laid}: {end:?}");
+            assert!(is_same(&rig.laid, &expected), "{profile} {n_laid}");
+        }
+    }
+}
+
+#[test]
+fn pauses_one_after_the_other_leave_no_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 2, 48);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 5);
+        for n_laid in [6, 30, 31, 70] {
+            ask(&mut rig, Control::GoOn);
+            // Also where the nozzle is just on its way back.
+            assert!(rig.run_until(|rig| rig.laid.len() >= n_laid), "{profile}");
+            ask(&mut rig, Control::Pause);
+            wait(&mut rig, 0.5);
+            ask(&mut rig, Control::GoOn);
+            wait(&mut rig, 0.2);
+            ask(&mut rig, Control::Pause);
+            wait(&mut rig, 30.0);
+        }
+        ask(&mut rig, Control::GoOn);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
+fn a_cable_pulled_in_a_pause_leaves_it_paused_and_no_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        let now = rig.now();
+        rig.session.handle_lost(now);
+        let back = now + Duration::from_secs(20);
+        rig.drain(20.0);
+        rig.session.handle_port(back);
+        wait(&mut rig, 100.0);
+        let what = format!("{profile}: {:?}", rig.session.end);
+        assert_eq!(rig.session.core.state(), &State::Paused, "{what}");
+        assert!(is_away(&rig), "{what}");
+        ask(&mut rig, Control::GoOn);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
+fn a_host_that_dies_in_a_pause_is_resumed_without_a_trace() {
+    for profile in ALL {
+        let setup = Setup::new(profile, 3, 48);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        rig.drain(30.0);
+        rig.resume(30.0, false);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
+fn a_pause_asked_for_while_the_port_is_away_holds_when_it_is_back() {
+    for profile in ALL {
+        let setup = long(profile);
+        let expected = clean(&setup);
+        let mut rig = Rig::new(setup.with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+        ask(&mut rig, Control::Pause);
+        let n_before = rig.laid.len();
+        assert!(rig.run_until(|rig| *rig.session.core.state() == State::Paused), "{profile}");
+        wait(&mut rig, 100.0);
+        assert!(rig.laid.len() <= n_before + 200 && is_away(&rig), "{profile}: only what the printer had");
+        ask(&mut rig, Control::GoOn);
+        assert!(matches!(rig.run(), End::Finished), "{profile}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
+fn a_pause_asked_for_before_the_first_line_holds() {
+    let mut rig = Rig::new(Setup::new("marlin", 2, 40));
+    ask(&mut rig, Control::Pause);
+    wait(&mut rig, 100.0);
+    assert_eq!((rig.session.core.state(), rig.laid.len()), (&State::Paused, 0), "{:?}", rig.events);
+    ask(&mut rig, Control::GoOn);
+    assert!(matches!(rig.run(), End::Finished));
+}
+
+#[test]
+fn a_board_that_dies_in_a_pause_is_noticed() {
+    for profile in ["marlin", "marlin1", "repetier"] {
+        let mut rig = paused(Setup::new(profile, 3, 48), 60);
+        let before_s = rig.printer.now_s();
+        rig.is_deaf = true;
+        let end = rig.run();
+        assert!(matches!(end, End::Faulted(Fault::Silent { .. })), "{profile}: {end:?}");
+        assert!(rig.gave_up_s.unwrap() - before_s < 30.0, "{profile}");
+        assert!(matches!(rig.session.heat(), Heat::Unknown(_)), "{profile}");
+    }
+}
+
+#[test]
+fn an_emergency_stop_is_confirmed_by_what_the_printer_says() {
+    for profile in ALL {
+        for n_laid in [0, 60] {
+            for pauses in [false, true] {
+                let mut rig = if pauses && n_laid > 0 {
+                    paused(Setup::new(profile, 3, 48), n_laid)
+                } else {
+                    let mut rig = Rig::new(Setup::new(profile, 3, 48));
+                    rig.run_until(|rig| rig.laid.len() >= n_laid);
+                    rig
+                };
+                let progress = rig.session.core.progress();
+                ask(&mut rig, Control::EmergencyStop);
+                let (before_s, n_before) = (rig.printer.now_s(), rig.laid.len());
+                let end = rig.run();
+                let what = format!("{profile} {n_laid} {pauses}: {end:?} {:?}", rig.session.heat());
+                assert!(matches!(end, End::Faulted(Fault::EmergencyStop)), "{what}");
+                assert!(rig.session.heat().is_safe(), "{what}");
+                assert!(rig.printer.now_s() - before_s < 5.0, "{what}");
+                assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}");
+                // Where the word is no emergency to the firmware's receiver, what stands before it in its queue is done first.
+                let n_before_it = usize::try_from(progress.n_sent - progress.n_acked).unwrap() + 1;
+                assert!(rig.laid.len() <= n_before + n_before_it, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_question_of_the_printer_is_told_and_answered() {
+    let mut setup = Setup::new("marlin", 2, 40);
+    setup.job = setup.job.replace(";LAYER:1", "M0 Look at it");
+    let expected = clean(&Setup::new("marlin", 2, 40));
+    let mut rig = Rig::new(setup);
+    let asks = |event: &PrintEvent| matches!(event, PrintEvent::Session(Event::Prompt(Some(_))));
+    assert!(rig.run_until(|rig| rig.events.iter().any(asks)));
+    wait(&mut rig, 600.0);
+    ask(&mut rig, Control::Answer(0));
+    assert!(matches!(rig.run(), End::Finished));
+    assert!(is_same(&rig.laid, &expected));
+    assert_eq!(rig.printer.summary().repeated_move_lines, 0);
+}
+
+#[test]
+fn a_stop_while_the_printer_is_asked_where_it_is_switches_it_off() {
+    for profile in ALL {
+        let mut rig = Rig::new(Setup::new(profile, 3, 48).with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+        rig.drain(30.0);
+        rig.reconnect();
+        ask(&mut rig, Control::Stop);
+        let end = rig.run();
+        assert!(matches!(end, End::Cancelled), "{profile}: {end:?}");
+        assert!(matches!(rig.session.heat(), Heat::Off(_)), "{profile}: {:?}", rig.session.heat());
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+    }
+}
+
+#[test]
+fn a_print_that_cannot_be_resumed_leaves_no_heat() {
+    let mut setup = Setup::new("marlin", 3, 48);
+    setup.profile.scripts.recovery.clear();
+    let mut rig = Rig::new(setup.with("reset:line=80"));
+    assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)));
+    // Somebody has heated it again meanwhile.
+    rig.printer.receive(b"M104 S200\n");
+    rig.drain(60.0);
+    rig.resume(60.0, true);
+    assert!(matches!(rig.run(), End::Refused(_)));
+    assert!(matches!(rig.session.heat(), Heat::Off(_)), "{:?}", rig.session.heat());
+    assert!(rig.printer.summary().hotend_c[1] <= 0.0);
+}
+
+#[test]
+fn a_print_that_needs_consent_says_how_warm_it_is() {
+    let mut rig = Rig::new(Setup::new("marlin", 3, 48));
+    assert!(rig.run_until(|rig| rig.laid.len() >= 60));
+    rig.printer.receive(b"\nG91\nG1 X5\n");
+    rig.drain(30.0);
+    rig.resume(30.0, false);
+    let end = rig.run();
+    assert!(matches!(end, End::NeedsConsent(_)), "{end:?}");
+    assert!(matches!(rig.session.heat(), Heat::On(_)), "{:?}", rig.session.heat());
+}
