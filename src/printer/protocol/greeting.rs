@@ -19,6 +19,14 @@ pub enum Greeting {
 /// A number that is not the next one.
 const PROOF_NUMBER: u64 = 1000;
 
+/// A printer may repeat a line once; what repeats every line is none.
+const MAX_ECHOED: u32 = 2;
+
+/// Whether a line can only be one that we have sent.
+fn is_ours(line: &str) -> bool {
+    line == "M105" || line.starts_with('N') && line.contains(" M110 N0*")
+}
+
 impl Core {
     pub(super) fn connect(&mut self) {
         if self.config.firmware.reset_on_open {
@@ -75,6 +83,7 @@ impl Core {
             (Reply::Temperatures(temperatures), _) => {
                 self.events.push_back(Event::Temperatures(temperatures))
             }
+            (Reply::Unknown(_), _) if is_ours(line) => self.n_echoed += 1,
             (Reply::Unknown(_), _) => {
                 self.stats.n_unknown_lines += u64::from(line.contains('\u{fffd}'));
                 self.events.push_back(Event::Message(line.to_owned()));
@@ -113,6 +122,7 @@ impl Core {
         self.next_ok =
             if self.config.firmware.line_numbers { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
+        self.n_echoed = 0;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;
         self.events.push_back(Event::Connected);
@@ -130,7 +140,9 @@ impl Core {
     }
 
     fn greet_again(&mut self, tries: u32) {
-        if tries < self.max_greetings() {
+        if self.n_echoed > MAX_ECHOED {
+            self.fail(Fault::Echo);
+        } else if tries < self.max_greetings() {
             self.greet(tries + 1);
         } else if matches!(self.state, State::Handshake(Greeting::AwaitProof(_))) {
             self.fail(Fault::NoLineNumbers);

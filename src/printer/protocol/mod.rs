@@ -156,6 +156,8 @@ pub struct Core {
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
+    /// Lines of ours that came back.
+    n_echoed: u32,
     pulse: Pulse,
     prompts: Prompts,
     securing: Securing,
@@ -221,6 +223,7 @@ impl Core {
             is_advanced: false,
             n_emergencies_owed: 0,
             n_garbled: 0,
+            n_echoed: 0,
             pulse: Pulse::default(),
             prompts: Prompts::default(),
             securing: Securing::default(),
