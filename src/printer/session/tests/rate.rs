@@ -23,3 +23,17 @@ fn of_the_wire_99_percent_are_used_at_every_rate() {
         assert!((0.99..=1.0 + 1e-9).contains(&share), "{baud} baud: {share:.4}");
     }
 }
+
+/// Where the wire carries a vessel's lines faster than they are moved, the planner holds moves at every moment.
+#[test]
+fn the_planner_never_runs_dry_on_a_vessel() {
+    let mut setup = Setup::new("marlin", 1, 3).with("delay:dir=tx,rate=1,for-s=0.001");
+    setup.job = super::vessel::job(&setup.profile, 3);
+    setup.baud = Some(setup.profile.firmware.baud);
+    let mut rig = Rig::new(setup);
+    assert!(matches!(rig.run(), End::Finished));
+    let summary = rig.printer.summary();
+    assert!(summary.moving_s > 60.0, "{summary:?}");
+    assert_eq!((summary.planner_dry, summary.planner_dry_s), (0, 0.0));
+    assert!(summary.least_planner_depth >= Some(10), "{:?}", summary.least_planner_depth);
+}
