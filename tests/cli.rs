@@ -152,6 +152,26 @@ fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
 }
 
 #[test]
+fn whatever_is_changed_in_a_case_is_found() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    assert!(place.run(&["segment", "--ct", "ct", &seed, "--out", "case"]).status.success());
+    let unchanged = place.json(0, &["verify", "case"]);
+    assert_eq!((&unchanged["passed"], &unchanged["unknown"]), (&Value::Bool(true), &serde_json::json!([])));
+    let key = unchanged["key"].as_str().unwrap();
+
+    let sections = fs::read_to_string(place.path("case/sections.json")).unwrap();
+    fs::write(place.path("case/sections.json"), sections + " ").unwrap();
+    let changed = place.json(1, &["verify", "case", "--key", key]);
+    assert_eq!(changed["findings"], serde_json::json!([{ "file": "sections.json", "problem": "changed" }]));
+    assert_eq!(
+        place.json(1, &["verify", "case", "--key", &"0".repeat(64)])["findings"][0]["problem"],
+        "other-key"
+    );
+    assert!(place.refused(1, &["verify", "ct"]).contains("is no case directory"));
+}
+
+#[test]
 fn the_case_holds_no_path_and_its_ct_is_found_again_through_the_state_directory() {
     let place = Place::new();
     let seed = place.phantom("DOE_JANE", &small());

@@ -14,6 +14,7 @@
 //! | `wall.json` | solid | how thick the wall is, as built; `null` for a cast |
 //! | `job.gcode`, `layers.json` | slice | the print job; layers against CT planes, `bed_from_stack` |
 //! | `record/`, `print.json` | print | what the simulated printer laid down; how the print went |
+//! | `seal.toml` | every stage | signature of `case.toml` and `stages.toml` ([`super::seal`]) |
 //! | `report/` | report | `index.html`, `report.json`, pictures |
 //!
 //! A stage writes into a hidden directory beside its outputs; when it is through, these are flushed to the disk and
@@ -23,6 +24,7 @@
 
 use super::atomic::{self, FileError, failed};
 use super::event::Stage;
+use super::seal::{self, KeyFile};
 use super::settings::{CaseFile, Settings};
 use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
@@ -34,7 +36,7 @@ use tempfile::TempDir;
 
 /// The file that makes a directory a case.
 pub const CASE_FILE: &str = "case.toml";
-const MANIFEST_FILE: &str = "stages.toml";
+pub(super) const MANIFEST_FILE: &str = "stages.toml";
 const LOCK_FILE: &str = "stages.lock";
 /// The result that operators are told to correct by hand.
 pub(crate) const CONTOURS_FILE: &str = "sections.json";
@@ -217,6 +219,8 @@ pub struct Case {
     /// Whether they differ from what is written down.
     has_new_settings: bool,
     manifest: Manifest,
+    /// What it is sealed with, where there is a place for a key.
+    key: Option<KeyFile>,
     /// Held as long as the case is open.
     lock: Option<File>,
 }
@@ -251,6 +255,7 @@ impl Case {
             settings,
             has_new_settings: true,
             manifest: Manifest::new(),
+            key: None,
             lock: None,
         })
     }
@@ -275,8 +280,14 @@ impl Case {
             settings,
             has_new_settings: false,
             manifest,
+            key: None,
             lock: Some(lock),
         })
+    }
+
+    /// Seals the case with this key whenever it changes from now on.
+    pub fn seal_with(&mut self, key: KeyFile) {
+        self.key = Some(key);
     }
 
     /// Where the case is, or will be once its first stage is done.
@@ -311,6 +322,7 @@ impl Case {
         if self.has_new_settings && self.draft.is_none() {
             self.write_settings(&self.dir)?;
             self.has_new_settings = false;
+            self.seal(&self.dir)?;
         }
         Ok(())
     }
@@ -412,6 +424,7 @@ impl Case {
             self.has_new_settings = false;
         }
         self.write_manifest(&base)?;
+        self.seal(&base)?;
         self.publish()
     }
 
@@ -436,6 +449,7 @@ impl Case {
             self.write_settings(&base)?;
             self.has_new_settings = false;
             self.write_manifest(&base)?;
+            self.seal(&base)?;
         }
         self.publish()
     }
@@ -472,6 +486,30 @@ impl Case {
     fn write_manifest(&self, base: &Path) -> Result<(), CaseError> {
         let text = toml::to_string(&self.manifest).expect("a map of strings can be written as TOML");
         Ok(atomic::write(&base.join(MANIFEST_FILE), text.as_bytes())?)
+    }
+}
+
+impl Case {
+    fn seal(&self, base: &Path) -> Result<(), CaseError> {
+        let is_whole = base.join(MANIFEST_FILE).exists();
+        self.key.as_ref().filter(|_| is_whole).map_or(Ok(()), |key| seal::seal(base, key))
+    }
+}
+
+/// The results that a case's record names, each with its hash.
+pub(super) fn made(dir: &Path) -> Result<Vec<(String, String)>, CaseError> {
+    let manifest = read_manifest(&dir.join(MANIFEST_FILE))?;
+    Ok(manifest.into_values().flat_map(|record| record.made).collect())
+}
+
+/// Whether there is a case that nobody works on; nothing in it is changed.
+pub(super) fn check_readable(dir: &Path) -> Result<(), CaseError> {
+    if !is_case(dir) {
+        return Err(if is_vacant(dir)? { CaseError::Missing } else { CaseError::NotACase }(dir.to_owned()));
+    }
+    match lock(dir) {
+        Err(in_use @ CaseError::InUse(_)) => Err(in_use),
+        _ => Ok(()),
     }
 }
 

@@ -11,6 +11,7 @@ pub mod case;
 pub mod error;
 pub mod event;
 pub mod packed;
+pub mod seal;
 pub mod session;
 pub mod settings;
 pub mod source;

@@ -175,7 +175,10 @@ impl<'a> Session<'a> {
         Ok(Self::new(case, named, context))
     }
 
-    fn new(case: Case, named: Places, context: Context<'a>) -> Self {
+    fn new(mut case: Case, named: Places, context: Context<'a>) -> Self {
+        if let Some(key) = context.sources.key_file() {
+            case.seal_with(key);
+        }
         Self {
             case,
             ct_is_named: named != Places::default(),

@@ -5,6 +5,7 @@
 //! that does not know it, everything after the segmentation still works.
 
 use super::atomic::{self, FileError, failed};
+use super::seal::KeyFile;
 use serde::{Deserialize, Serialize};
 use std::fs::{DirBuilder, Permissions};
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
@@ -36,6 +37,12 @@ impl Sources {
     #[must_use]
     pub const fn in_dir(dir: PathBuf) -> Self {
         Self(Some(dir))
+    }
+
+    /// Where the key lies that cases are sealed with.
+    #[must_use]
+    pub fn key_file(&self) -> Option<KeyFile> {
+        self.0.as_ref().map(|dir| KeyFile::at(dir.with_file_name("signing.key")))
     }
 
     /// Remembers what a case was made from.

@@ -72,6 +72,17 @@ pub(crate) enum Command {
         /// Case directory
         case: PathBuf,
     },
+    /// Find out whether anything in a case was changed since it was made
+    ///
+    /// Every stage seals the case: its record of hashes is signed with a key that belongs to this installation. Exit code 1 where
+    /// a file was changed or is gone, or where the seal is missing, forged or that of another installation.
+    Verify {
+        /// Case directory
+        case: PathBuf,
+        /// Public key of the installation that sealed the case, as `verify` prints it there [default: this one's]
+        #[arg(long, value_name = "HEX", value_parser = public_key)]
+        key: Option<String>,
+    },
     /// Write the solid for other programs: STL, 3MF, STEP, or a table of triangles against deflections
     Export(ExportArgs),
     /// Firmware and machine profiles
@@ -558,6 +569,12 @@ pub(crate) fn usage_line(error: &clap::Error) -> String {
     let joined: Vec<&str> =
         what.split_whitespace().chain(tip.into_iter().flat_map(str::split_whitespace)).collect();
     format!("{} (see --help)", joined.join(" "))
+}
+
+/// 64 hexadecimal digits.
+fn public_key(text: &str) -> Result<String, String> {
+    let is_key = text.len() == 64 && text.bytes().all(|b| b.is_ascii_hexdigit());
+    is_key.then(|| text.to_lowercase()).ok_or_else(|| "expected 64 hexadecimal digits".to_owned())
 }
 
 #[cfg(test)]

@@ -47,6 +47,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Report { case } => {
             stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
         }
+        Command::Verify { case, key } => verify(&case, key.as_deref(), &face, &context),
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
@@ -391,6 +392,13 @@ fn safe_off(args: &SafeOffArgs, face: &Face) -> Result<u8, Error> {
     let told = app::safe_off(printer)?;
     face.result(&told, "the heaters are off\n");
     Ok(0)
+}
+
+fn verify(case: &Path, key: Option<&str>, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
+    let own = context.sources.key_file();
+    let verified = app::seal::verify(case, own.as_ref(), key)?;
+    face.result(&verified, &verified.to_string());
+    Ok(u8::from(!verified.passed))
 }
 
 fn export(args: &ExportArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {

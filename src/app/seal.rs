@@ -1,0 +1,384 @@
+//! The seal of a case: whoever changes anything in it afterwards is found out.
+//!
+//! `stages.toml` holds the hash of every result, `case.toml` all parameters. `seal.toml` holds the hashes of these two and a
+//! signature of them (Ed25519, RFC 8032) by a key that is made once for each installation and kept beside
+//! the sources, readable by its owner alone. It is written anew with every stage that is done; it says nothing of the patient.
+//!
+//! [`verify`] only reads: a case on a read-only medium can be verified too.
+
+use super::atomic::{self, FileError, failed};
+use super::case::{self, CASE_FILE, CaseError, MANIFEST_FILE};
+use ed25519_dalek::{Signature, Signer, SigningKey, Verifier, VerifyingKey};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::fmt;
+use std::fs::{self, DirBuilder};
+use std::io::ErrorKind;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+/// The seal's file in a case.
+pub(super) const SEAL_FILE: &str = "seal.toml";
+/// What comes and goes in a case beside the results of its stages.
+const NOT_SEALED: [&str; 6] =
+    [CASE_FILE, MANIFEST_FILE, SEAL_FILE, "stages.lock", "job.gcode.journal", "job.gcode.resume.svg"];
+
+/// The place of an installation's key.
+#[derive(Debug, Clone)]
+pub struct KeyFile(PathBuf);
+
+impl KeyFile {
+    /// In the given file, which need not be there yet.
+    #[must_use]
+    pub const fn at(path: PathBuf) -> Self {
+        Self(path)
+    }
+
+    /// The key; made where there is none yet.
+    fn key(&self) -> Result<SigningKey, CaseError> {
+        if let Some(key) = self.existing()? {
+            return Ok(key);
+        }
+        let mut secret = [0; 32];
+        getrandom::fill(&mut secret)
+            .map_err(|e| failed("make", &self.0)(std::io::Error::other(e.to_string())))?;
+        self.keep(&secret)?;
+        // Another process may have been quicker.
+        self.existing()?.ok_or_else(|| failed("read", &self.0)(ErrorKind::NotFound.into()).into())
+    }
+
+    fn existing(&self) -> Result<Option<SigningKey>, CaseError> {
+        let text = match fs::read_to_string(&self.0) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+            text => text.map_err(failed("read", &self.0))?,
+        };
+        let problem = "expected the 64 hexadecimal digits of this installation's key: put its copy back, or move it away to have a new \
+                       one made (cases sealed with the old one then need --key)";
+        let secret = bytes_of_hex(text.trim())
+            .ok_or_else(|| CaseError::Corrupt { path: self.0.clone(), problem: problem.into() })?;
+        Ok(Some(SigningKey::from_bytes(&secret)))
+    }
+
+    /// Writes a new key whole, unless there is one.
+    fn keep(&self, secret: &[u8; 32]) -> Result<(), FileError> {
+        let dir = atomic::parent(&self.0);
+        DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(failed("create", dir))?;
+        // Created readable by its owner alone.
+        let new = tempfile::NamedTempFile::new_in(dir).map_err(failed("create a file in", dir))?;
+        fs::write(new.path(), hex(secret)).map_err(failed("write", &self.0))?;
+        new.as_file().sync_all().map_err(failed("write", &self.0))?;
+        match new.persist_noclobber(&self.0) {
+            Err(e) if e.error.kind() != ErrorKind::AlreadyExists => Err(failed("write", &self.0)(e.error)),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What the file says.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Seal {
+    /// BLAKE3 of `case.toml` and of `stages.toml`.
+    case: String,
+    stages: String,
+    /// Public key of the installation, and its signature of both hashes.
+    key: String,
+    signature: String,
+}
+
+impl Seal {
+    fn signed_text(case: &str, stages: &str) -> String {
+        format!("lumenfab seal 1\n{case}\n{stages}\n")
+    }
+
+    fn is_genuine(&self) -> bool {
+        let key = bytes_of_hex(&self.key).and_then(|bytes| VerifyingKey::from_bytes(&bytes).ok());
+        let signature = bytes_of_hex(&self.signature).map(|bytes| Signature::from_bytes(&bytes));
+        let text = Self::signed_text(&self.case, &self.stages);
+        key.zip(signature).is_some_and(|(key, signature)| key.verify(text.as_bytes(), &signature).is_ok())
+    }
+}
+
+/// Seals a case as it is.
+///
+/// # Errors
+/// [`CaseError`] where the key cannot be read or made, or the case cannot be written.
+pub(super) fn seal(dir: &Path, key: &KeyFile) -> Result<(), CaseError> {
+    let key = key.key()?;
+    let case = atomic::hash_of_path(&dir.join(CASE_FILE))?;
+    let stages = atomic::hash_of_path(&dir.join(MANIFEST_FILE))?;
+    let signature = key.sign(Seal::signed_text(&case, &stages).as_bytes());
+    let seal = Seal {
+        case,
+        stages,
+        key: hex(key.verifying_key().as_bytes()),
+        signature: hex(&signature.to_bytes()),
+    };
+    let text = toml::to_string(&seal).expect("strings can be written as TOML");
+    Ok(atomic::write(&dir.join(SEAL_FILE), text.as_bytes())?)
+}
+
+/// What is wrong with a file of a case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Problem {
+    /// The case was never sealed, or the seal was taken away.
+    NotSealed,
+    /// The seal cannot be read, or its signature is not that of its key.
+    NotGenuine,
+    /// The seal is that of another installation.
+    OtherKey,
+    /// The file is not what it was when it was sealed.
+    Changed,
+    /// The file is gone.
+    Missing,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotSealed => "there is no seal: do a stage of the case again to have one made",
+            Self::NotGenuine => "the seal is damaged or forged: the signature does not fit",
+            Self::OtherKey => "sealed by another installation: give its key with --key to check against it",
+            Self::Changed => "changed since it was made",
+            Self::Missing => "gone",
+        })
+    }
+}
+
+/// Something that is wrong.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// The file, within the case.
+    pub file: String,
+    /// What is wrong with it.
+    pub problem: Problem,
+}
+
+/// What came of looking at a case.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Verified {
+    /// The case directory.
+    pub case: PathBuf,
+    /// Whether everything is as it was sealed.
+    pub passed: bool,
+    /// Public key of the installation that sealed it.
+    pub key: Option<String>,
+    /// Results that were looked at.
+    pub n_files: usize,
+    /// What is wrong.
+    pub findings: Vec<Finding>,
+    /// Files that no stage has made: nothing is known of them.
+    pub unknown: Vec<String>,
+}
+
+impl fmt::Display for Verified {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for finding in &self.findings {
+            writeln!(f, "{:<20} {}", finding.file, finding.problem)?;
+        }
+        for file in &self.unknown {
+            writeln!(f, "{file:<20} made by no stage, nothing is known of it")?;
+        }
+        let verdict = if self.passed { "unchanged" } else { "NOT as it was sealed" };
+        writeln!(f, "{}: {} results, {verdict}", self.case.display(), self.n_files)?;
+        self.key.as_ref().map_or(Ok(()), |key| writeln!(f, "sealed with key {key}"))
+    }
+}
+
+/// Compares a case with what was sealed. `expected` is the public key it must be sealed with (64 hexadecimal digits), else
+/// that of this installation.
+///
+/// # Errors
+/// [`CaseError`] where there is no case, where another process works on it, or where something cannot be read.
+pub fn verify(dir: &Path, own: Option<&KeyFile>, expected: Option<&str>) -> Result<Verified, CaseError> {
+    case::check_readable(dir)?;
+    let mut found = Findings(Vec::new());
+    let key = found.look_at_seal(dir, own, expected)?;
+    let made = case::made(dir).unwrap_or_default();
+    for (name, hash) in &made {
+        found.compare(dir, name, hash)?;
+    }
+    let known: BTreeSet<&str> = made.iter().map(|(name, _)| name.as_str()).chain(NOT_SEALED).collect();
+    let unknown = atomic::entries(dir)?
+        .iter()
+        .filter_map(|path| path.file_name().map(|name| name.to_string_lossy().into_owned()))
+        .filter(|name| !known.contains(name.as_str()))
+        .collect();
+    let findings = found.0;
+    Ok(Verified {
+        case: dir.to_owned(),
+        passed: findings.is_empty(),
+        key,
+        n_files: made.len(),
+        findings,
+        unknown,
+    })
+}
+
+struct Findings(Vec<Finding>);
+
+impl Findings {
+    fn add(&mut self, file: &str, problem: Problem) {
+        self.0.push(Finding { file: file.to_owned(), problem });
+    }
+
+    /// The key of the seal, where there is one.
+    fn look_at_seal(
+        &mut self,
+        dir: &Path,
+        own: Option<&KeyFile>,
+        expected: Option<&str>,
+    ) -> Result<Option<String>, CaseError> {
+        let text = match fs::read_to_string(dir.join(SEAL_FILE)) {
+            Err(e) if e.kind() == ErrorKind::NotFound => {
+                self.add(SEAL_FILE, Problem::NotSealed);
+                return Ok(None);
+            }
+            Err(e) if e.kind() == ErrorKind::InvalidData => String::new(),
+            text => text.map_err(failed("read", &dir.join(SEAL_FILE)))?,
+        };
+        let Some(seal) = toml::from_str::<Seal>(&text).ok().filter(Seal::is_genuine) else {
+            self.add(SEAL_FILE, Problem::NotGenuine);
+            return Ok(None);
+        };
+        let own = own.map(KeyFile::existing).transpose()?.flatten();
+        let expected =
+            expected.map(str::to_lowercase).or_else(|| own.map(|key| hex(key.verifying_key().as_bytes())));
+        if expected.as_ref() != Some(&seal.key) {
+            self.add(SEAL_FILE, Problem::OtherKey);
+        }
+        self.compare(dir, CASE_FILE, &seal.case)?;
+        self.compare(dir, MANIFEST_FILE, &seal.stages)?;
+        Ok(Some(seal.key))
+    }
+
+    fn compare(&mut self, dir: &Path, name: &str, hash: &str) -> Result<(), CaseError> {
+        let path = dir.join(name);
+        if !path.exists() {
+            self.add(name, Problem::Missing);
+        } else if atomic::hash_of_path(&path)? != hash {
+            self.add(name, Problem::Changed);
+        }
+        Ok(())
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The bytes of so many pairs of hexadecimal digits.
+fn bytes_of_hex<const N: usize>(text: &str) -> Option<[u8; N]> {
+    let digits: Option<Vec<u8>> =
+        text.chars().map(|c| c.to_digit(16).and_then(|d| u8::try_from(d).ok())).collect();
+    let pairs: Vec<u8> = digits?.chunks_exact(2).map(|pair| 16 * pair[0] + pair[1]).collect();
+    (text.len() == 2 * N).then(|| pairs.try_into().ok()).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::case::Case;
+    use crate::app::event::Stage;
+    use crate::app::settings::{CaseFile, Settings};
+
+    struct Place(tempfile::TempDir);
+
+    impl Place {
+        fn new() -> Self {
+            Self(tempfile::tempdir().unwrap())
+        }
+
+        fn key(&self) -> KeyFile {
+            KeyFile::at(self.0.path().join("state/signing.key"))
+        }
+
+        fn case(&self) -> PathBuf {
+            self.0.path().join("case")
+        }
+
+        fn file(&self, name: &str) -> PathBuf {
+            self.case().join(name)
+        }
+
+        /// A case with one stage done.
+        fn with_case() -> Self {
+            let place = Self::new();
+            let settings = Settings::try_from(CaseFile::default()).unwrap();
+            let mut case = Case::create(&place.case(), "id".into(), settings).unwrap();
+            case.seal_with(place.key());
+            let staging = case.staging().unwrap();
+            staging.write("sections.json", b"contours").unwrap();
+            case.commit(Stage::Segment, &case::MadeFrom::new(), staging).unwrap();
+            place
+        }
+
+        fn findings(&self) -> Vec<(String, Problem)> {
+            let verified = verify(&self.case(), Some(&self.key()), None).unwrap();
+            assert_eq!(verified.passed, verified.findings.is_empty());
+            verified.findings.into_iter().map(|f| (f.file, f.problem)).collect()
+        }
+    }
+
+    #[test]
+    fn a_case_that_nobody_touched_passes() {
+        let place = Place::with_case();
+        assert_eq!(place.findings(), []);
+        let verified = verify(&place.case(), Some(&place.key()), None).unwrap();
+        assert_eq!((verified.n_files, verified.unknown), (1, vec![]));
+        let key = verified.key.unwrap();
+        assert!(verify(&place.case(), None, Some(&key)).unwrap().passed, "on another machine, by the key");
+    }
+
+    #[test]
+    fn every_change_is_found() {
+        for name in ["case.toml", "stages.toml", "sections.json"] {
+            let place = Place::with_case();
+            let mut bytes = fs::read(place.file(name)).unwrap();
+            bytes.extend(b" ");
+            fs::write(place.file(name), bytes).unwrap();
+            assert_eq!(place.findings(), [(name.to_owned(), Problem::Changed)]);
+            fs::remove_file(place.file(name)).unwrap();
+            if name != "case.toml" {
+                assert!(place.findings().contains(&(name.to_owned(), Problem::Missing)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_seal_cannot_be_forged_taken_away_or_made_elsewhere() {
+        let seal = |problem| vec![(SEAL_FILE.to_owned(), problem)];
+        let place = Place::with_case();
+        let text = fs::read_to_string(place.file(SEAL_FILE)).unwrap();
+        let seal_of: Seal = toml::from_str(&text).unwrap();
+        for forged in
+            [text.replace(&seal_of.case, &seal_of.stages), text.replace("key", "kez"), "\u{1}".into()]
+        {
+            fs::write(place.file(SEAL_FILE), forged).unwrap();
+            assert_eq!(place.findings(), seal(Problem::NotGenuine));
+        }
+        fs::remove_file(place.file(SEAL_FILE)).unwrap();
+        assert_eq!(place.findings(), seal(Problem::NotSealed));
+        super::seal(&place.case(), &KeyFile::at(place.0.path().join("other.key"))).unwrap();
+        assert_eq!(place.findings(), seal(Problem::OtherKey));
+    }
+
+    #[test]
+    fn what_no_stage_has_made_is_named() {
+        let place = Place::with_case();
+        fs::write(place.file("notes.txt"), "mine").unwrap();
+        assert_eq!(verify(&place.case(), Some(&place.key()), None).unwrap().unknown, ["notes.txt"]);
+    }
+
+    #[test]
+    fn a_key_is_made_once_and_a_damaged_one_is_told() {
+        use std::os::unix::fs::PermissionsExt;
+        let place = Place::new();
+        let key = place.key().key().unwrap();
+        assert_eq!(place.key().key().unwrap().to_bytes(), key.to_bytes());
+        let path = place.0.path().join("state/signing.key");
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        fs::write(&path, "no key").unwrap();
+        assert!(place.key().key().unwrap_err().to_string().contains("64 hexadecimal digits"));
+    }
+}
