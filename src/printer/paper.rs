@@ -49,6 +49,20 @@ pub fn log_of(job: &Path) -> Result<Log, Error> {
     Ok(Log::read(&path_for(job))?)
 }
 
+/// The profile that a journal names, as it is loaded: a built-in one, or a file beside the job.
+#[must_use]
+pub fn profile_of(job: &Path, log: &Log) -> String {
+    let name = &log.machine.profile;
+    let beside = job.with_file_name(name);
+    if beside.is_file() { beside.display().to_string() } else { name.clone() }
+}
+
+/// How long a print has been away: since its journal was written last, s. Where the clock was set back, nobody knows.
+fn away_s(job: &Path) -> Option<f64> {
+    let written = std::fs::metadata(path_for(job)).and_then(|data| data.modified()).ok()?;
+    written.elapsed().ok().map(|away| away.as_secs_f64())
+}
+
 /// Where the picture of a job is.
 #[must_use]
 pub fn picture_path(job: &Path) -> PathBuf {
@@ -58,15 +72,20 @@ pub fn picture_path(job: &Path) -> PathBuf {
 }
 
 impl Paper<'_> {
-    /// Prints from the beginning, with a journal beside the job. Must be called within a tokio runtime.
+    /// Prints from the beginning, with a journal beside the job; over a print that broke off only if `anew`. Must be called within a
+    /// tokio runtime.
     ///
     /// # Errors
-    /// As [`driver::run`]; also where the journal cannot be begun.
+    /// As [`driver::run`]; [`Error::Unfinished`]; also where the journal cannot be begun.
     pub async fn print(
         &self,
+        anew: bool,
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
+        if !anew {
+            self.refuse_unfinished()?;
+        }
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
@@ -91,7 +110,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
-        let log = log_of(self.job)?;
+        let (log, away_s) = (log_of(self.job)?, away_s(self.job));
         let job = self.open_job()?;
         self.check_same(&job, &log)?;
         match log.end {
@@ -103,7 +122,7 @@ impl Paper<'_> {
         let link = self.open_port(&undisturbed(self.profile)).await?;
         self.check_machine(&link, &log)?;
         let journal = Journal::append_to(&path_for(self.job))?;
-        let known = Box::new(Known::from(&log));
+        let known = Box::new(Known { away_s, ..Known::from(&log) });
         let order = Order {
             job,
             start: Start::Resume { known, after_reset },
@@ -117,6 +136,17 @@ impl Paper<'_> {
         printed
     }
 
+    /// The way back to a print that broke off must not be lost by accident, nor a print begun on its part.
+    fn refuse_unfinished(&self) -> Result<(), Error> {
+        let Ok(log) = log_of(self.job) else { return Ok(()) };
+        let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
+        if is_over || log.progress.n_sent == 0 {
+            return Ok(());
+        }
+        let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
+        Err(Error::Unfinished { job: self.job.display().to_string(), n_done, n_lines })
+    }
+
     fn open_job(&self) -> Result<Job<BufReader<File>>, Error> {
         Ok(Job::from_file(self.job, &self.profile.firmware)?)
     }
@@ -126,8 +156,10 @@ impl Paper<'_> {
     }
 
     fn machine(&self, link: &SerialLink) -> Machine {
+        // A file's path may name somebody.
+        let profile = Path::new(self.profile_name).file_name().unwrap_or_default();
         Machine {
-            profile: self.profile_name.to_owned(),
+            profile: profile.to_string_lossy().into_owned(),
             profile_hash: blake3::hash(profile::to_toml(self.profile).as_bytes()).to_hex().to_string(),
             port: self.port.to_owned(),
             device: link.device().map(ToString::to_string),
@@ -135,8 +167,7 @@ impl Paper<'_> {
     }
 
     fn job_id(&self, job: &Job<BufReader<File>>) -> Result<JobId, Error> {
-        let file = self.job.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(JobId { file, hash: self.hash()?, n_lines: job.n_lines() })
+        Ok(JobId { hash: self.hash()?, n_lines: job.n_lines() })
     }
 
     fn hash(&self) -> Result<String, Error> {
