@@ -139,6 +139,8 @@ pub struct Recovery {
     pub cooled_k: Option<f64>,
     /// What is sent before the job.
     pub commands: Vec<String>,
+    /// The picture of where it goes on, where there is one.
+    pub picture: Option<String>,
     /// The state there.
     pub modal: Modal,
 }
@@ -159,6 +161,9 @@ impl std::fmt::Display for Recovery {
         }
         if let Some(cooled_k) = self.cooled_k {
             write!(f, "; the bed has cooled by {cooled_k:.0} K: see whether the part still holds")?;
+        }
+        if let Some(picture) = &self.picture {
+            write!(f, "; {picture} shows where")?;
         }
         Ok(())
     }
@@ -495,6 +500,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             xyz_mm: point.xyz_mm,
             cooled_k,
             commands,
+            picture: None,
             modal,
         })))
     }
