@@ -92,10 +92,80 @@ pub struct Modal {
     pub is_homed: bool,
     /// The highest place at which filament was pushed while moving, mm.
     pub top_mm: Option<f64>,
+    /// How far the filament is drawn back, mm.
+    pub drawn_mm: f64,
+    /// The last of each line that sets a limit, a factor, a fan or heater by number, and so on: a reset forgets it.
+    pub settings: Vec<Setting>,
+    /// What a recovery could not bring about again, if the job has done any of that.
+    pub beyond: Option<Beyond>,
+    /// M220: moves are so many times as fast as they are told.
+    #[serde(skip)]
+    speed_factor: f64,
     #[serde(skip)]
     filament: Filament,
     #[serde(skip)]
     dialect: Dialect,
+}
+
+/// A line that sets something which lasts.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Setting {
+    /// Lines of one kind set the same.
+    #[serde(skip)]
+    kind: String,
+    /// As it stands in the job.
+    pub line: String,
+}
+
+/// Speeds, accelerations, corners, factors, filament, chamber, pressure advance: M codes of all firmwares.
+const LASTING: [u32; 16] = [92, 141, 191, 200, 201, 202, 203, 204, 205, 207, 220, 221, 566, 572, 593, 900];
+
+/// Klipper's words for the same.
+const LASTING_WORDS: [&str; 4] =
+    ["SET_VELOCITY_LIMIT", "SET_PRESSURE_ADVANCE", "SET_FAN_SPEED", "SET_HEATER_TEMPERATURE"];
+
+impl Setting {
+    /// What a line sets: its command, and the parameters that say of what (axes, a number of fan or tool); `None` if nothing
+    /// that lasts.
+    fn kind_of(command: &str, parsed: Option<&Command>) -> Option<String> {
+        let word = command.split_ascii_whitespace().next()?;
+        let Some(c) = parsed.filter(|c| matches!(c.letter, 'G' | 'M' | 'T')) else {
+            let keys = command.split_ascii_whitespace().skip(1).filter_map(|w| w.split('=').next());
+            return LASTING_WORDS
+                .contains(&word)
+                .then(|| format!("{word} {}", keys.collect::<Vec<_>>().join(" ")));
+        };
+        let numbered = |letter: char| c.value(letter).map_or(String::new(), |n| format!("{letter}{n}"));
+        match (c.letter, c.code) {
+            ('T', _) => Some("T".to_owned()),
+            ('M', 106 | 107) if c.value('P').is_some_and(|p| p > 0.0) => {
+                Some(format!("fan {}", numbered('P')))
+            }
+            ('M', code) if LASTING.contains(&code) => {
+                let axes: String = ('A'..='Z').filter(|&letter| c.has(letter)).collect();
+                Some(format!("{word} {axes} {}", numbered('T')))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// What a job has done that a recovery cannot bring about again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum Beyond {
+    /// G20.
+    #[error("gives its lengths in inches (G20)")]
+    Inches,
+    /// G92 of an axis after homing, M206, M290, M428.
+    #[error("has shifted its axes (G92, M206, M290)")]
+    Offset,
+    /// G29, G32, G80, M420.
+    #[error("was levelled by the bed's mesh, which a reset forgets: Z would be another one (G29, G80, M420)")]
+    Levelled,
+    /// T1 and on.
+    #[error("uses several tools")]
+    Tools,
 }
 
 const AXES: [char; 4] = ['X', 'Y', 'Z', 'E'];
@@ -114,6 +184,10 @@ impl Modal {
             bed_c: None,
             is_homed: false,
             top_mm: None,
+            drawn_mm: 0.0,
+            settings: Vec::new(),
+            beyond: None,
+            speed_factor: 1.0,
             filament: Filament::of(dialect),
             dialect,
         }
@@ -127,13 +201,26 @@ impl Modal {
 
     /// Takes the next command of the job. One that is no G-code changes nothing.
     pub fn apply(&mut self, command: &str) -> Effect {
+        // Nearly all lines of a job.
+        let is_move = command.starts_with("G0 ") || command.starts_with("G1 ");
         match reader::parse(command) {
-            Ok(reader::Line { command: Some(c), .. }) => self.command(&c),
-            _ => Effect::Other,
+            Ok(reader::Line { command: Some(c), .. }) => {
+                if !is_move {
+                    self.keep(command, Some(&c));
+                }
+                self.command(&c)
+            }
+            _ => {
+                self.keep(command, None);
+                Effect::Other
+            }
         }
     }
 
     fn command(&mut self, c: &Command) -> Effect {
+        if matches!((c.letter, c.code), ('G', 29 | 32 | 80) | ('M', 420)) {
+            self.beyond = Some(Beyond::Levelled);
+        }
         match (c.letter, c.code) {
             ('G', 0..=3) => return self.go(c),
             // Klipper queues a dwell and lets motors go as it queues a move; what waits for somebody is a macro.
@@ -149,7 +236,18 @@ impl Modal {
                     self.absolute_e = self.absolute_xyz;
                 }
             }
-            ('G', 92) => self.set_place(c),
+            ('G', 92) => {
+                if AXES[..3].iter().any(|&axis| c.has(axis)) {
+                    self.beyond = Some(Beyond::Offset);
+                }
+                self.set_place(c);
+            }
+            ('G', 20) => self.beyond = Some(Beyond::Inches),
+            ('G', 21) if self.beyond == Some(Beyond::Inches) => self.beyond = None,
+            ('M', 206 | 290 | 428) => self.beyond = Some(Beyond::Offset),
+            ('T', tool) if tool > 0 => self.beyond = Some(Beyond::Tools),
+            ('M', 106 | 107) if c.value('P').is_some_and(|p| p > 0.0) => {}
+            ('M', 220) => self.speed_factor = c.value('S').map_or(self.speed_factor, |s| s / 100.0),
             ('M', 82 | 83) => self.absolute_e = c.code == 82,
             ('M', 106) => self.fan = c.value('S').or(Some(255.0)),
             ('M', 107) => self.fan = Some(0.0),
@@ -168,6 +266,16 @@ impl Modal {
             }
         }
         self.is_homed |= all;
+        if all && self.beyond == Some(Beyond::Offset) {
+            self.beyond = None;
+        }
+    }
+
+    /// Keeps what sets something that a reset forgets.
+    fn keep(&mut self, command: &str, parsed: Option<&Command>) {
+        let Some(kind) = Setting::kind_of(command, parsed) else { return };
+        self.settings.retain(|setting| setting.kind != kind);
+        self.settings.push(Setting { kind, line: command.to_owned() });
     }
 
     fn set_place(&mut self, c: &Command) {
@@ -198,12 +306,15 @@ impl Modal {
             self.at_mm[axis] = to;
             longest_mm = longest_mm.max(way.abs());
         }
+        if let Some(way) = self.at_mm[3].zip(before[3]).map(|(to, from)| to - from) {
+            self.drawn_mm = (self.drawn_mm - way).max(0.0);
+        }
         let pushes = c.has('E') && (c.has('X') || c.has('Y')) && self.at_mm[3] > before[3];
         if let Some(z_mm) = self.at_mm[2].filter(|_| pushes) {
             self.top_mm = Some(self.top_mm.map_or(z_mm, |top| top.max(z_mm)));
         }
         let mm_min = self.feedrate_mm_min.unwrap_or(f64::INFINITY).max(1.0);
-        let least_s = longest_mm / mm_s_from_mm_min(mm_min);
+        let least_s = longest_mm / mm_s_from_mm_min(mm_min) / self.speed_factor.max(0.01);
         match c.code {
             // The way round is longer than the longest axis of the way straight.
             2 | 3 => Effect::Arc { least_s },
@@ -374,6 +485,60 @@ mod tests {
         assert_eq!(after(Dialect::Klipper, &lines).at_mm[3], Some(2.0));
         assert_eq!(after(Dialect::RepRapFirmware, &["G91", "M82", "G1 E4", "G1 E5"]).at_mm[3], Some(5.0));
         assert_eq!(after(Dialect::Marlin1, &["G91", "M82", "G1 E4", "G1 E5"]).at_mm[3], Some(9.0));
+    }
+
+    #[test]
+    fn the_last_of_each_line_that_sets_something_is_kept() {
+        let lines = [
+            "M201 X500 Y500",
+            "M201 Z50",
+            "T0",
+            "M204 P900 T1300",
+            "M106 P2 S99",
+            "M220 S90",
+            "G1 X1 F600",
+            "M201 X700 Y700",
+            "M106 P2 S50",
+            "M106 S255",
+            "M117 M220 S5",
+            "SET_VELOCITY_LIMIT ACCEL=900",
+            "M191 S45",
+        ];
+        let modal = after(Dialect::Marlin, &lines);
+        let kept: Vec<_> = modal.settings.iter().map(|setting| setting.line.as_str()).collect();
+        assert_eq!(
+            kept,
+            [
+                "M201 Z50",
+                "T0",
+                "M204 P900 T1300",
+                "M220 S90",
+                "M201 X700 Y700",
+                "M106 P2 S50",
+                "SET_VELOCITY_LIMIT ACCEL=900",
+                "M191 S45"
+            ]
+        );
+        assert_eq!((modal.fan, modal.beyond), (Some(255.0), None));
+    }
+
+    #[test]
+    fn what_a_reset_takes_away_for_good_is_noted() {
+        let beyond = |lines: &[&str]| after(Dialect::Marlin, lines).beyond;
+        assert_eq!(beyond(&["G20", "G1 X1"]), Some(Beyond::Inches));
+        assert_eq!(beyond(&["G20", "G21"]), None);
+        assert_eq!(beyond(&["G28", "G92 Z0.1"]), Some(Beyond::Offset));
+        assert_eq!(beyond(&["G92 X0 Y0 Z0", "G28"]), None, "homing takes it back");
+        assert_eq!(beyond(&["G28", "G29", "G92 E0"]), Some(Beyond::Levelled));
+        assert_eq!(beyond(&["T0", "T1"]), Some(Beyond::Tools));
+    }
+
+    #[test]
+    fn drawn_back_filament_is_followed_in_either_mode() {
+        let drawn = |lines: &[&str]| after(Dialect::Marlin, lines).drawn_mm;
+        assert!((drawn(&["M83", "G1 X1 E5", "G1 E-0.8"]) - 0.8).abs() < 1e-9);
+        assert!(drawn(&["M83", "G1 X1 E5", "G1 E-0.8", "G1 E0.8"]).abs() < 1e-9);
+        assert!((drawn(&["M82", "G1 X1 E5", "G1 E4.2", "G92 E0", "G1 E0.3"]) - 0.5).abs() < 1e-9);
     }
 
     #[test]

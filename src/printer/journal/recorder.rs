@@ -1,7 +1,7 @@
 //! What is written into the journal, and when.
 //!
-//! Pure: time and the core's numbers go in, records come out. A record of progress is due every quarter of a second while
-//! something has changed, so that the journal, written by a thread that may need as long again, is never a second behind.
+//! Pure: time and the core's numbers go in, records come out. A record of progress is due every half second while something has
+//! changed, so that the journal, written by a thread that may need as long again, is no more than a second behind.
 
 use super::{Progress, Record, Track};
 use crate::printer::protocol::{self, Instant, Temperatures};
@@ -10,7 +10,7 @@ use crate::profile::Dialect;
 use std::time::Duration;
 
 /// Between two records of progress.
-pub const INTERVAL: Duration = Duration::from_millis(250);
+pub const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Follows a session.
 #[derive(Debug)]
