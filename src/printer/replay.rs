@@ -601,12 +601,12 @@ mod tests {
 
     #[test]
     fn behind_moves_that_the_planner_held_nothing_is_begun() {
-        let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S9", "G1 X3", "G1 X3.05", "G1 X4"]);
-        assert_eq!(tail.n_begun(7, 0), 7);
-        assert_eq!(tail.n_begun(7, 1), 7, "it may be under way");
-        assert_eq!(tail.n_begun(7, 3), 5);
-        assert_eq!(tail.n_begun(7, 4), 3);
-        let arcs = super::tests::tail(&["G28", "G1 X1", "G2 X2 I1", "G1 X3"]);
+        let known = tail(&["G28", "G1 X1", "G1 X2", "M106 S9", "G1 X3", "G1 X3.05", "G1 X4"]);
+        assert_eq!(known.n_begun(7, 0), 7);
+        assert_eq!(known.n_begun(7, 1), 7, "it may be under way");
+        assert_eq!(known.n_begun(7, 3), 5);
+        assert_eq!(known.n_begun(7, 4), 3);
+        let arcs = tail(&["G28", "G1 X1", "G2 X2 I1", "G1 X3"]);
         assert_eq!(arcs.n_begun(4, 5), 3);
     }
 
@@ -617,12 +617,12 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn certain_lines_grow_with_acknowledgements(moves in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
+        fn certain_lines_grow_with_acknowledgements(kinds in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
             let mut tail = Tail::default();
-            for kind in &moves {
+            for kind in &kinds {
                 tail.push([Effect::Block { least_s: 0.1 }, Effect::Drains, Effect::Other][usize::from(*kind)]);
             }
-            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, self::moves(n))).collect();
+            let certain: Vec<_> = (0..=kinds.len() as u64).map(|acked| tail.n_certain(acked, moves(n))).collect();
             proptest::prop_assert!(certain.is_sorted());
             proptest::prop_assert!(certain.iter().zip(0..).all(|(c, acked)| *c <= acked));
         }
