@@ -264,6 +264,7 @@ pub static REPRAPFIRMWARE: Dialect = Dialect {
         (b'M', 203),
         (b'M', 302),
         (b'M', 486),
+        (b'M', 564),
         (b'M', 566),
         (b'M', 999),
     ],

@@ -152,6 +152,10 @@ pub struct Core {
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
+    /// The only line in flight may have been refused, where lines are not counted.
+    is_suspect: bool,
+    /// What the printer is asked for first: its last line, none of which was higher; nothing where it is greeted.
+    inquired_beyond: Option<u64>,
     /// Lines of ours that came back.
     n_echoed: u32,
     pulse: Pulse,
@@ -236,6 +240,8 @@ impl Core {
             is_advanced: false,
             n_emergencies_owed: 0,
             n_garbled: 0,
+            is_suspect: false,
+            inquired_beyond: None,
             n_echoed: 0,
             pulse: Pulse::default(),
             prompts: Prompts::default(),
@@ -475,7 +481,11 @@ impl Core {
                 self.on_temperatures();
             }
             Reply::Start => match policy::action(self.state.phase(), Trouble::Reset) {
-                Action::Nothing => self.greet(1),
+                // Also between two questions of a survey.
+                Action::Nothing => match self.inquired_beyond {
+                    Some(beyond) => self.inquire(beyond),
+                    None => self.greet(1),
+                },
                 _ => self.fail(Fault::FirmwareReset),
             },
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
@@ -495,7 +505,7 @@ impl Core {
         self.events.push_back(Event::Message(line.to_owned()));
         // A machine that has lost its place makes no move; the rest of the job would be laid where it does not belong.
         let is_lost = text.contains("homed") || text.contains("home axis");
-        let is_refusal = !self.config.firmware.line_numbers && line.starts_with("!!");
+        let is_refusal = !self.config.firmware.counts_lines() && line.starts_with("!!");
         if (is_refusal || is_lost) && self.wire.in_flight() > 0 {
             self.fail(Fault::CommandRefused { text: text.to_owned() });
         }
