@@ -96,6 +96,8 @@ pub struct Profile {
     pub command_slots: usize,
     /// Blocks of the planner's ring; one of them stays empty (BLOCK_BUFFER_SIZE).
     pub planner_blocks: usize,
+    /// Where moves are queued by the time that they take: how much of it, s.
+    pub queue_s: Option<f64>,
     /// Longest line, bytes with the terminating zero (MAX_CMD_SIZE).
     pub line_bytes: usize,
     /// Whether opening the port resets the board (its DTR line does).
@@ -144,6 +146,7 @@ const MARLIN_MACHINE: Profile = Profile {
     rx_ring_bytes: 128,
     command_slots: 4,
     planner_blocks: 16,
+    queue_s: None,
     line_bytes: 96,
     resets_on_open: false,
 };
@@ -170,7 +173,9 @@ const PROFILES: [Profile; 9] = [
         cornering: Cornering::SquareCorner { speed: 5.0, cruise_ratio: 0.5 },
         rx_ring_bytes: 4096,
         command_slots: 16,
-        planner_blocks: 64,
+        // BUFFER_TIME_HIGH; there is no limit in moves.
+        planner_blocks: 8192,
+        queue_s: Some(2.0),
         line_bytes: 4096,
         ..MARLIN_MACHINE
     },

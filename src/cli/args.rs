@@ -273,6 +273,9 @@ pub(crate) struct PrintArgs {
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     pub(crate) baud: Option<u32>,
+    /// Print from the beginning although the last print of the job broke off: the bed is free, and it is not to be resumed
+    #[arg(long)]
+    pub(crate) anew: bool,
 }
 
 #[derive(Debug, Args)]

@@ -354,13 +354,13 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
     let _keys = listen(face, &context);
     if case::is_case(&args.what) || args.what.is_dir() {
         let changes = CaseFile { profile: args.profile.clone(), ..args.printer.patch() };
-        return stage(&args.what, changes, context, |session| session.print_again(args.baud))
+        return stage(&args.what, changes, context, |session| session.print_again(args.baud, args.anew))
             .map(|o| show_case(face, &o));
     }
     let profile_name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
     let port = args.printer.port.as_deref().unwrap_or(SIMULATED_PORT);
     let printer = app::Printer { profile_name, port, baud: args.baud };
-    let printed = app::print_file(&args.what, printer, &context)?;
+    let printed = app::print_file(&args.what, printer, args.anew, &context)?;
     face.result(&printed, &format!("{printed}\n"));
     Ok(0)
 }

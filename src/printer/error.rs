@@ -98,6 +98,19 @@ pub enum Error {
     /// Given up on request.
     #[error("the print was cancelled; the heaters are off")]
     Cancelled,
+    /// The last print of this job broke off, and its part may be on the bed.
+    #[error(
+        "the last print of {job} broke off behind line {n_done} of {n_lines}: go on with `lumenfab resume {job}`, or free the bed \
+         and give --anew"
+    )]
+    Unfinished {
+        /// The job.
+        job: String,
+        /// Lines of it that are certainly executed.
+        n_done: u64,
+        /// Lines of it.
+        n_lines: u64,
+    },
     /// Given up on request before anything was sent.
     #[error(
         "stopped before anything was sent to {port}: the printer is as it was; {heat}; `lumenfab safe-off` switches them off"
@@ -143,6 +156,7 @@ impl Error {
             Self::Fault { fault, .. } => fault.code(),
             Self::StillHeating { .. } => "printer.still_heating",
             Self::Cancelled => "printer.cancelled",
+            Self::Unfinished { .. } => "printer.unfinished",
             Self::Left { .. } => "printer.left",
             Self::OtherMachine { .. } => "printer.other_machine",
             Self::Simulator { .. } => "printer.simulator",
@@ -162,6 +176,7 @@ impl Error {
             Self::Fault { fault, heat, .. } => next_step_after(fault, heat),
             Self::StillHeating { .. } => "switch the printer off",
             Self::Cancelled => "take the part off the bed before the next print",
+            Self::Unfinished { .. } => "go on with `lumenfab resume`, or free the bed and print with --anew",
             Self::Left { .. } => {
                 "switch the heaters off with `lumenfab safe-off`, or go on with `lumenfab resume`"
             }

@@ -35,6 +35,9 @@ pub struct Paper<'a> {
     pub controls: &'a Controls,
 }
 
+/// Events on their way to the listener.
+const EVENT_QUEUE: usize = 256;
+
 /// The firmware, not to be reset when its port is opened: what it knows is what can be gone on with.
 #[must_use]
 pub fn undisturbed(profile: &Profile) -> Firmware {
@@ -49,6 +52,25 @@ pub fn log_of(job: &Path) -> Result<Log, Error> {
     Ok(Log::read(&path_for(job))?)
 }
 
+/// The profile that a journal names, as it is loaded: a built-in one, or a file beside the job.
+#[must_use]
+pub fn profile_of(job: &Path, log: &Log) -> String {
+    let name = &log.machine.profile;
+    let beside = job.with_file_name(name);
+    if beside.is_file() { beside.display().to_string() } else { name.clone() }
+}
+
+/// The name of a profile's file alone: its path may name somebody.
+fn without_folders(profile_name: &str) -> String {
+    Path::new(profile_name).file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// How long a print has been away: since its journal was written last, s. Where the clock was set back, nobody knows.
+fn away_s(job: &Path) -> Option<f64> {
+    let written = std::fs::metadata(path_for(job)).and_then(|data| data.modified()).ok()?;
+    written.elapsed().ok().map(|away| away.as_secs_f64())
+}
+
 /// Where the picture of a job is.
 #[must_use]
 pub fn picture_path(job: &Path) -> PathBuf {
@@ -58,15 +80,20 @@ pub fn picture_path(job: &Path) -> PathBuf {
 }
 
 impl Paper<'_> {
-    /// Prints from the beginning, with a journal beside the job. Must be called within a tokio runtime.
+    /// Prints from the beginning, with a journal beside the job; over a print that broke off only if `anew`. Must be called within a
+    /// tokio runtime.
     ///
     /// # Errors
-    /// As [`driver::run`]; also where the journal cannot be begun.
+    /// As [`driver::run`]; [`Error::Unfinished`]; also where the journal cannot be begun.
     pub async fn print(
         &self,
+        anew: bool,
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
+        if !anew {
+            self.refuse_unfinished()?;
+        }
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
@@ -91,7 +118,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
-        let log = log_of(self.job)?;
+        let (log, away_s) = (log_of(self.job)?, away_s(self.job));
         let job = self.open_job()?;
         self.check_same(&job, &log)?;
         match log.end {
@@ -103,18 +130,57 @@ impl Paper<'_> {
         let link = self.open_port(&undisturbed(self.profile)).await?;
         self.check_machine(&link, &log)?;
         let journal = Journal::append_to(&path_for(self.job))?;
-        let known = Box::new(Known::from(&log));
+        let known = Box::new(Known { away_s, ..Known::from(&log) });
         let order = Order {
             job,
             start: Start::Resume { known, after_reset },
             journal: Some(journal),
             controls: self.controls.clone(),
         };
-        let printed = driver::run(order, link, self.profile, events, cancel).await;
-        if let Err(Error::NeedsConsent { recovery, .. }) = &printed {
-            self.draw(recovery.n_done, recovery.n_twice);
+        let mut printed = self.run_drawn(order, link, events, cancel).await;
+        if let Err(Error::NeedsConsent { recovery, .. }) = &mut printed
+            && self.draw(recovery.n_done, recovery.n_twice)
+        {
+            recovery.picture = Some(picture_path(self.job).display().to_string());
         }
         printed
+    }
+
+    /// Runs; where it goes on exactly, the picture shows that place. It is drawn on another thread: the job may be long.
+    async fn run_drawn(
+        &self,
+        order: Order<BufReader<File>>,
+        link: SerialLink,
+        events: &mpsc::Sender<PrintEvent>,
+        cancel: &CancelToken,
+    ) -> Result<Printed, Error> {
+        let (sender, mut heard) = mpsc::channel(EVENT_QUEUE);
+        let running = async {
+            let sender = sender;
+            driver::run(order, link, self.profile, &sender, cancel).await
+        };
+        let passing = async {
+            while let Some(event) = heard.recv().await {
+                if let PrintEvent::WentOn { n_lines_done } = event {
+                    let (job, profile) = (self.job.to_owned(), self.profile.clone());
+                    tokio::task::spawn_blocking(move || draw(&job, &profile, n_lines_done, 0));
+                }
+                // A listener that is gone changes nothing about the print.
+                events.send(event).await.ok();
+            }
+        };
+        tokio::join!(running, passing).0
+    }
+
+    /// The way back to a print that broke off must not be lost by accident, nor a print begun on its part.
+    fn refuse_unfinished(&self) -> Result<(), Error> {
+        let Ok(log) = log_of(self.job) else { return Ok(()) };
+        let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
+        if is_over || log.progress.n_sent == 0 {
+            return Ok(());
+        }
+        let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
+        Err(Error::Unfinished { job: self.job.display().to_string(), n_done, n_lines })
     }
 
     fn open_job(&self) -> Result<Job<BufReader<File>>, Error> {
@@ -127,7 +193,7 @@ impl Paper<'_> {
 
     fn machine(&self, link: &SerialLink) -> Machine {
         Machine {
-            profile: self.profile_name.to_owned(),
+            profile: without_folders(self.profile_name),
             profile_hash: blake3::hash(profile::to_toml(self.profile).as_bytes()).to_hex().to_string(),
             port: self.port.to_owned(),
             device: link.device().map(ToString::to_string),
@@ -135,8 +201,7 @@ impl Paper<'_> {
     }
 
     fn job_id(&self, job: &Job<BufReader<File>>) -> Result<JobId, Error> {
-        let file = self.job.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(JobId { file, hash: self.hash()?, n_lines: job.n_lines() })
+        Ok(JobId { hash: self.hash()?, n_lines: job.n_lines() })
     }
 
     fn hash(&self) -> Result<String, Error> {
@@ -179,15 +244,21 @@ impl Paper<'_> {
         }
     }
 
-    /// A picture is a help: a print does not fail for want of one.
-    fn draw(&self, n_done: u64, n_doubt: u64) {
-        let drawn =
-            self.open_job().and_then(|mut job| Ok(picture::svg(&mut job, self.profile, n_done, n_doubt)?));
-        let written = drawn.map(|svg| write_private(&picture_path(self.job), svg.as_bytes()));
-        if !matches!(written, Ok(Ok(()))) {
-            tracing::warn!("the picture of where the print will go on could not be written");
-        }
+    fn draw(&self, n_done: u64, n_doubt: u64) -> bool {
+        draw(self.job, self.profile, n_done, n_doubt)
     }
+}
+
+/// Draws the layer behind `n_done` lines; whether it could. A picture is a help: a print does not fail for want of one.
+fn draw(job: &Path, profile: &Profile, n_done: u64, n_doubt: u64) -> bool {
+    let drawn = Job::from_file(job, &profile.firmware)
+        .and_then(|mut job| picture::svg(&mut job, profile, n_done, n_doubt))
+        .map(|svg| write_private(&picture_path(job), svg.as_bytes()));
+    let is_there = matches!(drawn, Ok(Ok(())));
+    if !is_there {
+        tracing::warn!("the picture of where the print will go on could not be written");
+    }
+    is_there
 }
 
 /// Whole or not at all; readable by its owner alone.
@@ -199,3 +270,6 @@ fn write_private(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     file.persist(path)?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,22 +6,48 @@
 //! Lengths mm in the job's own coordinates (after its `G92`), feedrates mm/min, temperatures °C. Arcs end where they say;
 //! the way between is not followed. Offsets that the operator has set at the printer are not known here.
 
+use super::protocol::Ahead;
 use crate::gcode::reader::{self, Command};
 use crate::profile::Dialect;
+use crate::units::mm_s_from_mm_min;
 use serde::Serialize;
 
 /// A shorter move may be merged into the next one by the firmware instead of taking a place in its planner, mm.
 const SURE_BLOCK_MM: f64 = 0.1;
 
-/// What a command does to the planner.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a command does to the planner. Times are the least that it takes: a machine moves no faster than it is told, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Effect {
     /// It takes a place of its own.
-    Block,
+    Block {
+        /// See above.
+        least_s: f64,
+    },
+    /// It takes several, nobody knows how many.
+    Arc {
+        /// See above.
+        least_s: f64,
+    },
+    /// It may take one, or be merged into the next move.
+    Short {
+        /// See above.
+        least_s: f64,
+    },
     /// It ends only when all moves before it have ended.
     Drains,
-    /// Neither, or not surely.
+    /// It moves nothing.
     Other,
+}
+
+impl Effect {
+    /// The least that it takes, s.
+    #[must_use]
+    pub const fn least_s(self) -> f64 {
+        match self {
+            Self::Block { least_s } | Self::Arc { least_s } | Self::Short { least_s } => least_s,
+            Self::Drains | Self::Other => 0.0,
+        }
+    }
 }
 
 /// Which commands change how the filament's numbers are meant.
@@ -66,8 +92,80 @@ pub struct Modal {
     pub is_homed: bool,
     /// The highest place at which filament was pushed while moving, mm.
     pub top_mm: Option<f64>,
+    /// How far the filament is drawn back, mm.
+    pub drawn_mm: f64,
+    /// The last of each line that sets a limit, a factor, a fan or heater by number, and so on: a reset forgets it.
+    pub settings: Vec<Setting>,
+    /// What a recovery could not bring about again, if the job has done any of that.
+    pub beyond: Option<Beyond>,
+    /// M220: moves are so many times as fast as they are told.
+    #[serde(skip)]
+    speed_factor: f64,
     #[serde(skip)]
     filament: Filament,
+    #[serde(skip)]
+    dialect: Dialect,
+}
+
+/// A line that sets something which lasts.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Setting {
+    /// Lines of one kind set the same.
+    #[serde(skip)]
+    kind: String,
+    /// As it stands in the job.
+    pub line: String,
+}
+
+/// Speeds, accelerations, corners, factors, filament, chamber, pressure advance: M codes of all firmwares.
+const LASTING: [u32; 16] = [92, 141, 191, 200, 201, 202, 203, 204, 205, 207, 220, 221, 566, 572, 593, 900];
+
+/// Klipper's words for the same.
+const LASTING_WORDS: [&str; 4] =
+    ["SET_VELOCITY_LIMIT", "SET_PRESSURE_ADVANCE", "SET_FAN_SPEED", "SET_HEATER_TEMPERATURE"];
+
+impl Setting {
+    /// What a line sets: its command, and the parameters that say of what (axes, a number of fan or tool); `None` if nothing
+    /// that lasts.
+    fn kind_of(command: &str, parsed: Option<&Command>) -> Option<String> {
+        let word = command.split_ascii_whitespace().next()?;
+        let Some(c) = parsed.filter(|c| matches!(c.letter, 'G' | 'M' | 'T')) else {
+            let keys = command.split_ascii_whitespace().skip(1).filter_map(|w| w.split('=').next());
+            return LASTING_WORDS
+                .contains(&word)
+                .then(|| format!("{word} {}", keys.collect::<Vec<_>>().join(" ")));
+        };
+        let numbered = |letter: char| c.value(letter).map_or(String::new(), |n| format!("{letter}{n}"));
+        match (c.letter, c.code) {
+            ('T', _) => Some("T".to_owned()),
+            ('M', 106 | 107) if c.value('P').is_some_and(|p| p > 0.0) => {
+                Some(format!("fan {}", numbered('P')))
+            }
+            ('M', code) if LASTING.contains(&code) => {
+                let axes: String = ('A'..='Z').filter(|&letter| c.has(letter)).collect();
+                Some(format!("{word} {axes} {}", numbered('T')))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// What a job has done that a recovery cannot bring about again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum Beyond {
+    /// G20.
+    #[error("gives its lengths in inches (G20)")]
+    Inches,
+    /// G92 of an axis after homing, M206, M290, M428.
+    #[error("has shifted its axes (G92, M206, M290)")]
+    Offset,
+    /// G29, G32, G80, M420.
+    #[error("was levelled by the bed's mesh, which a reset forgets: Z would be another one (G29, G80, M420)")]
+    Levelled,
+    /// T1 and on.
+    #[error("uses several tools")]
+    Tools,
 }
 
 const AXES: [char; 4] = ['X', 'Y', 'Z', 'E'];
@@ -86,21 +184,47 @@ impl Modal {
             bed_c: None,
             is_homed: false,
             top_mm: None,
+            drawn_mm: 0.0,
+            settings: Vec::new(),
+            beyond: None,
+            speed_factor: 1.0,
             filament: Filament::of(dialect),
+            dialect,
         }
+    }
+
+    /// Whose firmware it is.
+    #[must_use]
+    pub const fn dialect(&self) -> Dialect {
+        self.dialect
     }
 
     /// Takes the next command of the job. One that is no G-code changes nothing.
     pub fn apply(&mut self, command: &str) -> Effect {
+        // Nearly all lines of a job.
+        let is_move = command.starts_with("G0 ") || command.starts_with("G1 ");
         match reader::parse(command) {
-            Ok(reader::Line { command: Some(c), .. }) => self.command(&c),
-            _ => Effect::Other,
+            Ok(reader::Line { command: Some(c), .. }) => {
+                if !is_move {
+                    self.keep(command, Some(&c));
+                }
+                self.command(&c)
+            }
+            _ => {
+                self.keep(command, None);
+                Effect::Other
+            }
         }
     }
 
     fn command(&mut self, c: &Command) -> Effect {
+        if matches!((c.letter, c.code), ('G', 29 | 32 | 80) | ('M', 420)) {
+            self.beyond = Some(Beyond::Levelled);
+        }
         match (c.letter, c.code) {
             ('G', 0..=3) => return self.go(c),
+            // Klipper queues a dwell and lets motors go as it queues a move; what waits for somebody is a macro.
+            ('G', 4) | ('M', 0 | 1 | 18 | 84 | 600) if self.dialect == Dialect::Klipper => {}
             ('G', 4 | 29) | ('M', 0 | 1 | 18 | 84 | 400 | 600) => return Effect::Drains,
             ('G', 28) => {
                 self.home(c);
@@ -112,7 +236,18 @@ impl Modal {
                     self.absolute_e = self.absolute_xyz;
                 }
             }
-            ('G', 92) => self.set_place(c),
+            ('G', 92) => {
+                if AXES[..3].iter().any(|&axis| c.has(axis)) {
+                    self.beyond = Some(Beyond::Offset);
+                }
+                self.set_place(c);
+            }
+            ('G', 20) => self.beyond = Some(Beyond::Inches),
+            ('G', 21) if self.beyond == Some(Beyond::Inches) => self.beyond = None,
+            ('M', 206 | 290 | 428) => self.beyond = Some(Beyond::Offset),
+            ('T', tool) if tool > 0 => self.beyond = Some(Beyond::Tools),
+            ('M', 106 | 107) if c.value('P').is_some_and(|p| p > 0.0) => {}
+            ('M', 220) => self.speed_factor = c.value('S').map_or(self.speed_factor, |s| s / 100.0),
             ('M', 82 | 83) => self.absolute_e = c.code == 82,
             ('M', 106) => self.fan = c.value('S').or(Some(255.0)),
             ('M', 107) => self.fan = Some(0.0),
@@ -131,6 +266,16 @@ impl Modal {
             }
         }
         self.is_homed |= all;
+        if all && self.beyond == Some(Beyond::Offset) {
+            self.beyond = None;
+        }
+    }
+
+    /// Keeps what sets something that a reset forgets.
+    fn keep(&mut self, command: &str, parsed: Option<&Command>) {
+        let Some(kind) = Setting::kind_of(command, parsed) else { return };
+        self.settings.retain(|setting| setting.kind != kind);
+        self.settings.push(Setting { kind, line: command.to_owned() });
     }
 
     fn set_place(&mut self, c: &Command) {
@@ -161,11 +306,22 @@ impl Modal {
             self.at_mm[axis] = to;
             longest_mm = longest_mm.max(way.abs());
         }
+        if let Some(way) = self.at_mm[3].zip(before[3]).map(|(to, from)| to - from) {
+            self.drawn_mm = (self.drawn_mm - way).max(0.0);
+        }
         let pushes = c.has('E') && (c.has('X') || c.has('Y')) && self.at_mm[3] > before[3];
         if let Some(z_mm) = self.at_mm[2].filter(|_| pushes) {
             self.top_mm = Some(self.top_mm.map_or(z_mm, |top| top.max(z_mm)));
         }
-        if longest_mm >= SURE_BLOCK_MM { Effect::Block } else { Effect::Other }
+        let mm_min = self.feedrate_mm_min.unwrap_or(f64::INFINITY).max(1.0);
+        let least_s = longest_mm / mm_s_from_mm_min(mm_min) / self.speed_factor.max(0.01);
+        match c.code {
+            // The way round is longer than the longest axis of the way straight.
+            2 | 3 => Effect::Arc { least_s },
+            _ if longest_mm >= SURE_BLOCK_MM => Effect::Block { least_s },
+            _ if longest_mm > 0.0 => Effect::Short { least_s },
+            _ => Effect::Other,
+        }
     }
 }
 
@@ -196,23 +352,87 @@ impl Tail {
         }
     }
 
-    /// Lines that are certainly executed when `n_acked` are acknowledged and the planner may still hold `n_moves` moves.
+    /// Lines that are certainly executed when `n_acked` are acknowledged and this may be before the firmware.
     #[must_use]
-    pub fn n_certain(&self, n_acked: u64, n_moves: u32) -> u64 {
-        let known = usize::try_from(n_acked.saturating_sub(self.n_before)).unwrap_or(usize::MAX);
-        let mut left = n_moves;
+    pub fn n_certain(&self, n_acked: u64, ahead: Queue) -> u64 {
+        let mut left = ahead;
         let mut certain = n_acked;
-        for effect in self.effects.iter().take(known).rev() {
-            match effect {
-                Effect::Drains => return certain,
-                Effect::Block if left == 0 => return certain,
-                Effect::Block => left -= 1,
-                Effect::Other if left == 0 => return certain,
-                Effect::Other => {}
+        for effect in self.back_from(n_acked) {
+            if left.n_lines > 0 {
+                left.n_lines -= 1;
+            } else if *effect == Effect::Drains || left.is_full() {
+                return certain;
+            } else {
+                left.take(*effect);
             }
             certain -= 1;
         }
         certain
+    }
+
+    /// Lines that may have been begun when `n_acked` are acknowledged and the planner surely held so many moves: all up to the
+    /// first of those, which may be under way.
+    #[must_use]
+    pub fn n_begun(&self, n_acked: u64, n_held: u32) -> u64 {
+        let mut left = n_held;
+        let mut begun = n_acked;
+        for effect in self.back_from(n_acked) {
+            match effect {
+                _ if left == 0 => break,
+                // All that is left may be of this one.
+                Effect::Arc { .. } | Effect::Drains => return begun,
+                Effect::Block { .. } | Effect::Short { .. } => left -= 1,
+                Effect::Other => {}
+            }
+            begun -= 1;
+        }
+        (begun + 1).min(n_acked.max(begun))
+    }
+
+    /// What the lines known did, from the last one acknowledged back.
+    fn back_from(&self, n_acked: u64) -> impl Iterator<Item = &Effect> {
+        let known = usize::try_from(n_acked.saturating_sub(self.n_before)).unwrap_or(usize::MAX);
+        self.effects.iter().take(known).rev()
+    }
+}
+
+/// What a firmware may have before it, at most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Queue {
+    /// Lines that it has taken, whatever they are; the next two count before these.
+    pub n_lines: u64,
+    /// Moves.
+    pub n_moves: u32,
+    /// Time that its moves take at the speeds told, s.
+    pub time_s: f64,
+}
+
+/// What Klipper has before it: two seconds by its print time (`BUFFER_TIME_HIGH`), checked each 0.1 s, and behind these what its
+/// look-ahead has not handed over (0.25 s); half as much again for a speed that somebody has turned up, s.
+const KLIPPER_QUEUE_S: f64 = 3.6;
+
+impl Queue {
+    /// What `ahead` means for this firmware.
+    #[must_use]
+    pub const fn of(dialect: Dialect, ahead: Ahead) -> Self {
+        let Ahead { n_lines, n_moves, .. } = ahead;
+        match dialect {
+            // It counts time, not moves.
+            Dialect::Klipper => Self { n_lines, n_moves: u32::MAX, time_s: KLIPPER_QUEUE_S },
+            _ => Self { n_lines, n_moves, time_s: f64::INFINITY },
+        }
+    }
+
+    /// Whether it is full with what lies behind a line: the line itself is then executed.
+    fn is_full(&self) -> bool {
+        self.n_moves == 0 || self.time_s <= 0.0
+    }
+
+    fn take(&mut self, effect: Effect) {
+        if matches!(effect, Effect::Block { .. } | Effect::Arc { .. }) {
+            self.n_moves = self.n_moves.saturating_sub(1);
+        }
+        self.time_s -= effect.least_s();
     }
 }
 
@@ -268,9 +488,67 @@ mod tests {
     }
 
     #[test]
+    fn the_last_of_each_line_that_sets_something_is_kept() {
+        let lines = [
+            "M201 X500 Y500",
+            "M201 Z50",
+            "T0",
+            "M204 P900 T1300",
+            "M106 P2 S99",
+            "M220 S90",
+            "G1 X1 F600",
+            "M201 X700 Y700",
+            "M106 P2 S50",
+            "M106 S255",
+            "M117 M220 S5",
+            "SET_VELOCITY_LIMIT ACCEL=900",
+            "M191 S45",
+        ];
+        let modal = after(Dialect::Marlin, &lines);
+        let kept: Vec<_> = modal.settings.iter().map(|setting| setting.line.as_str()).collect();
+        assert_eq!(
+            kept,
+            [
+                "M201 Z50",
+                "T0",
+                "M204 P900 T1300",
+                "M220 S90",
+                "M201 X700 Y700",
+                "M106 P2 S50",
+                "SET_VELOCITY_LIMIT ACCEL=900",
+                "M191 S45"
+            ]
+        );
+        assert_eq!((modal.fan, modal.beyond), (Some(255.0), None));
+    }
+
+    #[test]
+    fn what_a_reset_takes_away_for_good_is_noted() {
+        let beyond = |lines: &[&str]| after(Dialect::Marlin, lines).beyond;
+        assert_eq!(beyond(&["G20", "G1 X1"]), Some(Beyond::Inches));
+        assert_eq!(beyond(&["G20", "G21"]), None);
+        assert_eq!(beyond(&["G28", "G92 Z0.1"]), Some(Beyond::Offset));
+        assert_eq!(beyond(&["G92 X0 Y0 Z0", "G28"]), None, "homing takes it back");
+        assert_eq!(beyond(&["G28", "G29", "G92 E0"]), Some(Beyond::Levelled));
+        assert_eq!(beyond(&["T0", "T1"]), Some(Beyond::Tools));
+    }
+
+    #[test]
+    fn drawn_back_filament_is_followed_in_either_mode() {
+        let drawn = |lines: &[&str]| after(Dialect::Marlin, lines).drawn_mm;
+        assert!((drawn(&["M83", "G1 X1 E5", "G1 E-0.8"]) - 0.8).abs() < 1e-9);
+        assert!(drawn(&["M83", "G1 X1 E5", "G1 E-0.8", "G1 E0.8"]).abs() < 1e-9);
+        assert!((drawn(&["M82", "G1 X1 E5", "G1 E4.2", "G92 E0", "G1 E0.3"]) - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
     fn what_is_no_gcode_changes_nothing() {
         let modal = after(Dialect::Marlin, &["what", "EXCLUDE_OBJECT_START NAME=a", "", "G1 X"]);
         assert_eq!(modal, Modal::new(Dialect::Marlin));
+    }
+
+    fn moves(n_moves: u32) -> Queue {
+        Queue { n_lines: 0, n_moves, time_s: f64::INFINITY }
     }
 
     fn tail(lines: &[&str]) -> Tail {
@@ -285,22 +563,56 @@ mod tests {
     #[test]
     fn moves_in_the_planner_are_not_certain() {
         let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S1", "G1 X3", "G1 X4"]);
-        assert_eq!(tail.n_certain(6, 2), 4);
-        assert_eq!(tail.n_certain(6, 3), 2);
-        assert_eq!(tail.n_certain(6, 0), 6);
-        assert_eq!(tail.n_certain(3, 16), 1);
-        assert_eq!(tail.n_certain(0, 16), 0);
+        assert_eq!(tail.n_certain(6, moves(2)), 4);
+        assert_eq!(tail.n_certain(6, moves(3)), 2);
+        assert_eq!(tail.n_certain(6, moves(0)), 6);
+        assert_eq!(tail.n_certain(3, moves(16)), 1);
+        assert_eq!(tail.n_certain(0, moves(16)), 0);
     }
 
     #[test]
     fn what_drains_the_planner_makes_all_before_it_certain() {
-        assert_eq!(tail(&["G1 X1", "G1 X2", "M400"]).n_certain(3, 16), 3);
-        assert_eq!(tail(&["G1 X1", "G1 X2", "M400", "G1 X3"]).n_certain(4, 16), 3);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400"]).n_certain(3, moves(16)), 3);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "M400", "G1 X3"]).n_certain(4, moves(16)), 3);
+    }
+
+    #[test]
+    fn a_queue_of_time_holds_what_takes_as_long() {
+        // 60 mm/s: a sixth of a second each.
+        let lines: Vec<_> = (1..=60).map(|i| format!("G1 X{} F3600", 10 * i)).collect();
+        let lines: Vec<_> = std::iter::once("G28").chain(lines.iter().map(String::as_str)).collect();
+        let mut modal = Modal::new(Dialect::Klipper);
+        let mut known = Tail::default();
+        lines.iter().for_each(|line| known.push(modal.apply(line)));
+        let queue = Queue::of(Dialect::Klipper, Ahead { n_lines: 0, n_moves: 64, held: None });
+        // 3.6 s are 22 of them, and the one that begins before.
+        assert_eq!(known.n_certain(61, queue), 61 - 22);
+        assert_eq!(known.n_certain(10, queue), 1);
+        let mut modal = Modal::new(Dialect::Klipper);
+        assert_eq!(modal.apply("G4 P500"), Effect::Other, "a dwell is queued");
+    }
+
+    #[test]
+    fn lines_that_were_only_taken_are_not_begun() {
+        let tail = tail(&["G28", "G1 X1", "G1 X2", "M400", "G1 X4"]);
+        assert_eq!(tail.n_certain(5, Queue { n_lines: 3, ..moves(1) }), 1);
+        assert_eq!(tail.n_certain(5, Queue { n_lines: 9, ..moves(1) }), 0);
+    }
+
+    #[test]
+    fn behind_moves_that_the_planner_held_nothing_is_begun() {
+        let tail = tail(&["G28", "G1 X1", "G1 X2", "M106 S9", "G1 X3", "G1 X3.05", "G1 X4"]);
+        assert_eq!(tail.n_begun(7, 0), 7);
+        assert_eq!(tail.n_begun(7, 1), 7, "it may be under way");
+        assert_eq!(tail.n_begun(7, 3), 5);
+        assert_eq!(tail.n_begun(7, 4), 3);
+        let arcs = super::tests::tail(&["G28", "G1 X1", "G2 X2 I1", "G1 X3"]);
+        assert_eq!(arcs.n_begun(4, 5), 3);
     }
 
     #[test]
     fn lines_that_may_take_no_place_are_not_counted_as_places() {
-        assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, 2), 1);
+        assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, moves(2)), 1);
     }
 
     proptest::proptest! {
@@ -308,9 +620,9 @@ mod tests {
         fn certain_lines_grow_with_acknowledgements(moves in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
             let mut tail = Tail::default();
             for kind in &moves {
-                tail.push([Effect::Block, Effect::Drains, Effect::Other][usize::from(*kind)]);
+                tail.push([Effect::Block { least_s: 0.1 }, Effect::Drains, Effect::Other][usize::from(*kind)]);
             }
-            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, n)).collect();
+            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, self::moves(n))).collect();
             proptest::prop_assert!(certain.is_sorted());
             proptest::prop_assert!(certain.iter().zip(0..).all(|(c, acked)| *c <= acked));
         }

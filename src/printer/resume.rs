@@ -13,11 +13,11 @@
 //! Not known here: whether somebody has moved the axes, or taken the part off.
 
 use super::job::{self, Job};
+use super::journal::recorder::INTERVAL;
 use super::journal::{Log, Place, Progress, Track};
 use super::protocol::{Position, Temperatures};
-use super::replay::{Modal, Tail};
+use super::replay::{Beyond, Modal, Tail};
 use crate::profile::{Dialect, Profile, ResumePoint};
-use crate::units::mm_s_from_mm_min;
 use serde::Serialize;
 use std::io::{BufRead, Seek};
 
@@ -32,6 +32,8 @@ const SAME_STEPS: f64 = 0.6;
 const MOTOR_STEP_MM: f64 = 0.005;
 /// A bed that has cooled by more than this lets go of parts, K.
 const COOLED_K: f64 = 15.0;
+/// One that has cooled by more than this holds none, K.
+const COLD_K: f64 = 30.0;
 /// How far above the part the nozzle travels, mm.
 const CLEARANCE_MM: f64 = 5.0;
 
@@ -55,11 +57,13 @@ pub struct Known {
     pub progress: Progress,
     /// Whether there may have been more than `progress` tells: the host broke off as well.
     pub is_behind: bool,
+    /// How long ago it broke off, s, where that is known.
+    pub away_s: Option<f64>,
 }
 
 impl From<&Log> for Known {
     fn from(log: &Log) -> Self {
-        Self { track: log.track.clone(), progress: log.progress, is_behind: log.end.is_none() }
+        Self { track: log.track.clone(), progress: log.progress, is_behind: log.end.is_none(), away_s: None }
     }
 }
 
@@ -135,6 +139,8 @@ pub struct Recovery {
     pub cooled_k: Option<f64>,
     /// What is sent before the job.
     pub commands: Vec<String>,
+    /// The picture of where it goes on, where there is one.
+    pub picture: Option<String>,
     /// The state there.
     pub modal: Modal,
 }
@@ -148,8 +154,16 @@ impl std::fmt::Display for Recovery {
              come down from above; up to {} lines ({:.1} mm of bead) may be printed twice, nothing is left out",
             self.why, self.n_done, self.n_lines, self.n_twice, self.twice_mm
         )?;
+        let set: Vec<_> =
+            self.modal.settings.iter().filter_map(|s| s.line.split_ascii_whitespace().next()).collect();
+        if !set.is_empty() {
+            write!(f, "; what the job had set is set again: {}", set.join(", "))?;
+        }
         if let Some(cooled_k) = self.cooled_k {
             write!(f, "; the bed has cooled by {cooled_k:.0} K: see whether the part still holds")?;
+        }
+        if let Some(picture) = &self.picture {
+            write!(f, "; {picture} shows where")?;
         }
         Ok(())
     }
@@ -195,6 +209,24 @@ pub enum Refusal {
         /// Lines in doubt.
         n_lines: u64,
     },
+    /// A reset has taken something away that cannot be brought about again.
+    #[error("{why}, and the job {beyond}: print it anew")]
+    Beyond {
+        /// Why not exactly.
+        why: Why,
+        /// What.
+        beyond: Beyond,
+    },
+    /// The part has let go of the bed, or soon will.
+    #[error(
+        "{why}, and the bed has cooled by {cooled_k:.0} K below what the job wants: the part no longer holds; print it anew"
+    )]
+    PartCold {
+        /// Why not exactly.
+        why: Why,
+        /// By how much, K.
+        cooled_k: f64,
+    },
     /// The profile does not say how.
     #[error("{why}, and the profile has no scripts.recovery to find its place again")]
     NoScript {
@@ -221,6 +253,8 @@ impl Refusal {
             Self::WithinRecovery { why }
             | Self::NothingPrinted { why }
             | Self::HeightUnknown { why, .. }
+            | Self::Beyond { why, .. }
+            | Self::PartCold { why, .. }
             | Self::NoScript { why } => Some(*why),
             Self::Finished | Self::Cancelled | Self::Ambiguous { .. } => None,
         }
@@ -235,6 +269,8 @@ impl Refusal {
             Self::WithinRecovery { .. } => "printer.resume_within_recovery",
             Self::NothingPrinted { .. } => "printer.resume_nothing_printed",
             Self::HeightUnknown { .. } => "printer.resume_height_unknown",
+            Self::Beyond { .. } => "printer.resume_beyond",
+            Self::PartCold { .. } => "printer.resume_part_cold",
             Self::NoScript { .. } => "printer.resume_no_script",
             Self::Ambiguous { .. } => "printer.resume_ambiguous",
         }
@@ -278,11 +314,38 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
         let (modal, tail) = self.state_after(n_done)?;
         let is_there = matches!(place, Place::Prelude(_)) || self.is_at(&modal);
-        if let Some(why) = self.is_cold(&modal).or_else(|| (!is_there).then_some(Why::Elsewhere)) {
-            return self.recover(why);
+        match self.is_cold(&modal) {
+            Some(_) if is_there && self.holds_its_place(&modal) => {
+                return Ok(self.exact_when_warm(last, place, modal, tail));
+            }
+            Some(why) => return self.recover(why),
+            None if !is_there => return self.recover(Why::Elsewhere),
+            None => {}
         }
         let place = if let Place::Job(n) = place { Place::Job(n.min(self.job.n_lines())) } else { place };
         Ok(Decision::Exact(Box::new(Exact { place, track: track.clone(), modal, tail })))
+    }
+
+    /// Whether a printer whose heaters are off still is where it was: its motors hold as long as a print is waited for, and the bed
+    /// has not let go of the part.
+    fn holds_its_place(&self, modal: &Modal) -> bool {
+        let is_soon = self.known.away_s.is_some_and(|away_s| away_s < self.profile.firmware.orphan_hold_s);
+        let bed_c = self.survey.temperatures.bed.map(|bed| bed.actual_c);
+        let is_warm = modal.bed_c.zip(bed_c).is_none_or(|(wanted_c, bed_c)| wanted_c - bed_c <= COOLED_K);
+        is_soon && is_warm && self.profile.motors_gcode().is_some()
+    }
+
+    /// It is warmed up where it stands; then what was left of the host's own lines, and the job.
+    fn exact_when_warm(&self, last: u64, place: Place, modal: Modal, tail: Tail) -> Decision {
+        let track = &self.known.track;
+        let n_before = track.n_job_lines(last).min(self.job.n_lines());
+        let left = match place {
+            Place::Prelude(n) => track.prelude[n..].to_vec(),
+            Place::Job(_) => Vec::new(),
+        };
+        let prelude = warming(&modal).into_iter().chain(left).collect();
+        let track = Track { first_number: last + 1, prelude, n_before, n_twice: track.n_twice };
+        Decision::Exact(Box::new(Exact { place: Place::Prelude(0), track, modal, tail }))
     }
 
     /// Lines that may be on their way without the journal knowing.
@@ -350,8 +413,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             ([n], Some((modal, tail))) => match self.is_cold(&modal) {
                 Some(why) => self.recover(why),
                 None => {
-                    let first_number = self.first_number();
-                    let track = Track { first_number, prelude: Vec::new(), n_before: *n };
+                    let track = Track {
+                        first_number: self.first_number(),
+                        prelude: Vec::new(),
+                        n_before: *n,
+                        n_twice: self.known.track.n_twice,
+                    };
                     Ok(Decision::Exact(Box::new(Exact { place: Place::Job(*n), track, modal, tail })))
                 }
             },
@@ -377,7 +444,9 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         })?;
         let is_cold = self.is_cold(&modal).is_some();
         Ok((is_harmless && !is_cold && modal.top_mm.is_none() && modal.at_mm[0].is_none()).then(|| {
-            let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before: n_done };
+            let n_twice = self.known.track.n_twice;
+            let track =
+                Track { first_number: self.first_number(), prelude: Vec::new(), n_before: n_done, n_twice };
             Exact { place: Place::Job(n_done), track, modal, tail }
         }))
     }
@@ -390,8 +459,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     /// The host's own lines of a pause bring the nozzle away and back: behind which of them it is there. Where several are alike, the
     /// last: what follows sets modes, and may be said twice.
     fn within_prelude(&mut self, position: Position) -> Result<Option<Exact>, job::Error> {
-        let Track { prelude, n_before, .. } = &self.known.track;
-        let (prelude, n_before) = (prelude.clone(), *n_before);
+        let Track { prelude, n_before, n_twice, .. } = self.known.track.clone();
         if n_before == 0 || self.known.progress.n_sent > n_before {
             return Ok(None);
         }
@@ -403,7 +471,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             behind = if is_exactly(&at, position) { Some(i + 1) } else { behind };
         }
         Ok(behind.map(|n| {
-            let track = Track { first_number: self.first_number(), prelude: prelude[n..].to_vec(), n_before };
+            let track = Track {
+                first_number: self.first_number(),
+                prelude: prelude[n..].to_vec(),
+                n_before,
+                n_twice,
+            };
             Exact { place: Place::Prelude(0), track, modal, tail }
         }))
     }
@@ -414,9 +487,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
         let Known { progress, .. } = self.known;
         let n_done = progress.n_certain;
-        let n_known = progress.n_sent.max(n_done).min(self.job.n_lines());
-        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_known);
-        self.job.replay(n_known + self.in_a_second(), |command| doubt.take(command))?;
+        let n_lines = self.job.n_lines();
+        let n_sent = progress.n_sent.max(n_done).min(n_lines) + self.unrecorded();
+        let since_s = progress.begun_s + if self.known.is_behind { behind_s(progress) } else { 0.0 };
+        let n_begun = progress.n_begun.max(n_done).min(n_lines);
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_begun, since_s);
+        self.job.replay(n_sent, |command| doubt.take(command))?;
         let n_sent = doubt.n;
         let Some(modal) = doubt.at.take().filter(|modal| modal.top_mm.is_some()) else {
             return Ok(Decision::Refuse(Refusal::NothingPrinted { why }));
@@ -426,6 +502,14 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         };
         if self.profile.scripts.recovery.is_empty() {
             return Ok(Decision::Refuse(Refusal::NoScript { why }));
+        }
+        if let Some(beyond) = modal.beyond {
+            return Ok(Decision::Refuse(Refusal::Beyond { why, beyond }));
+        }
+        let bed_c = modal.bed_c.unwrap_or(0.0);
+        let cooled_k = self.survey.temperatures.bed.map(|bed| bed_c - bed.actual_c);
+        if let Some(cooled_k) = cooled_k.filter(|k| *k > COLD_K) {
+            return Ok(Decision::Refuse(Refusal::PartCold { why, cooled_k }));
         }
         let n_lines = n_sent - n_done;
         if let Some(told_mm) = self.told_height().filter(|_| why != Why::Restarted) {
@@ -438,7 +522,6 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             let Doubt { low_mm, high_mm, .. } = doubt;
             return Ok(Decision::Refuse(Refusal::HeightUnknown { why, low_mm, high_mm, n_lines }));
         }
-        let bed_c = modal.bed_c.unwrap_or(0.0);
         let point = ResumePoint {
             xyz_mm: [x, y, z],
             clear_z_mm: modal.top_mm.unwrap_or(z).max(z) + CLEARANCE_MM,
@@ -447,7 +530,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         };
         let mut commands = self.profile.recovery_gcode(&point);
         commands.extend(restoring(&modal));
-        let cooled_k = self.survey.temperatures.bed.map(|bed| bed_c - bed.actual_c).filter(|k| *k > COOLED_K);
+        let cooled_k = cooled_k.filter(|k| *k > COOLED_K);
         Ok(Decision::Recover(Box::new(Recovery {
             why,
             n_done,
@@ -457,6 +540,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             xyz_mm: point.xyz_mm,
             cooled_k,
             commands,
+            picture: None,
             modal,
         })))
     }
@@ -471,14 +555,6 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     /// Z by the printer's own word, mm.
     fn told_height(&self) -> Option<f64> {
         self.survey.position.map(|position| position.xyz_mm[2])
-    }
-
-    /// What may have been sent at most in the second that the journal is behind where the host broke off too.
-    fn in_a_second(&self) -> u64 {
-        // Bounded by the profile's check.
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]
-        let a_second = self.profile.firmware.segments_per_s.ceil() as u64;
-        if self.known.is_behind { a_second } else { 0 }
     }
 
     /// Whether the profile's recovery finds the height again by itself.
@@ -520,14 +596,14 @@ impl Runs {
     }
 }
 
-/// What may or may not be executed: from the last certain line to the last one that may have been sent.
+/// What may or may not be executed: from the last certain line to the last one that may have been begun.
 #[derive(Debug)]
 struct Doubt {
     modal: Modal,
     n_certain: u64,
-    /// Lines that were sent, as far as the journal knows.
-    n_known: u64,
-    /// Behind these: a line makes room for another one only when a move has ended, and moves are no faster than they are told.
+    /// Lines that may have been begun, as far as the journal knows.
+    n_begun: u64,
+    /// Time since then: behind these a line is begun only when the moves before it have ended.
     left_s: f64,
     n: u64,
     /// The state at the last certain line.
@@ -537,16 +613,30 @@ struct Doubt {
     printed_mm: f64,
 }
 
-/// How far the journal is behind at most, and what the printer is ahead of its clock, s.
+/// How far a journal is behind that has not told how long the disk takes, s.
 const BEHIND_S: f64 = 1.25;
+/// What a disk may take longer than it ever has, s; and how many times as long.
+const SLOWER_S: f64 = 0.25;
+const SLOWER: f64 = 2.0;
+
+/// How far the journal may have been behind when the host broke off too, s.
+fn behind_s(progress: &Progress) -> f64 {
+    if progress.delay_s > 0.0 {
+        SLOWER.mul_add(progress.delay_s, INTERVAL.as_secs_f64() + SLOWER_S)
+    } else {
+        BEHIND_S
+    }
+}
+/// Somebody may have turned the speed up at the printer, by half: moves take no less than this share of the time they are told.
+const TURNED_UP: f64 = 0.67;
 
 impl Doubt {
-    const fn new(dialect: Dialect, n_certain: u64, n_known: u64) -> Self {
+    const fn new(dialect: Dialect, n_certain: u64, n_begun: u64, since_s: f64) -> Self {
         Self {
             modal: Modal::new(dialect),
             n_certain,
-            n_known,
-            left_s: BEHIND_S,
+            n_begun,
+            left_s: since_s,
             n: 0,
             at: None,
             low_mm: f64::INFINITY,
@@ -556,12 +646,15 @@ impl Doubt {
     }
 
     fn take(&mut self, command: &str) {
-        if self.n >= self.n_known && self.left_s <= 0.0 {
+        if self.n >= self.n_begun && self.left_s <= 0.0 {
             return;
         }
         let before = self.modal.at_mm;
-        self.modal.apply(command);
+        let effect = self.modal.apply(command);
         self.n += 1;
+        if self.n > self.n_begun {
+            self.left_s -= TURNED_UP * effect.least_s();
+        }
         if self.n == self.n_certain {
             self.at = Some(self.modal.clone());
         }
@@ -580,17 +673,26 @@ impl Doubt {
         if self.n > self.n_certain && way(3) > 0.0 {
             self.printed_mm += way_mm;
         }
-        if self.n > self.n_known {
-            let speed_mm_s = self.modal.feedrate_mm_min.map_or(f64::INFINITY, mm_s_from_mm_min);
-            self.left_s -= way_mm / speed_mm_s.max(1e-3);
-        }
     }
 }
 
-/// Modes, filament's place, fan and speed as the job left them.
+/// Heat and fan as the job left them.
+fn warming(modal: &Modal) -> Vec<String> {
+    let heats = |set: &str, celsius: Option<f64>| celsius.filter(|c| *c > 0.0).map(|c| format!("{set} S{c}"));
+    let heat =
+        [("M140", modal.bed_c), ("M104", modal.hotend_c), ("M190", modal.bed_c), ("M109", modal.hotend_c)];
+    let fan = modal.fan.filter(|fan| *fan > 0.0).map(|fan| format!("M106 S{fan}"));
+    heat.into_iter().filter_map(|(set, celsius)| heats(set, celsius)).chain(fan).collect()
+}
+
+/// Limits and factors, the filament drawn back, modes, its place, fan and speed as the job left them.
 fn restoring(modal: &Modal) -> Vec<String> {
     let rounded = |value: f64| (value * 1e5).round() / 1e5;
-    let mut lines = Vec::new();
+    let mut lines: Vec<_> = modal.settings.iter().map(|setting| setting.line.clone()).collect();
+    if modal.drawn_mm > 0.0 {
+        lines.push("M83".to_owned());
+        lines.push(format!("G1 E-{} F1800", rounded(modal.drawn_mm)));
+    }
     lines.extend(modal.at_mm[3].map(|e| format!("G92 E{}", rounded(e))));
     lines.push(if modal.absolute_xyz { "G90" } else { "G91" }.to_owned());
     lines.push(if modal.absolute_e { "M82" } else { "M83" }.to_owned());

@@ -182,7 +182,10 @@ impl<R: BufRead + Seek> Session<R> {
                 session.stage = Stage::Greeting { host_lines: Vec::new() };
                 session.command(Command::Connect);
             }
-            Start::Resume { known, after_reset } => session.survey(*known, Manner::Resume { after_reset }),
+            Start::Resume { known, after_reset } => {
+                session.n_twice = known.track.n_twice;
+                session.survey(*known, Manner::Resume { after_reset });
+            }
         }
         session.settle();
         session
@@ -248,6 +251,8 @@ impl<R: BufRead + Seek> Session<R> {
             track: self.recorder.track().clone(),
             progress: self.recorder.progress(now, self.core.progress()),
             is_behind: false,
+            // The hold is not over: heaters that are off were switched off, and the motors were not.
+            away_s: Some(0.0),
         });
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);
@@ -441,7 +446,7 @@ impl<R: BufRead + Seek> Session<R> {
         self.stage = Stage::Printing;
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
-        let track = Track { first_number: 1, prelude, n_before };
+        let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice };
         self.records.push_back(Record::Session(track.clone()));
         let dialect = self.profile.firmware.dialect;
         let fresh = Recorder::fresh(dialect, track.clone(), self.now);

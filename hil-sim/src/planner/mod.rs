@@ -143,6 +143,8 @@ const COMPANY: usize = 3;
 pub struct Planner {
     blocks: VecDeque<Block>,
     slots: usize,
+    /// Where the queue is one of time (Klipper): how much of it, at the speeds told.
+    queue_s: Option<f64>,
     /// When the last finished move ended.
     free_s: f64,
     /// Before that the first move does not start.
@@ -158,14 +160,21 @@ impl Planner {
     #[must_use]
     pub fn new(blocks: usize) -> Self {
         Self {
-            blocks: VecDeque::with_capacity(blocks),
+            blocks: VecDeque::new(),
             slots: blocks.saturating_sub(1).max(1),
+            queue_s: None,
             free_s: 0.0,
             hold_s: 0.0,
             last: None,
             smoothed: false,
             peak2: f64::INFINITY,
         }
+    }
+
+    /// The same, but it takes moves as long as those in it would take less than this at the speeds told.
+    #[must_use]
+    pub fn with_queue_s(self, queue_s: Option<f64>) -> Self {
+        Self { queue_s, ..self }
     }
 
     /// Moves planned.
@@ -177,7 +186,11 @@ impl Planner {
     /// Moves that still find room.
     #[must_use]
     pub fn free(&self) -> usize {
-        self.slots.saturating_sub(self.blocks.len())
+        let told_s = || self.blocks.iter().map(|block| block.length / block.nominal).sum::<f64>();
+        match self.queue_s {
+            Some(queue_s) if told_s() >= queue_s => 0,
+            _ => self.slots.saturating_sub(self.blocks.len()),
+        }
     }
 
     /// Plans a straight move from `from` to `to` at `speed`; false if nothing moves. There must be room.

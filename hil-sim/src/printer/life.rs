@@ -137,7 +137,7 @@ impl Printer {
             self.deposit.shift_mm[axis] += self.motion.driven[axis];
         }
         self.motion = Motion::new(&self.profile);
-        self.planner = Planner::new(self.profile.planner_blocks);
+        self.planner = Planner::new(self.profile.planner_blocks).with_queue_s(self.profile.queue_s);
         self.planner.release(self.now_s);
         self.forget_commands();
         self.receiver.reset();

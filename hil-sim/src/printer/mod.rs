@@ -233,7 +233,7 @@ impl Printer {
             alone_s: None,
             silent_until_s: 0.0,
             unplugged_until_s: 0.0,
-            planner: Planner::new(profile.planner_blocks),
+            planner: Planner::new(profile.planner_blocks).with_queue_s(profile.queue_s),
             motion: Motion::new(&profile),
             heaters: profile
                 .heaters

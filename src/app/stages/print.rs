@@ -86,11 +86,11 @@ impl Session<'_> {
     }
 
     /// Prints the job once more, where it is a real printer; asked for by name, it is never "done already".
-    /// `baud` takes the place of the profile's rate.
+    /// `baud` takes the place of the profile's rate; only with `anew` where the last print broke off.
     ///
     /// # Errors
     /// As [`Session::print`]; also where there cannot be such a printer.
-    pub fn print_again(&mut self, baud: Option<u32>) -> Result<(), Error> {
+    pub fn print_again(&mut self, baud: Option<u32>, anew: bool) -> Result<(), Error> {
         let settings = self.settings();
         check_printer(&self.profile()?, &settings.profile, &settings.port, baud)?;
         if self.is_simulated() {
@@ -101,7 +101,7 @@ impl Session<'_> {
         let made_from = self.made_from(Stage::Print)?;
         let because_of = vec!["asked for".to_owned()];
         self.redo(Stage::Print, &made_from, because_of, |session, task| {
-            session.print_job(&profile, baud, task)
+            session.do_print(&profile, baud, Manner::FromTheBeginning { anew }, task)
         })
     }
 
@@ -152,7 +152,7 @@ impl Session<'_> {
     }
 
     fn print_job(&self, profile: &Profile, baud: Option<u32>, task: &Task<'_>) -> Result<Made, Error> {
-        self.do_print(profile, baud, Manner::FromTheBeginning, task)
+        self.do_print(profile, baud, Manner::FromTheBeginning { anew: false }, task)
     }
 
     fn do_print(
@@ -190,11 +190,16 @@ pub struct Printer<'a> {
     pub baud: Option<u32>,
 }
 
-/// Prints a file of G-code that belongs to no case.
+/// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off.
 ///
 /// # Errors
 /// [`Error`] where profile, file or port cannot be used, or where the print failed.
-pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+pub fn print_file(
+    job: &Path,
+    printer: Printer<'_>,
+    anew: bool,
+    context: &Context<'_>,
+) -> Result<Printed, Error> {
     let Printer { profile_name, port, baud } = printer;
     let profile = profile::load::by_name(profile_name)?;
     check_printer(&profile, profile_name, port, baud)?;
@@ -202,7 +207,7 @@ pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Re
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
-    let manner = Manner::FromTheBeginning;
+    let manner = Manner::FromTheBeginning { anew };
     let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
     order.print(&task, context).map_err(Error::or_interrupted)
 }
@@ -213,7 +218,8 @@ pub fn print_file(job: &Path, printer: Printer<'_>, context: &Context<'_>) -> Re
 /// [`Error`] where nothing is known of a print, where profile, file or port cannot be used, or where it cannot go on.
 pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>) -> Result<Printed, Error> {
     let log = paper::log_of(job)?;
-    let profile_name = printer.profile_name.unwrap_or(&log.machine.profile);
+    let known_profile = paper::profile_of(job, &log);
+    let profile_name = printer.profile_name.unwrap_or(&known_profile);
     let known_port = log.machine.device.as_deref().unwrap_or(&log.machine.port);
     let port = printer.port.unwrap_or(known_port);
     let profile = profile::load::by_name(profile_name)?;
@@ -335,8 +341,13 @@ fn check_simulated(profile: &Profile, named: &str, baud: Option<u32>) -> Result<
 /// How a print is begun.
 #[derive(Debug, Clone, Copy)]
 enum Manner {
-    FromTheBeginning,
-    Resume { after_reset: bool },
+    /// Over a print that broke off only if `anew`.
+    FromTheBeginning {
+        anew: bool,
+    },
+    Resume {
+        after_reset: bool,
+    },
 }
 
 /// A print to be done.
@@ -371,7 +382,9 @@ impl Order<'_> {
                 let printing = async {
                     let sender = sender;
                     match self.manner {
-                        Manner::FromTheBeginning => paper.print(&sender, &context.cancel).await,
+                        Manner::FromTheBeginning { anew } => {
+                            paper.print(anew, &sender, &context.cancel).await
+                        }
                         Manner::Resume { after_reset } => {
                             paper.resume(after_reset, &sender, &context.cancel).await
                         }

@@ -1,13 +1,15 @@
 //! The journal of a print: enough on disk to go on with it after whatever broke it off.
 //!
 //! A file beside the job (`JOB.gcode.journal`), readable by its owner alone. It begins with one line that names the format;
-//! each further line is a record: sixteen hexadecimal digits of its BLAKE3 sum, a blank, JSON. Records are only ever
-//! appended. What the state of the printer was at some line is not written down: it follows from the job's text
-//! ([`super::replay`]), whose sum the journal holds.
+//! each further line is a record: sixteen hexadecimal digits of its BLAKE3 sum, a blank, JSON, perhaps blanks. First job, machine
+//! and session; then eight lines of one length, which take the records of progress in turn, each over the oldest: so the file
+//! stays as long as it is, needs no room on a disk that fills up, and is read in no time after however many hours. The record of
+//! the latest moment counts, wherever it stands. What the state of the printer was at some line is not written down: it follows
+//! from the job's text ([`super::replay`]), whose sum the journal holds. No name of the job's file is kept, nor a path.
 //!
-//! A record that was torn (power cut, full disk) or damaged is passed over and counted; what was written before and after it
-//! stays readable: whoever appends to a torn file ends the torn line first. Records of progress are whole by themselves, so
-//! that one that is lost costs as much time as lies between two of them, and nothing else.
+//! A record that was torn (power cut, full disk) or damaged is passed over and counted; the others stay readable. Records of
+//! progress are whole by themselves, so that one that is lost costs as much time as lies between two of them, and nothing else.
+//! Each tells the longest time that one before it took to the disk: what was lost at most follows from it.
 //!
 //! This module is pure; [`writer`] is the thread that owns the file, [`recorder`] decides what is written when.
 
@@ -19,19 +21,20 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The first line of every journal.
-const HEADER: &str = "lumenfab print journal 1";
+const HEADER: &str = "lumenfab print journal 2";
 /// What the first lines of all versions have in common.
 const ANY_HEADER: &str = "lumenfab print journal ";
 /// Digits of a sum.
 const SUM_DIGITS: usize = 16;
 /// A longer file is no journal of ours, bytes.
-const MAX_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 24;
+/// Lines for progress, and their length with the line feed, bytes.
+const N_SLOTS: u64 = 8;
+const SLOT_BYTES: usize = 512;
 
 /// Which job it is.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JobId {
-    /// Its file, beside the journal.
-    pub file: String,
     /// BLAKE3 of its bytes.
     pub hash: String,
     /// Its commands.
@@ -60,6 +63,8 @@ pub struct Track {
     pub prelude: Vec<String>,
     /// Lines of the job that were done before this session.
     pub n_before: u64,
+    /// Lines that may have been executed twice in all sessions so far, at most.
+    pub n_twice: u64,
 }
 
 /// A place in a session.
@@ -107,6 +112,12 @@ pub struct Progress {
     pub n_acked: u64,
     /// Lines certainly executed.
     pub n_certain: u64,
+    /// Lines that may have been begun, at most, so long ago: all that were sent, where the firmware does not say what it holds.
+    pub n_begun: u64,
+    /// See above, s.
+    pub begun_s: f64,
+    /// The longest that a record has taken to the disk so far, s; 0 where none has.
+    pub delay_s: f64,
     /// Nozzle, actual and wanted, °C.
     pub hotend_c: Option<[f64; 2]>,
     /// Bed, actual and wanted, °C.
@@ -217,12 +228,23 @@ pub fn encode(record: &Record) -> Vec<u8> {
     format!("{} {json}\n", sum(json.as_bytes())).into_bytes()
 }
 
+/// A record as one of the lines for progress; `None` where it is longer.
+fn encode_slot(record: &Record) -> Option<Vec<u8>> {
+    let mut line = encode(record);
+    let n_blanks = SLOT_BYTES.checked_sub(line.len())?;
+    line.pop();
+    line.extend(std::iter::repeat_n(b' ', n_blanks));
+    line.push(b'\n');
+    Some(line)
+}
+
 fn sum(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex()[..SUM_DIGITS].to_owned()
 }
 
 /// `None` for a line that is torn or damaged.
 fn decode(line: &[u8]) -> Option<Record> {
+    let line = line.trim_ascii_end();
     let (found, json) = (line.get(..SUM_DIGITS)?, line.get(SUM_DIGITS + 1..)?);
     if line[SUM_DIGITS] != b' ' || found != sum(json).as_bytes() {
         return None;
@@ -256,13 +278,26 @@ impl Log {
         let mut lines = bytes.split(|&b| b == b'\n');
         check_header(lines.next().unwrap_or_default(), path)?;
         let mut fold = Fold::default();
-        for line in lines.filter(|line| !line.is_empty()) {
+        for line in lines.filter(|line| !line.trim_ascii().is_empty()) {
             match decode(line) {
                 Some(record) => fold.take(record),
                 None => fold.n_damaged += 1,
             }
         }
         fold.log().ok_or_else(|| Error::NotBegun(path.to_owned()))
+    }
+
+    /// What a journal holds before its last session: job, machine, and the last progress of the session before.
+    fn head(bytes: &[u8]) -> Vec<Record> {
+        let mut fold = Fold::default();
+        bytes.split(|&b| b == b'\n').filter_map(decode).for_each(|record| fold.take(record));
+        let progress = fold.track.is_some().then_some(Record::Progress(fold.progress));
+        fold.job
+            .map(Record::Job)
+            .into_iter()
+            .chain(fold.machine.map(Record::Machine))
+            .chain(progress)
+            .collect()
     }
 
     /// Reads the journal at `path`.
@@ -306,10 +341,20 @@ impl Fold {
             Record::Machine(machine) => self.machine = Some(machine),
             Record::Session(track) => {
                 let n = track.n_before;
-                self.progress = Progress { n_sent: n, n_acked: n, n_certain: n, ..self.progress };
+                self.progress = Progress {
+                    t_s: 0.0,
+                    n_sent: n,
+                    n_acked: n,
+                    n_certain: n,
+                    n_begun: n,
+                    begun_s: 0.0,
+                    ..self.progress
+                };
                 self.track = Some(track);
                 self.end = None;
             }
+            // The lines for progress are taken in turn: the latest of them may stand anywhere.
+            Record::Progress(progress) if progress.t_s < self.progress.t_s => {}
             Record::Progress(progress) => {
                 self.progress = progress;
                 self.end = None;

@@ -1,16 +1,16 @@
 //! What is written into the journal, and when.
 //!
-//! Pure: time and the core's numbers go in, records come out. A record of progress is due every quarter of a second while
-//! something has changed, so that the journal, written by a thread that may need as long again, is never a second behind.
+//! Pure: time and the core's numbers go in, records come out. A record of progress is due every half second while something has
+//! changed, so that the journal, written by a thread that may need as long again, is no more than a second behind.
 
 use super::{Progress, Record, Track};
 use crate::printer::protocol::{self, Instant, Temperatures};
-use crate::printer::replay::{Modal, Tail};
+use crate::printer::replay::{Modal, Queue, Tail};
 use crate::profile::Dialect;
 use std::time::Duration;
 
 /// Between two records of progress.
-pub const INTERVAL: Duration = Duration::from_millis(250);
+pub const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Follows a session.
 #[derive(Debug)]
@@ -21,13 +21,15 @@ pub struct Recorder {
     began: Instant,
     written: Option<(Instant, Progress)>,
     temperatures: Progress,
+    dialect: Dialect,
 }
 
 impl Recorder {
     /// For a session that goes along `track`; `modal` and `tail` are those of the lines of the job that are done.
     #[must_use]
     pub fn new(track: Track, modal: Modal, tail: Tail, now: Instant) -> Self {
-        Self { track, modal, tail, began: now, written: None, temperatures: Progress::default() }
+        let dialect = modal.dialect();
+        Self { track, modal, tail, began: now, written: None, temperatures: Progress::default(), dialect }
     }
 
     /// One for a job from its beginning.
@@ -64,12 +66,18 @@ impl Recorder {
     #[must_use]
     pub fn progress(&self, now: Instant, core: protocol::Progress) -> Progress {
         let n_acked = self.track.n_job_lines(core.n_acked);
+        let n_sent = self.track.n_job_lines(core.n_sent);
+        let held = core.ahead.held.filter(|held| held.n_moves > 0);
+        let n_begun = held.map_or(n_sent, |held| self.tail.n_begun(n_acked, held.n_moves));
+        let begun_s = held.map_or(0.0, |held| now.since(held.at).as_secs_f64());
         Progress {
             t_s: (now.since(self.began).as_secs_f64() * 1e3).round() / 1e3,
             number: core.n_sent,
-            n_sent: self.track.n_job_lines(core.n_sent),
+            n_sent,
             n_acked,
-            n_certain: self.tail.n_certain(n_acked, core.planner_pending),
+            n_certain: self.tail.n_certain(n_acked, Queue::of(self.dialect, core.ahead)),
+            n_begun,
+            begun_s: (begun_s * 1e3).ceil() / 1e3,
             ..self.temperatures
         }
     }
@@ -80,7 +88,9 @@ impl Recorder {
             return None;
         }
         let progress = self.progress(now, core);
-        let same = |(_, last): (Instant, Progress)| Progress { t_s: progress.t_s, ..last } == progress;
+        let same = |(_, last): (Instant, Progress)| {
+            Progress { t_s: progress.t_s, begun_s: progress.begun_s, ..last } == progress
+        };
         if self.written.is_some_and(same) {
             return None;
         }

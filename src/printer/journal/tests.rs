@@ -2,14 +2,14 @@ use super::*;
 
 pub(super) fn first_records() -> Vec<Record> {
     vec![
-        Record::Job(JobId { file: "job.gcode".into(), hash: "ab".into(), n_lines: 100 }),
+        Record::Job(JobId { hash: "ab".into(), n_lines: 100 }),
         Record::Machine(Machine {
             profile: "marlin".into(),
             profile_hash: "cd".into(),
             port: "/dev/ttyUSB0".into(),
             device: None,
         }),
-        Record::Session(Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0 }),
+        Record::Session(Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0, n_twice: 0 }),
     ]
 }
 
@@ -65,15 +65,20 @@ fn a_journal_torn_anywhere_reads_as_far_as_it_goes() {
 fn other_files_and_other_versions_are_told_apart() {
     assert!(matches!(parse(b"G28\nG1 X1\n"), Err(Error::Foreign(_))));
     assert!(matches!(parse(&[0xff; 300]), Err(Error::Foreign(_))));
-    let error = parse(b"lumenfab print journal 2\n").unwrap_err();
-    assert!(error.to_string().contains("found the format \"lumenfab print journal 2\""), "{error}");
+    let error = parse(b"lumenfab print journal 1\n").unwrap_err();
+    assert!(error.to_string().contains("found the format \"lumenfab print journal 1\""), "{error}");
     let missing = Log::read(Path::new("/nonexistent/j.journal")).unwrap_err();
     assert_eq!(missing.code(), "printer.journal_missing");
 }
 
 #[test]
 fn numbers_on_the_wire_lead_back_to_lines_of_the_job() {
-    let track = Track { first_number: 11, prelude: vec!["M155 S2".into(), "M85 S9".into()], n_before: 40 };
+    let track = Track {
+        first_number: 11,
+        prelude: vec!["M155 S2".into(), "M85 S9".into()],
+        n_before: 40,
+        n_twice: 0,
+    };
     assert_eq!(track.place(9), None);
     assert_eq!(track.place(10), Some(Place::Prelude(0)));
     assert_eq!(track.place(11), Some(Place::Prelude(1)));

@@ -1,17 +1,20 @@
 //! The thread that owns the journal's file (IO).
 //!
 //! The streaming task hands records over and never waits: where the disk is slow, a record of progress is left out and a later
-//! one says more. The thread writes and flushes each batch to the disk. A write that fails (full disk) may leave half a
-//! line behind; the next one begins with a line feed, so that only that line is lost, and writing goes on once there is room.
+//! one says more. Each session begins with a file written anew, whole or not at all, with its lines for progress laid out; records of
+//! progress then go over the oldest of these, so that a disk that fills up does not matter. Where the file cannot be written
+//! anew, they are appended: a write that fails may leave half a line behind; the next one begins with a line feed, so that only that line is
+//! lost, and writing goes on once there is room.
 
-use super::{Error, Record, encode, header};
+use super::{Error, Log, N_SLOTS, Progress, Record, SLOT_BYTES, encode, encode_slot, header};
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// Records that may wait for the disk.
 const WAITING: usize = 64;
@@ -27,7 +30,7 @@ pub struct Journal {
 
 #[derive(Debug)]
 enum Order {
-    Append(Vec<u8>),
+    Append(Record, Instant),
     /// Answered when all before it is on the disk.
     Flush(SyncSender<()>),
 }
@@ -41,13 +44,11 @@ impl Journal {
         refuse_foreign(path)?;
         let mut bytes = header();
         records.iter().for_each(|record| bytes.extend(encode(record)));
-        let written = |source| Error::Io { path: path.to_owned(), action: "written", source };
-        let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Readable by its owner alone: what tempfile makes by itself.
-        let mut file = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir).map_err(written)?;
-        file.write_all(&bytes).and_then(|()| file.as_file().sync_all()).map_err(written)?;
-        file.persist(path).map_err(|error| written(error.error))?;
-        File::open(dir).and_then(|dir| dir.sync_all()).map_err(written)?;
+        replace(path, &bytes).map_err(|source| Error::Io {
+            path: path.to_owned(),
+            action: "written",
+            source,
+        })?;
         Self::append_to(path)
     }
 
@@ -57,13 +58,20 @@ impl Journal {
     /// [`Error::Io`], also where the thread cannot be started.
     pub fn append_to(path: &Path) -> Result<Self, Error> {
         let failed = |source| Error::Io { path: path.to_owned(), action: "written", source };
-        let file = OpenOptions::new().append(true).read(true).mode(0o600).open(path).map_err(failed)?;
+        let file = open(path).map_err(failed)?;
         let failure = Arc::new(Mutex::new(None));
         let (sender, orders) = sync_channel(WAITING);
-        let told = Arc::clone(&failure);
         // A file that ends within a line was torn.
-        let is_torn = !read(path)?.ends_with(b"\n");
-        let work = move || Disk { file, is_torn, failure: told }.serve(&orders);
+        let is_torn = !ends_with_a_line(&file).map_err(failed)?;
+        let disk = Disk {
+            file,
+            is_torn,
+            failure: Arc::clone(&failure),
+            delay: Duration::ZERO,
+            next_slot: None,
+            path: Some(path.to_owned()),
+        };
+        let work = move || disk.serve(&orders);
         let thread = std::thread::Builder::new().name("journal".into()).spawn(work).map_err(failed)?;
         Ok(Self { path: path.to_owned(), sender: Some(sender), thread: Some(thread), failure })
     }
@@ -76,7 +84,8 @@ impl Journal {
 
     /// Hands a record over; false where too many wait already. Never blocks.
     pub fn append(&self, record: &Record) -> bool {
-        self.sender.as_ref().is_some_and(|sender| sender.try_send(Order::Append(encode(record))).is_ok())
+        let order = Order::Append(record.clone(), now());
+        self.sender.as_ref().is_some_and(|sender| sender.try_send(order).is_ok())
     }
 
     /// Waits until all that was handed over is on the disk.
@@ -106,74 +115,162 @@ impl Drop for Journal {
     }
 }
 
+#[expect(clippy::disallowed_methods, reason = "how long the disk takes")]
+fn now() -> Instant {
+    Instant::now()
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).mode(0o600).open(path)
+}
+
+/// Whole or not at all; readable by its owner alone, as tempfile makes it by itself.
+fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir)?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    File::open(dir)?.sync_all()
+}
+
+fn ends_with_a_line(file: &File) -> io::Result<bool> {
+    let Some(at) = file.metadata()?.len().checked_sub(1) else { return Ok(true) };
+    let mut last = [0];
+    file.read_exact_at(&mut last, at)?;
+    Ok(last == *b"\n")
+}
+
 /// The file, on its own thread.
 struct Disk<F> {
     file: F,
     /// It ends within a line.
     is_torn: bool,
     failure: Arc<Mutex<Option<String>>>,
+    /// The longest that a record has taken.
+    delay: Duration,
+    /// Where the lines for progress begin, and which of them is the next; none: records are appended.
+    next_slot: Option<(u64, u64)>,
+    /// Where it is written anew; never in tests.
+    path: Option<PathBuf>,
 }
 
 /// A file as this thread needs it; a full disk in tests.
 trait Flushed: Write {
+    /// Over what stands there.
+    fn write_over(&mut self, bytes: &[u8], at: u64) -> io::Result<()>;
+    /// To its end; all is then on the disk.
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
     fn to_disk(&mut self) -> io::Result<()>;
 }
 
 impl Flushed for File {
+    fn write_over(&mut self, bytes: &[u8], at: u64) -> io::Result<()> {
+        self.write_all_at(bytes, at)
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.seek(SeekFrom::End(0))?;
+        self.write_all(bytes)
+    }
+
     fn to_disk(&mut self) -> io::Result<()> {
         self.sync_data()
     }
 }
 
-impl<F: Flushed> Disk<F> {
+impl Disk<File> {
     fn serve(mut self, orders: &Receiver<Order>) {
         while let Ok(order) = orders.recv() {
-            match order {
-                Order::Append(mut bytes) => {
-                    let flushes = self.gather(&mut bytes, orders);
-                    self.write(&bytes);
-                    flushes.into_iter().for_each(answer);
+            let mut late = None;
+            let mut order = Some(order);
+            while let Some(next) = order.take().or_else(|| orders.try_recv().ok()) {
+                match next {
+                    // What waits behind it says more.
+                    Order::Append(Record::Progress(progress), since) => late = Some((progress, since)),
+                    Order::Append(record, _) => {
+                        self.progress(late.take());
+                        self.other(&record);
+                    }
+                    Order::Flush(flush) => {
+                        self.progress(late.take());
+                        // Whoever asked may have gone.
+                        flush.send(()).ok();
+                    }
                 }
-                Order::Flush(flush) => answer(flush),
             }
+            self.progress(late);
         }
     }
 
-    /// What else waits goes to the disk with it.
-    fn gather(&self, bytes: &mut Vec<u8>, orders: &Receiver<Order>) -> Vec<SyncSender<()>> {
-        let mut flushes = Vec::new();
-        while let Ok(order) = orders.try_recv() {
-            match order {
-                Order::Append(more) => bytes.extend(more),
-                Order::Flush(flush) => flushes.push(flush),
-            }
-        }
-        flushes
+    /// A session begins with a file of its own.
+    fn other(&mut self, record: &Record) {
+        let written = match record {
+            Record::Session(_) => self.anew(record).or_else(|_| self.append(&encode(record))),
+            _ => self.append(&encode(record)),
+        };
+        self.tell(written);
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        let result = self.try_write(bytes);
-        if let Err(error) = result {
+    /// What is known so far, the session, and room for its progress.
+    fn anew(&mut self, session: &Record) -> io::Result<()> {
+        self.next_slot = None;
+        let path = self.path.clone().ok_or(io::ErrorKind::NotFound)?;
+        let mut bytes = header();
+        let log = Log::head(&read(&path).map_err(io::Error::other)?);
+        log.iter().for_each(|record| bytes.extend(encode(record)));
+        bytes.extend(encode(session));
+        let slots_at = bytes.len() as u64;
+        let mut blank = vec![b' '; SLOT_BYTES - 1];
+        blank.push(b'\n');
+        (0..N_SLOTS).for_each(|_| bytes.extend(&blank));
+        replace(&path, &bytes)?;
+        self.file = open(&path)?;
+        self.is_torn = false;
+        self.next_slot = Some((slots_at, 0));
+        Ok(())
+    }
+}
+
+impl<F: Flushed> Disk<F> {
+    fn progress(&mut self, handed: Option<(Progress, Instant)>) {
+        let Some((mut progress, since)) = handed else { return };
+        progress.delay_s = (self.delay.as_secs_f64() * 1e3).ceil() / 1e3;
+        let written = self.try_progress(&Record::Progress(progress));
+        if written.is_ok() {
+            self.delay = self.delay.max(now().duration_since(since));
+        }
+        self.tell(written);
+    }
+
+    fn try_progress(&mut self, record: &Record) -> io::Result<()> {
+        match (self.next_slot, encode_slot(record)) {
+            (Some((slots_at, n)), Some(line)) => {
+                self.file.write_over(&line, slots_at + n * SLOT_BYTES as u64)?;
+                self.next_slot = Some((slots_at, (n + 1) % N_SLOTS));
+                self.file.to_disk()
+            }
+            _ => self.append(&encode(record)),
+        }
+    }
+
+    fn tell(&self, written: io::Result<()>) {
+        if let Err(error) = written {
             let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
             failure.get_or_insert_with(|| error.to_string());
         }
     }
 
-    fn try_write(&mut self, bytes: &[u8]) -> io::Result<()> {
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         if self.is_torn {
-            self.file.write_all(b"\n")?;
+            self.file.append(b"\n")?;
         }
         // Until all of it is there.
         self.is_torn = true;
-        self.file.write_all(bytes)?;
+        self.file.append(bytes)?;
         self.is_torn = false;
         self.file.to_disk()
     }
-}
-
-fn answer(flush: SyncSender<()>) {
-    // Whoever asked may have gone.
-    flush.send(()).ok();
 }
 
 /// A journal may take the place of a journal, or of nothing.
@@ -214,7 +311,6 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::printer::journal::{Log, Progress};
     use std::collections::VecDeque;
 
     /// A disk with room for so many bytes at each write.
@@ -245,25 +341,49 @@ mod tests {
     }
 
     impl Flushed for FullDisk {
+        fn write_over(&mut self, bytes: &[u8], at: u64) -> io::Result<()> {
+            let at = usize::try_from(at).unwrap();
+            self.bytes[at..at + bytes.len()].copy_from_slice(bytes);
+            Ok(())
+        }
+
+        fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.write_all(bytes)
+        }
+
         fn to_disk(&mut self) -> io::Result<()> {
             Ok(())
         }
     }
 
+    fn at(n_acked: u64) -> Progress {
+        Progress { t_s: n_acked as f64, n_acked, ..Progress::default() }
+    }
+
     fn progress(n_acked: u64) -> Vec<u8> {
-        encode(&Record::Progress(Progress { n_acked, ..Progress::default() }))
+        encode(&Record::Progress(at(n_acked)))
+    }
+
+    fn disk<F>(file: F) -> Disk<F> {
+        Disk {
+            file,
+            is_torn: false,
+            failure: Arc::new(Mutex::new(None)),
+            delay: Duration::ZERO,
+            next_slot: None,
+            path: None,
+        }
     }
 
     #[test]
     fn a_full_disk_tears_one_record_and_is_told_and_the_next_ones_are_whole() {
         for room in 0..progress(1).len() {
-            let failure = Arc::new(Mutex::new(None));
             let file = FullDisk { bytes: super::super::tests::begun(), rooms: [room].into() };
-            let mut disk = Disk { file, is_torn: false, failure: Arc::clone(&failure) };
-            disk.write(&progress(1));
-            assert!(failure.lock().unwrap().take().is_some(), "told");
+            let mut disk = disk(file);
+            disk.progress(Some((at(1), now())));
+            assert!(disk.failure.lock().unwrap().take().is_some(), "told");
             disk.file.rooms.clear();
-            disk.write(&progress(2));
+            disk.progress(Some((at(2), now())));
             let log = Log::parse(&disk.file.bytes, Path::new("j")).unwrap();
             // Where the line feed alone is missing, the next write's makes the record whole.
             let is_torn = (1..progress(1).len() - 1).contains(&room);
@@ -287,6 +407,74 @@ mod tests {
         assert_eq!((log.progress.n_acked, log.n_damaged), (7, 1));
         use std::os::unix::fs::PermissionsExt;
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+    }
+
+    #[test]
+    fn a_disk_that_has_no_room_takes_progress_all_the_same() {
+        let mut bytes = super::super::tests::begun();
+        let slots_at = bytes.len() as u64;
+        bytes.extend(vec![b'\n'; usize::try_from(N_SLOTS).unwrap() * SLOT_BYTES]);
+        let n_bytes = bytes.len();
+        let mut disk = disk(FullDisk { bytes, rooms: std::iter::repeat_n(0, 1000).collect() });
+        disk.next_slot = Some((slots_at, 0));
+        for n in 1..100 {
+            disk.progress(Some((at(n), now())));
+            let log = Log::parse(&disk.file.bytes, Path::new("j")).unwrap();
+            assert_eq!((log.progress.n_acked, log.n_damaged, disk.file.bytes.len()), (n, 0, n_bytes));
+        }
+        assert!(disk.failure.lock().unwrap().is_none());
+        // The power fails in the middle of a line.
+        let last = disk.next_slot.unwrap();
+        let torn = encode_slot(&Record::Progress(at(100))).unwrap();
+        disk.file.write_over(&torn[..60], last.0 + last.1 * SLOT_BYTES as u64).unwrap();
+        let log = Log::parse(&disk.file.bytes, Path::new("j")).unwrap();
+        assert_eq!((log.progress.n_acked, log.n_damaged), (99, 1));
+    }
+
+    #[test]
+    fn a_journal_stays_as_long_as_it_is_and_each_session_begins_one_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("j.journal");
+        let records = super::super::tests::first_records();
+        let journal = Journal::create(&path, &records[..2]).unwrap();
+        let mut lengths = Vec::new();
+        for n_before in 0..3 {
+            let track = super::super::Track { n_before, ..super::super::Track::default() };
+            assert!(journal.append(&Record::Session(track)));
+            for n in 1..30 {
+                assert!(journal.append(&Record::Progress(at(n + 100 * n_before))));
+                journal.flush();
+            }
+            let log = Log::read(&path).unwrap();
+            assert_eq!(
+                (log.track.n_before, log.progress.n_acked, log.n_damaged),
+                (n_before, 29 + 100 * n_before, 0)
+            );
+            lengths.push(std::fs::metadata(&path).unwrap().len());
+        }
+        assert!(lengths[2] < lengths[1] + 10 && lengths[2] < 6000, "{lengths:?}");
+        let log = Log::read(&path).unwrap();
+        assert!(log.progress.delay_s > 0.0 && log.progress.delay_s < 60.0, "{log:?}");
+        assert!(journal.append(&Record::End(super::super::Ending::Finished)));
+        journal.flush();
+        assert_eq!(Log::read(&path).unwrap().end, Some(super::super::Ending::Finished));
+    }
+
+    #[test]
+    fn every_record_of_progress_fits_its_line() {
+        let far = Progress {
+            t_s: 1e9 + 0.123,
+            number: u64::MAX,
+            n_sent: u64::MAX,
+            n_acked: u64::MAX,
+            n_certain: u64::MAX,
+            n_begun: u64::MAX,
+            begun_s: 1e9 + 0.123,
+            delay_s: 1e9 + 0.123,
+            hotend_c: Some([-273.123_456; 2]),
+            bed_c: Some([-273.123_456; 2]),
+        };
+        assert!(encode_slot(&Record::Progress(far)).is_some());
     }
 
     #[test]

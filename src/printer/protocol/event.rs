@@ -1,6 +1,7 @@
 //! What the core tells its owner.
 
 use super::fault::Fault;
+use super::planner::Held;
 use super::prompt::Prompt;
 use super::reply::{Position, Temperatures};
 use super::safety::Heat;
@@ -106,6 +107,17 @@ pub struct Progress {
     pub n_sent: u64,
     /// The number of the last line acknowledged.
     pub n_acked: u64,
-    /// Moves among the lines acknowledged that the planner may still hold, at most.
-    pub planner_pending: u32,
+    /// What of it may not be executed yet.
+    pub ahead: Ahead,
+}
+
+/// What a firmware may have before it of the lines that it has acknowledged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ahead {
+    /// The last so many lines may not even be begun.
+    pub n_lines: u64,
+    /// Moves before these that the planner may still hold, at most.
+    pub n_moves: u32,
+    /// Moves that it surely held, where it says so.
+    pub held: Option<Held>,
 }

@@ -44,6 +44,7 @@ mod greeting;
 mod inquiry;
 mod lines;
 mod pause;
+mod planner;
 mod prompt;
 mod recovery;
 mod reply;
@@ -54,19 +55,21 @@ mod time;
 mod wire;
 
 pub use command::{Command, Refused, State};
-pub use event::{Event, Progress, Recovery, Stats};
+pub use event::{Ahead, Event, Progress, Recovery, Stats};
 pub use fault::Fault;
 pub use greeting::Greeting;
 pub use inquiry::{Inquiry, Question};
 pub use lines::{LineSplitter, MAX_LINE_BYTES};
+pub use planner::Held;
 pub use prompt::{Button, Prompt};
 pub use reply::{Acknowledgement, Heater, Position, Refusal, Reply, Temperatures, parse};
 pub use safety::Heat;
 pub use time::{Instant, Timer};
 
 use super::policy::{self, Action, Trouble};
-use crate::profile::{Profile, ResendStyle};
+use crate::profile::{Dialect, Profile, ResendStyle};
 use pause::Pulse;
+use planner::Planner;
 use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
 use safety::Securing;
@@ -164,26 +167,12 @@ pub struct Core {
     stats: Stats,
 }
 
-/// How many of the moves acknowledged the firmware may still have before it, as far as it says so (ADVANCED_OK).
-#[derive(Debug, Clone, Copy)]
-struct Planner {
-    /// Places in its ring, one less than which it can hold.
-    places: u32,
-    free: Option<u32>,
-}
-
-impl Planner {
-    fn heard(&mut self, free: u32) {
-        self.places = self.places.max(free.saturating_add(1));
-        self.free = Some(free);
-    }
-
-    const fn pending(self) -> u32 {
-        match self.free {
-            Some(free) => self.places - 1 - free,
-            None => self.places,
-        }
-    }
+/// Whether an `ok` has something behind it that is not understood: it may be the answer to a question, damaged.
+fn is_odd(line: &str, ok: &Acknowledgement) -> bool {
+    let rest = line.trim().strip_prefix("ok").unwrap_or_default().trim();
+    // Repetier's bare number of a line.
+    let is_bare = rest.bytes().all(|b| b.is_ascii_digit());
+    !is_bare && ok.line.is_none() && ok.temperatures.is_none() && ok.position.is_none()
 }
 
 /// Temperature reports, the firmware's own time-out that switches the heaters off when nobody speaks to it any more, and
@@ -219,10 +208,7 @@ impl Core {
         Self {
             state: State::Disconnected,
             wire: Wire::new(&config.firmware),
-            planner: Planner {
-                places: u32::try_from(config.firmware.planner_moves).unwrap_or(u32::MAX),
-                free: None,
-            },
+            planner: Planner::new(u32::try_from(config.firmware.planner_moves).unwrap_or(u32::MAX)),
             config,
             urgent: VecDeque::new(),
             out: String::new(),
@@ -269,7 +255,26 @@ impl Core {
             n_lines_done: self.wire.acked_job_lines(),
             n_sent: self.wire.highest(),
             n_acked: self.wire.acked(),
-            planner_pending: self.planner.pending(),
+            ahead: self.ahead(),
+        }
+    }
+
+    /// What the firmware may have before it of the lines acknowledged.
+    fn ahead(&self) -> Ahead {
+        let firmware = &self.config.firmware;
+        let acked = self.wire.acked();
+        // Repetier says `ok` as it takes a line, before it begins with it.
+        let is_late = firmware.dialect == Dialect::Repetier;
+        let taken = if is_late { firmware.command_slots as u64 + 1 } else { 0 };
+        let vouched = self.planner.pending(acked);
+        // An `ok` without number may be that of a damaged line, and a number may be damaged: then it is not for the line that it is
+        // taken for.
+        let is_noisy = self.stats.n_unknown_lines > 0 || self.is_advanced;
+        let is_doubtful = firmware.line_numbers && vouched.is_none() && is_noisy;
+        Ahead {
+            n_lines: taken + if is_doubtful { recovery::FALSE_OKS } else { 0 },
+            n_moves: vouched.unwrap_or(self.planner.places()),
+            held: self.planner.held(acked),
         }
     }
 
@@ -467,7 +472,10 @@ impl Core {
 
     fn session_reply(&mut self, reply: Reply<'_>, line: &str) {
         match reply {
-            Reply::Ok(ok) => self.on_ok(ok),
+            Reply::Ok(ok) => {
+                self.stats.n_unknown_lines += u64::from(is_odd(line, &ok));
+                self.on_ok(ok);
+            }
             Reply::Resend(number) => self.on_resend(number.0),
             Reply::LineRefused { reason, last } => self.on_refusal(reason, last.0),
             Reply::Busy(what) => self.on_busy(what),

@@ -9,7 +9,7 @@ use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle,
 const MAX_TRIES: u32 = 40;
 
 /// So many `ok` of damaged lines may be taken for ours.
-const FALSE_OKS: u64 = 8;
+pub(super) const FALSE_OKS: u64 = 8;
 
 /// Words of the core's own that not every firmware knows.
 fn is_urgent(text: &str) -> bool {
@@ -146,10 +146,12 @@ impl Core {
                 self.unnumbered_ok();
                 false
             }
+            // The late answer to a question that was asked again.
+            None if ok.temperatures.is_some() && self.wire.oldest_command() != Some("M105") => false,
             None => self.wire.ack_oldest(),
         };
         if let Some(free) = ok.planner_free.filter(|_| is_progress) {
-            self.planner.heard(free);
+            self.planner.heard(free, self.wire.acked(), self.now);
         }
         if is_progress {
             self.quiet_since = self.now;
@@ -311,6 +313,7 @@ impl Core {
         let count = self.wire.in_flight();
         if count > 0 {
             self.wire.all_acked();
+            self.planner.forget();
             self.stats.n_lost_oks += count;
             self.events.push_back(Event::Recovered(Recovery::LostOk { count }));
         }
@@ -348,6 +351,7 @@ impl Core {
         let is_last = rewind.n_refusals == rewind.n_behind.saturating_add(1);
         if is_damaged || was_asked || is_last || rewind.n_refusals.is_power_of_two() {
             self.wire.rewind(number);
+            self.planner.forget();
             self.quiet_since = self.now;
         }
     }

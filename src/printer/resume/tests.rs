@@ -18,9 +18,10 @@ fn job(n_beads: u32, tail: &str) -> Job<Cursor<Vec<u8>>> {
 }
 
 fn known(n_sent: u64, n_acked: u64, n_certain: u64) -> Known {
-    let track = Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0 };
-    let progress = Progress { number: n_sent + 1, n_sent, n_acked, n_certain, ..Progress::default() };
-    Known { track, progress, is_behind: false }
+    let track = Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0, n_twice: 0 };
+    let progress =
+        Progress { number: n_sent + 1, n_sent, n_acked, n_certain, n_begun: n_sent, ..Progress::default() };
+    Known { track, progress, is_behind: false, away_s: None }
 }
 
 /// Hot, and there.
@@ -92,14 +93,16 @@ fn a_nozzle_that_somebody_has_lifted_is_no_place_to_go_on_from() {
     assert_eq!(why(decided(&mut job, &known, &survey(0, [0.0, 0.0, 10.2]))), Why::Restarted);
     // The last attempt was on its way back to the part.
     let prelude = vec!["M190 S60".into(), "G92 Z5.2".into(), "G1 Z0.2".into()];
-    let track = Track { first_number: 1, prelude, n_before: 30 };
-    let progress = Progress { number: 2, n_sent: 30, n_acked: 30, n_certain: 30, ..Progress::default() };
-    let away = Known { track: track.clone(), progress, is_behind: false };
+    let track = Track { first_number: 1, prelude, n_before: 30, n_twice: 0 };
+    let progress =
+        Progress { number: 2, n_sent: 30, n_acked: 30, n_certain: 30, n_begun: 30, ..Progress::default() };
+    let away = Known { track: track.clone(), progress, is_behind: false, away_s: None };
     assert_eq!(refused(decided(&mut job, &away, &survey(0, [0.0; 3]))), "printer.resume_within_recovery");
     let back = Known {
         track,
-        progress: Progress { n_sent: 40, n_acked: 38, n_certain: 34, ..progress },
+        progress: Progress { n_sent: 40, n_acked: 38, n_certain: 34, n_begun: 40, ..progress },
         is_behind: false,
+        away_s: None,
     };
     assert_eq!(why(decided(&mut job, &back, &survey(0, [0.0; 3]))), Why::Restarted);
 }
@@ -123,11 +126,79 @@ fn recovery_states_where_how_much_and_restores_the_modes() {
 #[test]
 fn a_bed_that_has_cooled_is_told() {
     let mut survey = survey(0, [0.0; 3]);
-    survey.temperatures.bed = Some(Heater { actual_c: 25.0, target_c: 0.0 });
+    survey.temperatures.bed = Some(Heater { actual_c: 40.0, target_c: 0.0 });
     let Decision::Recover(recovery) = decided(&mut job(50, ""), &known(38, 35, 30), &survey) else {
         panic!()
     };
-    assert!(recovery.to_string().contains("the bed has cooled by 35 K"));
+    assert!(recovery.to_string().contains("the bed has cooled by 20 K"));
+    survey.temperatures.bed = Some(Heater { actual_c: 25.0, target_c: 0.0 });
+    let Decision::Refuse(refusal) = decided(&mut job(50, ""), &known(38, 35, 30), &survey) else { panic!() };
+    assert_eq!(refusal.code(), "printer.resume_part_cold");
+    assert!(refusal.to_string().contains("the bed has cooled by 35 K"), "{refusal}");
+}
+
+/// A job that begins with more than heat.
+fn job_with(head: &str) -> Job<Cursor<Vec<u8>>> {
+    let beads: String = (1..=50).map(|i| format!("G1 X{} E0.05\n", 10 + i)).collect();
+    Job::from_text(format!("{head}{HEAD}{beads}"), "j", &profile().firmware).unwrap()
+}
+
+#[test]
+fn what_the_job_had_set_is_set_again_and_told() {
+    let mut job = job_with("M201 X900 Y900\nM204 P800\nM205 J0.02\nM220 S95\nM900 K0.05\n");
+    let Decision::Recover(recovery) = decided(&mut job, &known(43, 40, 35), &survey(0, [0.0; 3])) else {
+        panic!()
+    };
+    for line in ["M201 X900 Y900", "M204 P800", "M205 J0.02", "M220 S95", "M900 K0.05"] {
+        assert!(recovery.commands.contains(&line.to_owned()), "{line}: {:?}", recovery.commands);
+    }
+    let text = recovery.to_string();
+    assert!(text.contains("what the job had set is set again: M201, M204, M205, M220, M900"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_brought_about_again_is_refused() {
+    for (head, words) in [("G20\n", "inches"), ("G28\nG29\n", "bed's mesh"), ("T1\n", "several tools")] {
+        let n = head.lines().count() as u64;
+        let known = known(38 + n, 35 + n, 30 + n);
+        let Decision::Refuse(refusal) = decided(&mut job_with(head), &known, &survey(0, [0.0; 3])) else {
+            panic!("{head}")
+        };
+        assert_eq!(refusal.code(), "printer.resume_beyond");
+        assert!(refusal.to_string().contains(words), "{refusal}");
+    }
+}
+
+#[test]
+fn filament_that_was_drawn_back_is_drawn_back_again() {
+    let mut job = job(30, "G1 E-0.8 F2100\nG0 X50 F9000\nG0 X60\nG1 E0.8\nG1 X70 E1\n");
+    let Decision::Recover(recovery) = decided(&mut job, &known(39, 39, 37), &survey(0, [0.0; 3])) else {
+        panic!()
+    };
+    let at = recovery.commands.iter().position(|line| line == "G1 E-0.8 F1800").unwrap();
+    assert!(at > recovery.commands.iter().position(|line| line.starts_with("G28")).unwrap());
+    assert!(recovery.commands[at..].contains(&"G92 E0.7".to_owned()), "{:?}", recovery.commands);
+}
+
+#[test]
+fn a_printer_that_was_switched_off_a_moment_ago_is_warmed_up_and_goes_on_exactly() {
+    let mut known = known(38, 35, 30);
+    let mut cold = survey(37, [40.0, 10.0, 0.2]);
+    cold.temperatures.hotend = Some(Heater { actual_c: 150.0, target_c: 0.0 });
+    assert_eq!(why(decided(&mut job(50, ""), &known, &cold)), Why::HeatersOff, "nobody knows since when");
+    known.away_s = Some(600.0);
+    let Decision::Exact(exact) = decided(&mut job(50, ""), &known, &cold) else { panic!() };
+    assert_eq!((exact.place, exact.n_done()), (Place::Prelude(0), 36));
+    let Track { first_number, prelude, n_before, .. } = &exact.track;
+    assert_eq!((*first_number, *n_before), (38, 36));
+    assert_eq!(*prelude, ["M140 S60", "M104 S210", "M190 S60", "M109 S210"]);
+    // The motors have let go meanwhile.
+    known.away_s = Some(4000.0);
+    assert_eq!(why(decided(&mut job(50, ""), &known, &cold)), Why::HeatersOff);
+    // The part may have let go of the bed.
+    known.away_s = Some(600.0);
+    cold.temperatures.bed = Some(Heater { actual_c: 40.0, target_c: 0.0 });
+    assert_eq!(why(decided(&mut job(50, ""), &known, &cold)), Why::HeatersOff);
 }
 
 #[test]
@@ -163,8 +234,8 @@ fn the_journal_s_last_second_counts_where_the_host_died_too() {
     let Decision::Recover(recovery) = decided(&mut job(500, ""), &known, &survey(0, [0.0; 3])) else {
         panic!()
     };
-    // 1 mm at 50 mm/s: 50 lines a second.
-    assert!((58..=75).contains(&recovery.n_twice), "{}", recovery.n_twice);
+    // 1 mm at 50 mm/s, turned up by half: 75 lines a second, for 1.25 s.
+    assert!((95..=106).contains(&recovery.n_twice), "{}", recovery.n_twice);
 }
 
 fn by_place(text: &str, n_acked: u64, n_sent: u64, xyz_mm: [f64; 3], e_mm: f64) -> Decision {

@@ -104,7 +104,7 @@ impl<R: BufRead + Seek> Session<R> {
         let mut back = self.profile.resume_gcode(&at);
         back.extend(modes_of(&modal));
         let prelude = away.iter().chain(&back).cloned().collect();
-        let track = Track { first_number: n_acked + 1, prelude, n_before: n_done };
+        let track = Track { first_number: n_acked + 1, prelude, n_before: n_done, n_twice: self.n_twice };
         self.records.push_back(Record::Session(track.clone()));
         self.recorder = Recorder::new(track, modal, tail, self.now);
         self.recorder.hear(self.temperatures);

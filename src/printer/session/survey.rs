@@ -72,7 +72,7 @@ impl<R: BufRead + Seek> Session<R> {
 
     fn begin_anew(&mut self, recovery: Recovery) {
         let Recovery { n_done, n_twice, commands, modal, .. } = recovery;
-        self.n_twice = n_twice;
+        self.n_twice += n_twice;
         if let Err(error) = self.wind_to(n_done) {
             self.over(End::Job(error));
             return;

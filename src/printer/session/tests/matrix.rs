@@ -63,6 +63,7 @@ Each cell: no more than one line in flight, the profile's window at 250,000 baud
 P   paused, the heaters on, the operator told (p: every line was with the printer already)
 G   the port did not come back in time: given up, the heaters left to the firmware's own time-out, the operator told
 R H S C  given up with heaters off: reset, halted, silent, a command refused by firmware without line numbers
+L   given up with heaters off: the port is back, but the printer is not where the print was
 N E U    given up: nothing but noise, an echo, lines of another host
 X   stopped as asked, the heaters off
 ";
@@ -142,6 +143,7 @@ fn outcome(setup: Setup, fault: &str, expected: &[Laid]) -> char {
         Fault::NoAnswer { is_garbled: true } => 'N',
         Fault::CommandRefused { .. } => 'C',
         Fault::Echo => 'E',
+        Fault::LostPlace { .. } => 'L',
         Fault::LineUnavailable { .. } => 'U',
         other => panic!("{what}: {other}"),
     }

@@ -1,5 +1,6 @@
 //! Sessions against the simulated printer, in one process and on its clock.
 
+mod certain;
 mod crash;
 mod deposit;
 mod hold;

@@ -126,7 +126,7 @@ impl Rig {
             setup,
         };
         let n_lines = rig.session.n_lines();
-        rig.write(Record::Job(JobId { file: "rings.gcode".into(), hash: String::new(), n_lines }));
+        rig.write(Record::Job(JobId { hash: String::new(), n_lines }));
         let profile = rig.setup.profile.name.clone();
         rig.write(Record::Machine(Machine {
             profile,

@@ -1,0 +1,119 @@
+use super::*;
+use crate::printer::control::Controls;
+use crate::printer::journal::{Ending, Progress, Track};
+
+const NAME: &str = "ZQX-Doe-Jane.gcode";
+
+struct Place {
+    dir: tempfile::TempDir,
+    profile: Profile,
+    controls: Controls,
+}
+
+impl Place {
+    fn new() -> Self {
+        let place = Self {
+            dir: tempfile::tempdir().unwrap(),
+            profile: profile::builtin("marlin").unwrap(),
+            controls: Controls::default(),
+        };
+        std::fs::write(place.job(), "G28\nG90\nM83\nG1 X10 Y10 Z0.2 F600\nG1 X20 E1\nG1 X30 E1\n").unwrap();
+        place
+    }
+
+    fn job(&self) -> PathBuf {
+        self.dir.path().join(NAME)
+    }
+
+    fn with_paper<T>(&self, see: impl FnOnce(&Paper<'_>) -> T) -> T {
+        see(&Paper {
+            job: &self.job(),
+            profile: &self.profile,
+            profile_name: "marlin",
+            port: "/dev/nonexistent-port",
+            baud: None,
+            controls: &self.controls,
+        })
+    }
+
+    /// The journal of a print that came so far.
+    fn journal(&self, n_sent: u64, end: Option<Ending>) {
+        let records = self.with_paper(|paper| {
+            let machine = Machine {
+                profile: "marlin".into(),
+                profile_hash: String::new(),
+                port: paper.port.into(),
+                device: None,
+            };
+            [Record::Job(paper.job_id(&paper.open_job().unwrap()).unwrap()), Record::Machine(machine)]
+        });
+        let journal = Journal::create(&path_for(&self.job()), &records).unwrap();
+        let progress = Progress { n_sent, n_acked: n_sent, n_certain: n_sent / 2, ..Progress::default() };
+        let rest = [Record::Session(Track::default()), Record::Progress(progress)];
+        for record in rest.into_iter().chain(end.map(Record::End)) {
+            assert!(journal.append(&record));
+            journal.flush();
+        }
+    }
+}
+
+#[test]
+fn a_print_that_broke_off_is_not_begun_again_by_accident() {
+    let place = Place::new();
+    let refused = || place.with_paper(|paper| paper.refuse_unfinished());
+    assert!(refused().is_ok(), "nothing is known of a print");
+    place.journal(0, None);
+    assert!(refused().is_ok(), "nothing was sent");
+    for end in [Ending::Finished, Ending::Cancelled] {
+        place.journal(6, Some(end));
+        assert!(refused().is_ok());
+    }
+    for end in [None, Some(Ending::Faulted("printer.halted".into()))] {
+        place.journal(5, end);
+        let error = refused().unwrap_err();
+        assert_eq!(error.code(), "printer.unfinished");
+        let text = error.to_string();
+        assert!(text.contains("broke off behind line 2 of 6") && text.contains("--anew"), "{text}");
+        assert!(text.contains("lumenfab resume"), "{text}");
+    }
+}
+
+#[test]
+fn journal_and_picture_name_neither_the_job_s_file_nor_a_path() {
+    let place = Place::new();
+    place.journal(5, None);
+    place.with_paper(|paper| paper.draw_last());
+    let files = [path_for(&place.job()), picture_path(&place.job())];
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(!text.contains("ZQX"), "{text}");
+        assert!(!text.contains(&*place.dir.path().to_string_lossy()), "{text}");
+        use std::os::unix::fs::PermissionsExt;
+        assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+    }
+}
+
+#[test]
+fn of_a_profile_s_path_its_name_is_kept() {
+    assert_eq!(without_folders("/home/zqx/profiles/mine.toml"), "mine.toml");
+    assert_eq!(without_folders("marlin"), "marlin");
+}
+
+#[test]
+fn a_profile_s_file_is_found_again_beside_the_job() {
+    let place = Place::new();
+    place.journal(5, None);
+    let log = log_of(&place.job()).unwrap();
+    assert_eq!(profile_of(&place.job(), &log), "marlin");
+    let own = place.dir.path().join("marlin");
+    std::fs::write(&own, "").unwrap();
+    assert_eq!(profile_of(&place.job(), &log), own.display().to_string());
+}
+
+#[test]
+fn the_time_since_a_print_broke_off_is_that_of_its_journal() {
+    let place = Place::new();
+    assert_eq!(away_s(&place.job()), None);
+    place.journal(5, None);
+    assert!(away_s(&place.job()).is_some_and(|away_s| away_s < 60.0));
+}
