@@ -41,7 +41,7 @@ impl Core {
     pub(super) fn greet(&mut self, tries: u32) {
         self.timers.stop_all();
         let mut text = "\n".to_owned();
-        if self.config.firmware.line_numbers {
+        if self.config.firmware.counts_lines() {
             write_numbered(&mut text, 0, "M110 N0");
         } else {
             text.push_str("M105\n");
@@ -58,13 +58,15 @@ impl Core {
             (Reply::Start, Greeting::AwaitStart) => self.greet(1),
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
             (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
+            // Of a half line, where lines are not counted.
+            (Reply::Resend(_), Greeting::AwaitLast(_)) if !self.config.firmware.counts_lines() => {}
             (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
             // It takes no notice of a wrong number where it waits for a line: it is asked until it does.
             (Reply::Skipped(_), Greeting::AwaitLast(tries)) => {
                 self.inquire_again(tries);
                 self.next_ok = self.after_refusal();
             }
-            (Reply::Ok(ok), Greeting::AwaitLast(_)) => self.on_inquiry_ok(ok),
+            (Reply::Ok(ok), Greeting::AwaitLast(tries)) => self.on_inquiry_ok(ok, tries),
             // It is busy with what somebody else has left it: it answers when that is done.
             (Reply::Busy(_), _) => {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
@@ -96,7 +98,7 @@ impl Core {
         if std::mem::take(&mut self.next_ok) != NextOk::Acknowledges {
             return;
         }
-        if !self.config.firmware.line_numbers {
+        if !self.config.firmware.counts_lines() {
             self.connected();
             return;
         }
@@ -120,7 +122,7 @@ impl Core {
     fn connected(&mut self) {
         self.timers.stop_all();
         self.next_ok =
-            if self.config.firmware.line_numbers { self.after_refusal() } else { NextOk::Acknowledges };
+            if self.config.firmware.counts_lines() { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
         self.n_echoed = 0;
         self.state = State::Idle;
