@@ -257,6 +257,15 @@ fn without_numbers_the_place_tells_the_line() {
 }
 
 #[test]
+fn what_may_not_be_done_twice_at_one_place_makes_it_two() {
+    for line in ["PAUSE_AND_PURGE", "M600"] {
+        let text = format!("{HEAD}G1 X11 E0.05\nG1 X12 E0.05\n{line}\nG1 X13 E0.05\n");
+        let decision = by_place(&text, 6, 10, [12.0, 10.0, 0.2], 0.1);
+        assert_eq!(decision, Decision::Refuse(Refusal::Ambiguous { n_places: 2, first: 8 }), "{line}");
+    }
+}
+
+#[test]
 fn without_numbers_two_like_places_are_refused() {
     let text = format!("{HEAD}G1 X11\nG1 X12\nG1 X11\nG1 X13\n");
     let decision = by_place(&text, 6, 10, [11.0, 10.0, 0.2], 0.0);

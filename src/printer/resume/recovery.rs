@@ -1,0 +1,127 @@
+//! Going on after a reset: behind the last line that was certainly executed, where that is safe.
+
+use super::doubt::{Doubt, behind_s};
+use super::restore::restoring;
+use super::{COOLED_K, Decision, Known, MOTOR_STEP_MM, Plan, Recovery, Refusal, Why};
+use crate::printer::job;
+use crate::printer::replay::Modal;
+use crate::profile::ResumePoint;
+use std::io::{BufRead, Seek};
+
+/// A bed that has cooled by more than this holds no part, K.
+const COLD_K: f64 = 30.0;
+/// How far above the part the nozzle travels, mm.
+const CLEARANCE_MM: f64 = 5.0;
+/// Heights that differ by less are one, mm.
+const SAME_MM: f64 = 1e-6;
+
+impl<R: BufRead + Seek> Plan<'_, R> {
+    pub(super) fn recover(&mut self, why: Why) -> Result<Decision, job::Error> {
+        if self.is_within_recovery() {
+            return Ok(Decision::Refuse(Refusal::WithinRecovery { why }));
+        }
+        let doubt = self.doubt()?;
+        let recovery = self.recovery(why, doubt);
+        Ok(recovery.map_or_else(Decision::Refuse, |recovery| Decision::Recover(Box::new(recovery))))
+    }
+
+    /// What may be executed, and what may not.
+    fn doubt(&mut self) -> Result<Doubt, job::Error> {
+        let progress = &self.known.progress;
+        let n_lines = self.job.n_lines();
+        let n_done = progress.n_certain;
+        let n_sent = progress.n_sent.max(n_done).min(n_lines) + self.unrecorded();
+        let n_begun = progress.n_begun.max(n_done).min(n_lines);
+        let since_s = progress.begun_s + if self.known.is_behind { behind_s(progress) } else { 0.0 };
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_begun, since_s);
+        self.job.replay(n_sent, |command| doubt.take(command))?;
+        Ok(doubt)
+    }
+
+    fn recovery(&self, why: Why, mut doubt: Doubt) -> Result<Recovery, Refusal> {
+        let n_done = self.known.progress.n_certain;
+        let n_twice = doubt.n - n_done;
+        let modal = doubt.at.take().ok_or(Refusal::NothingPrinted { why })?;
+        let point = self.point(why, &modal)?;
+        let cooled_k = self.cooled_k(why, point.bed_c)?;
+        self.check_height(why, point.xyz_mm[2], &doubt, n_twice)?;
+        let mut commands = self.profile.recovery_gcode(&point);
+        commands.extend(restoring(&modal));
+        Ok(Recovery {
+            why,
+            n_done,
+            n_lines: self.job.n_lines(),
+            n_twice,
+            twice_mm: doubt.printed_mm,
+            xyz_mm: point.xyz_mm,
+            cooled_k,
+            commands,
+            picture: None,
+            modal,
+        })
+    }
+
+    /// Where it goes on and how warm, by the state behind the last certain line.
+    fn point(&self, why: Why, modal: &Modal) -> Result<ResumePoint, Refusal> {
+        let ([Some(x), Some(y), Some(z), _], Some(hotend_c), Some(top_mm)) =
+            (modal.at_mm, modal.hotend_c, modal.top_mm)
+        else {
+            return Err(Refusal::NothingPrinted { why });
+        };
+        if self.profile.scripts.recovery.is_empty() {
+            return Err(Refusal::NoScript { why });
+        }
+        if let Some(beyond) = modal.beyond {
+            return Err(Refusal::Beyond { why, beyond });
+        }
+        let clear_z_mm = top_mm.max(z) + CLEARANCE_MM;
+        let bed_c = modal.bed_c.unwrap_or(0.0);
+        Ok(ResumePoint { xyz_mm: [x, y, z], clear_z_mm, hotend_c, bed_c })
+    }
+
+    /// How far the bed has cooled, where that matters; refused where the part cannot hold any more.
+    fn cooled_k(&self, why: Why, bed_c: f64) -> Result<Option<f64>, Refusal> {
+        let cooled_k = self.survey.temperatures.bed.map(|bed| bed_c - bed.actual_c);
+        match cooled_k.filter(|k| *k > COOLED_K) {
+            Some(cooled_k) if cooled_k > COLD_K => Err(Refusal::PartCold { why, cooled_k }),
+            cooled_k => Ok(cooled_k),
+        }
+    }
+
+    /// Refuses where the nozzle may be at another height than the job is behind its last certain line.
+    fn check_height(&self, why: Why, z_mm: f64, doubt: &Doubt, n_lines: u64) -> Result<(), Refusal> {
+        let [low_mm, high_mm] = match self.told_height().filter(|_| why != Why::Restarted) {
+            Some(told_mm) if (told_mm - z_mm).abs() <= MOTOR_STEP_MM => [z_mm, z_mm],
+            // Somebody has moved it, or it has gone on further than is known.
+            Some(told_mm) => [told_mm.min(z_mm), told_mm.max(z_mm)],
+            None => [doubt.low_mm, doubt.high_mm],
+        };
+        if high_mm - low_mm > SAME_MM && !self.homes_z() {
+            return Err(Refusal::HeightUnknown { why, low_mm, high_mm, n_lines });
+        }
+        Ok(())
+    }
+
+    /// Whether the last session was to find the part again and may not have come to it: the nozzle stands anywhere above.
+    fn is_within_recovery(&self) -> bool {
+        let Known { track, progress, .. } = self.known;
+        let finds_again = track.prelude.iter().any(|line| line.starts_with("G92"));
+        finds_again && progress.n_certain <= track.n_before
+    }
+
+    /// Z by the printer's own word, mm.
+    fn told_height(&self) -> Option<f64> {
+        self.survey.position.map(|position| position.xyz_mm[2])
+    }
+
+    /// Whether the profile's recovery finds the height again by itself.
+    fn homes_z(&self) -> bool {
+        let homes = |line: &String| {
+            let mut words = line.split_ascii_whitespace();
+            let is_homing = words.next() == Some("G28");
+            let axes: Vec<_> = words.collect();
+            is_homing && (axes.is_empty() || axes.iter().any(|axis| axis.starts_with('Z')))
+        };
+        self.profile.scripts.recovery.iter().any(homes)
+    }
+}
