@@ -439,7 +439,7 @@ impl Order<'_> {
 /// A print on the simulated printer that ends with the program cannot be resumed.
 fn check_resumable(manner: Manner) -> Result<(), SettingError> {
     match manner {
-        Manner::FromTheBeginning => Ok(()),
+        Manner::FromTheBeginning { .. } => Ok(()),
         Manner::Resume { .. } => check_real(SIMULATED_PORT),
     }
 }
