@@ -609,6 +609,7 @@ mod tests {
         let arcs = tail(&["G28", "G1 X1", "G2 X2 I1", "G1 X3"]);
         assert_eq!(arcs.n_begun(4, 5), 3);
     }
+
     #[test]
     fn lines_that_may_take_no_place_are_not_counted_as_places() {
         assert_eq!(tail(&["G1 X1", "G1 X2", "G1 F300", "G1 X2.001", "G1 X3"]).n_certain(5, moves(2)), 1);
@@ -616,12 +617,12 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn certain_lines_grow_with_acknowledgements(moves in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
+        fn certain_lines_grow_with_acknowledgements(kinds in proptest::collection::vec(0..3_u8, 1..60), n in 0..20_u32) {
             let mut tail = Tail::default();
-            for kind in &moves {
+            for kind in &kinds {
                 tail.push([Effect::Block { least_s: 0.1 }, Effect::Drains, Effect::Other][usize::from(*kind)]);
             }
-            let certain: Vec<_> = (0..=moves.len() as u64).map(|acked| tail.n_certain(acked, self::moves(n))).collect();
+            let certain: Vec<_> = (0..=kinds.len() as u64).map(|acked| tail.n_certain(acked, moves(n))).collect();
             proptest::prop_assert!(certain.is_sorted());
             proptest::prop_assert!(certain.iter().zip(0..).all(|(c, acked)| *c <= acked));
         }
