@@ -203,6 +203,7 @@ impl Receiver {
         let sets_number = command.windows(4).any(|word| word == b"M110");
         let number = stated_number(command, sets_number && self.dialect.m110_takes_second);
         match self.dialect.numbering {
+            Numbering::SumOnly => self.judge_by_sum(text, number),
             // The sum is looked at first, then the number.
             Numbering::CheckedRepeatsSkipped => match wrong_sum(command) {
                 Some(reason) if reason == WRONG_CHECKSUM => self.refuse(text, reason),
@@ -216,6 +217,21 @@ impl Receiver {
                 }
                 _ => self.take(text, number),
             },
+        }
+    }
+
+    /// RepRapFirmware: what follows the first `*` and its digits is not looked at. Not done: its other check, a CRC of five
+    /// digits.
+    fn judge_by_sum(&mut self, text: Vec<u8>, number: i64) -> Received {
+        let start = text.iter().take_while(|&&b| b == b' ').count();
+        let command = &text[start..];
+        let digits = command.iter().position(|&b| b == b'*').map(|star| {
+            let n = command[star + 1..].iter().take_while(|b| b.is_ascii_digit()).count();
+            (n, wrong_sum(&command[..=star + n]))
+        });
+        match digits {
+            Some((1..=3, None)) | None => self.take(text, number),
+            _ => self.refuse(text, WRONG_CHECKSUM),
         }
     }
 
@@ -324,7 +340,7 @@ fn leading_integer(text: &[u8]) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::{MARLIN, REPETIER, SMOOTHIE};
+    use crate::dialect::{MARLIN, REPETIER, REPRAPFIRMWARE, SMOOTHIE};
     use proptest::prelude::*;
 
     fn receiver() -> Receiver {
@@ -400,6 +416,24 @@ mod tests {
         assert_eq!(reason(&feed(&mut receiver, b"N5 G28\n")), "command");
         assert_eq!(reason(&feed(&mut receiver, &numbered(30, "M110 N3"))), "command");
         assert_eq!(receiver.last_line, 30);
+    }
+
+    #[test]
+    fn reprapfirmware_checks_sums_and_no_numbers() {
+        let mut receiver = Receiver::new(1000, 96, &REPRAPFIRMWARE);
+        for n in [1, 7, 7, 3] {
+            assert_eq!(reason(&feed(&mut receiver, &numbered(n, "G28"))), "command", "{n}");
+        }
+        assert_eq!(reason(&feed(&mut receiver, b"N4 G28*1\n")), WRONG_CHECKSUM);
+        assert_eq!(reason(&feed(&mut receiver, b"N4 G28\n")), "command");
+        // Two lines that run together: the first is done, the second is gone.
+        let mut both = numbered(5, "G28");
+        both.pop();
+        both.extend(numbered(6, "G29"));
+        let received = feed(&mut receiver, &both);
+        assert_eq!(reason(&received), "command");
+        let [Received::Command(text)] = received.as_slice() else { panic!() };
+        assert_eq!(crate::gcode::parse(text).text, b"G28");
     }
 
     #[test]

@@ -2,14 +2,14 @@
 //!
 //! One task, one loop. Bytes are written in as few calls as the core's window allows; events go out over a bounded
 //! channel, and a listener that is slow loses progress and temperatures, never a fault, and never holds up the
-//! print. The journal is another thread's. The task reads the job from its file as it goes; that is the page cache's business,
+//! print. The journal is another thread's, and nothing here ever waits for it but by looking now and then whether it is done. The task reads the job from its file as it goes; that is the page cache's business,
 //! not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
 
 use super::Error;
 use super::control::Controls;
 use super::job::Job;
 use super::journal::Record;
-use super::journal::writer::Journal;
+use super::journal::writer::{Flush, Journal};
 use super::link::Link;
 use super::protocol::{Event, Fault, Instant, Stats};
 use super::session::{End, Session, Start};
@@ -35,6 +35,9 @@ const KNOCK: Duration = Duration::from_millis(200);
 
 /// How long heaters-off may take to be written after a fault.
 const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// How long a print waits for its journal's disk before it goes on without.
+const FLUSH_LIMIT: Duration = Duration::from_secs(3);
 
 /// Events kept for a listener that does not listen; beyond that the oldest message is dropped.
 const MAX_PENDING_EVENTS: usize = 1024;
@@ -131,6 +134,15 @@ struct Driver<'a, R> {
     cancel: &'a CancelToken,
     is_cancelled: bool,
     controls: Controls,
+    hold: Option<Hold>,
+    journal_fails: bool,
+}
+
+/// A record that begins a session is on its way to the disk.
+struct Hold {
+    since: Instant,
+    is_handed_over: bool,
+    flush: Option<Flush>,
 }
 
 impl<'a, R: BufRead + Seek> Driver<'a, R> {
@@ -153,6 +165,8 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
             cancel,
             is_cancelled: false,
             controls: Controls::default(),
+            hold: None,
+            journal_fails: false,
         }
     }
 
@@ -168,10 +182,22 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         let last = self.session.progress();
         self.tell(last);
         self.deliver();
-        if let Some(journal) = &self.journal {
-            journal.flush();
-        }
+        self.await_journal().await;
         self.session.take_end().expect("a session that is over has an end")
+    }
+
+    /// The last records are on the disk before the end is told, unless the disk does not answer.
+    async fn await_journal(&mut self) {
+        let Some(journal) = &self.journal else { return };
+        let limit = self.clock.now() + FLUSH_LIMIT;
+        let mut flush = None;
+        while self.clock.now() < limit {
+            flush = flush.or_else(|| journal.ask_flush());
+            if flush.as_ref().is_some_and(Flush::is_done) {
+                return;
+            }
+            tokio::time::sleep(TICK).await;
+        }
     }
 
     /// Talks until the session is over or the port is gone.
@@ -218,29 +244,60 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
     /// Takes from the session what it has to say.
     fn exchange(&mut self) {
         self.record();
-        self.session.transmit(&mut self.out);
+        if !self.holds_back() {
+            self.session.transmit(&mut self.out);
+        }
         while let Some(event) = self.session.poll_event() {
             self.tell(event);
         }
     }
 
-    /// Hands records to the journal. One of a new session is on the disk before this returns; others never wait.
+    /// Hands records to the journal; never waits. One that begins a session holds back what is sent until it is on the disk.
     fn record(&mut self) {
         while let Some(record) = self.session.poll_record() {
             let Some(journal) = &self.journal else { continue };
-            if matches!(record, Record::Session(_)) {
-                journal.flush();
+            let begins = matches!(record, Record::Session(_));
+            let since = self.clock.now();
+            if begins {
+                self.hold.get_or_insert(Hold { since, is_handed_over: false, flush: None });
             }
             if !journal.append(&record) {
                 self.session.not_written(record);
-                return;
+                break;
             }
-            if matches!(record, Record::Session(_)) {
-                journal.flush();
+            if let Some(hold) = self.hold.as_mut().filter(|_| begins) {
+                hold.is_handed_over = true;
             }
         }
-        if let Some(failure) = self.journal.as_ref().and_then(Journal::take_failure) {
-            self.tell(PrintEvent::JournalFailed(failure));
+        self.watch_journal();
+    }
+
+    /// Whether nothing may be sent yet; heaters-off always may.
+    fn holds_back(&mut self) -> bool {
+        let (Some(hold), Some(journal)) = (&mut self.hold, &self.journal) else { return false };
+        if hold.flush.is_none() && hold.is_handed_over {
+            hold.flush = journal.ask_flush();
+        }
+        let is_late = self.clock.now().since(hold.since) > FLUSH_LIMIT;
+        let is_done = hold.flush.as_ref().is_some_and(Flush::is_done);
+        if is_late && !is_done {
+            let why = format!("the disk has not answered for {} s", FLUSH_LIMIT.as_secs());
+            self.tell(PrintEvent::JournalFailed(why));
+        }
+        if is_late || is_done {
+            self.hold = None;
+        }
+        self.hold.is_some() && !self.session.is_giving_up()
+    }
+
+    /// Tells that the journal cannot be written, and that it can again: each once.
+    fn watch_journal(&mut self) {
+        let Some(failure) = self.journal.as_ref().map(Journal::failure) else { return };
+        let was_failing = std::mem::replace(&mut self.journal_fails, failure.is_some());
+        match failure {
+            Some(why) if !was_failing => self.tell(PrintEvent::JournalFailed(why)),
+            None if was_failing => self.tell(PrintEvent::JournalWorks),
+            _ => {}
         }
     }
 

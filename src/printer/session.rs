@@ -52,6 +52,8 @@ pub enum PrintEvent {
     Asked(Control),
     /// The journal cannot be written; the print goes on.
     JournalFailed(String),
+    /// It can be written again.
+    JournalWorks,
 }
 
 /// How a session ended.
@@ -314,6 +316,12 @@ impl<R: BufRead + Seek> Session<R> {
     #[must_use]
     pub const fn is_over(&self) -> bool {
         self.end.is_some()
+    }
+
+    /// Whether what is to be sent ends the print: that never waits for anything.
+    #[must_use]
+    pub const fn is_giving_up(&self) -> bool {
+        self.is_over() || matches!(self.phase(), Phase::Stopping)
     }
 
     /// How it ended.

@@ -332,6 +332,13 @@ pub struct Firmware {
 }
 
 impl Firmware {
+    /// Whether it keeps count of its lines. RepRapFirmware checks the sums of numbered lines and not their numbers: a line that comes
+    /// twice is done twice, one that is lost is not missed, and no question makes it name its last.
+    #[must_use]
+    pub const fn counts_lines(&self) -> bool {
+        self.line_numbers && !matches!(self.dialect, Dialect::RepRapFirmware)
+    }
+
     /// The longest chord in which it drives an arc of a radius, mm.
     #[must_use]
     pub fn arc_chord_mm(&self, radius_mm: f64) -> f64 {

@@ -42,6 +42,10 @@ pub enum Numbering {
     /// The same, but one of the last forty numbers it has is answered by `skip` and `ok`, and so are wrong numbers after a
     /// request to send again, fourteen at most.
     CheckedRepeatsSkipped,
+    /// The checksum of a numbered line is checked, if it has one, but not its number: a line that comes twice is done twice,
+    /// and one that does not come is not missed. What is asked for again is the damaged line's own number (RepRapFirmware,
+    /// `StringParser::LineFinished`; from 3.6 on not even that: the line is dropped in silence).
+    SumOnly,
     /// Numbers and checksums are read over.
     Ignored,
 }

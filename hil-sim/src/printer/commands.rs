@@ -185,6 +185,10 @@ impl Printer {
             410 => self.quick_stop(),
             500 => return self.tell("Error:EEPROM disabled"),
             503 => self.tell_settings(),
+            564 => {
+                let allows = command.value(b'H').map(|h| h == 0.0);
+                self.motion.moves_unhomed = allows.unwrap_or(self.motion.moves_unhomed);
+            }
             600 => return self.begin_change(),
             _ => return self.unknown(command),
         }

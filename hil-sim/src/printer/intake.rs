@@ -18,7 +18,11 @@ impl Printer {
                 Received::Repeated(text) => self.pass_over(text),
                 Received::Refused(text, reason) => {
                     self.say_refusal(&text, reason);
-                    self.request_resend();
+                    if self.profile.dialect.numbering == Numbering::SumOnly {
+                        self.request_line(receive::number_of(&text));
+                    } else {
+                        self.request_resend();
+                    }
                     self.record_refused(text, reason.trim_end_matches(", Last Line: "));
                 }
             }
@@ -62,9 +66,14 @@ impl Printer {
         }
     }
 
+    /// Asks for the line after the last.
     pub(super) fn request_resend(&mut self) {
+        self.request_line(self.receiver.last_line + 1);
+    }
+
+    fn request_line(&mut self, wanted: i64) {
         let error = self.resend_error.take().unwrap_or(0);
-        let number = (self.receiver.last_line + 1 + error).max(0);
+        let number = (wanted + error).max(0);
         self.summary.resend_requests += 1;
         if self.profile.dialect.family == Family::Repetier {
             self.say("");

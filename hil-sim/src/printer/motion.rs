@@ -34,6 +34,8 @@ pub(super) struct Motion {
     /// Where the motors were after the last finished move.
     pub(super) driven: Position,
     pub(super) homed: [bool; 3],
+    /// Whether axes that are not home may move all the same (M564 H0).
+    pub(super) moves_unhomed: bool,
     pub(super) relative: [bool; 3],
     /// M82 and M83.
     pub(super) relative_e: bool,
@@ -57,6 +59,7 @@ impl Motion {
             planned: [0.0; 4],
             driven: [0.0; 4],
             homed: [false; 3],
+            moves_unhomed: profile.dialect.moves_unhomed,
             relative: [false; 3],
             relative_e: false,
             either: profile.dialect.extruder_mode == ExtruderMode::RelativeIfEither,
@@ -178,7 +181,8 @@ impl Printer {
         let native = |axis: usize| target[axis] - self.motion.offset[axis];
         let moves = |axis: usize| (native(axis) - self.motion.planned[axis]).abs() > 1e-9;
         let outside = |axis: usize| !(-1e-9..=self.profile.bed_mm[axis] + 1e-9).contains(&native(axis));
-        let unhomed = !dialect.moves_unhomed && (0..3).any(|axis| moves(axis) && !self.motion.homed[axis]);
+        let unhomed =
+            !self.motion.moves_unhomed && (0..3).any(|axis| moves(axis) && !self.motion.homed[axis]);
         let refused = unhomed || dialect.refuses_moves_outside() && (0..3).any(outside);
         if !refused {
             return None;

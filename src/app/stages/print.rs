@@ -479,6 +479,9 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
                 format!("the journal cannot be written ({why}): the print goes on, but could not be resumed");
             return Some(("printer.journal_failed", text));
         }
+        PrintEvent::JournalWorks => {
+            return Some(("printer.journal_works", "the journal can be written again".to_owned()));
+        }
         PrintEvent::Asked(control) => return Some(("printer.asked", asked(*control))),
         PrintEvent::Session(session) => session,
         PrintEvent::Progress { .. } => return None,

@@ -167,3 +167,32 @@ async fn a_listener_that_does_not_listen_does_not_stop_the_print() {
     assert_eq!(events.recv().await, Some(PrintEvent::Session(Event::Connected)));
     printer.await.unwrap();
 }
+
+#[tokio::test]
+async fn a_session_is_in_the_journal_before_its_first_line_is_sent() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("j.journal");
+    let profile = crate::profile::builtin("marlin").unwrap();
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let (sender, mut events) = mpsc::channel(64);
+    let read = path.clone();
+    // What the file said when the first move came.
+    let printer = tokio::spawn(async move {
+        let executed = firmware(theirs, Manner::VanishesAfter(1)).await;
+        (executed, std::fs::read_to_string(read).unwrap())
+    });
+    let listener = tokio::spawn(async move { while events.recv().await.is_some() {} });
+    let order = Order {
+        job: job(50, &profile),
+        start: Start::Fresh,
+        journal: Some(Journal::create(&path, &[]).unwrap()),
+        controls: Controls::default(),
+    };
+    let mut profile = profile;
+    profile.firmware.orphan_hold_s = 0.0;
+    let error = run(order, NamedLink::new("x", ours), &profile, &sender, &CancelToken::default()).await;
+    assert_eq!(error.unwrap_err().code(), "printer.port_vanished");
+    drop(sender);
+    listener.await.unwrap();
+    assert!(printer.await.unwrap().1.contains("\"session\""));
+}

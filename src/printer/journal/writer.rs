@@ -11,7 +11,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -99,9 +99,18 @@ impl Journal {
         }
     }
 
-    /// Why the last record could not be written; nothing where it was. Taken: told once.
-    pub fn take_failure(&self) -> Option<String> {
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
+    /// Asks to be told when all that was handed over is on the disk; nothing where too much waits already. Never blocks.
+    #[must_use]
+    pub fn ask_flush(&self) -> Option<Flush> {
+        let (answer, done) = sync_channel(1);
+        let sender = self.sender.as_ref()?;
+        sender.try_send(Order::Flush(answer)).is_ok().then_some(Flush(done))
+    }
+
+    /// Why the last record could not be written; nothing where it was.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -112,6 +121,19 @@ impl Drop for Journal {
             // What it could not write it has told.
             thread.join().ok();
         }
+    }
+}
+
+/// A flush under way.
+#[derive(Debug)]
+pub struct Flush(Receiver<()>);
+
+impl Flush {
+    /// Whether all is on the disk, or could not be written ([`Journal::failure`] tells).
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        // The thread ends only with its sender, and answers before.
+        !matches!(self.0.try_recv(), Err(TryRecvError::Empty))
     }
 }
 
@@ -255,10 +277,8 @@ impl<F: Flushed> Disk<F> {
     }
 
     fn tell(&self, written: io::Result<()>) {
-        if let Err(error) = written {
-            let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
-            failure.get_or_insert_with(|| error.to_string());
-        }
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        *failure = written.err().map(|error| error.to_string());
     }
 
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {

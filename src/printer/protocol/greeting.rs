@@ -19,6 +19,14 @@ pub enum Greeting {
 /// A number that is not the next one.
 const PROOF_NUMBER: u64 = 1000;
 
+/// A printer may repeat a line once; what repeats every line is none.
+const MAX_ECHOED: u32 = 2;
+
+/// Whether a line can only be one that we have sent.
+fn is_ours(line: &str) -> bool {
+    line == "M105" || line.starts_with('N') && line.contains(" M110 N0*")
+}
+
 impl Core {
     pub(super) fn connect(&mut self) {
         if self.config.firmware.reset_on_open {
@@ -33,7 +41,7 @@ impl Core {
     pub(super) fn greet(&mut self, tries: u32) {
         self.timers.stop_all();
         let mut text = "\n".to_owned();
-        if self.config.firmware.line_numbers {
+        if self.config.firmware.counts_lines() {
             write_numbered(&mut text, 0, "M110 N0");
         } else {
             text.push_str("M105\n");
@@ -50,13 +58,15 @@ impl Core {
             (Reply::Start, Greeting::AwaitStart) => self.greet(1),
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
             (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
+            // Of a half line, where lines are not counted.
+            (Reply::Resend(_), Greeting::AwaitLast(_)) if !self.config.firmware.counts_lines() => {}
             (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
             // It takes no notice of a wrong number where it waits for a line: it is asked until it does.
             (Reply::Skipped(_), Greeting::AwaitLast(tries)) => {
                 self.inquire_again(tries);
                 self.next_ok = self.after_refusal();
             }
-            (Reply::Ok(ok), Greeting::AwaitLast(_)) => self.on_inquiry_ok(ok),
+            (Reply::Ok(ok), Greeting::AwaitLast(tries)) => self.on_inquiry_ok(ok, tries),
             // It is busy with what somebody else has left it: it answers when that is done.
             (Reply::Busy(_), _) => {
                 self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
@@ -75,6 +85,7 @@ impl Core {
             (Reply::Temperatures(temperatures), _) => {
                 self.events.push_back(Event::Temperatures(temperatures))
             }
+            (Reply::Unknown(_), _) if is_ours(line) => self.n_echoed += 1,
             (Reply::Unknown(_), _) => {
                 self.stats.n_unknown_lines += u64::from(line.contains('\u{fffd}'));
                 self.events.push_back(Event::Message(line.to_owned()));
@@ -87,7 +98,7 @@ impl Core {
         if std::mem::take(&mut self.next_ok) != NextOk::Acknowledges {
             return;
         }
-        if !self.config.firmware.line_numbers {
+        if !self.config.firmware.counts_lines() {
             self.connected();
             return;
         }
@@ -111,8 +122,9 @@ impl Core {
     fn connected(&mut self) {
         self.timers.stop_all();
         self.next_ok =
-            if self.config.firmware.line_numbers { self.after_refusal() } else { NextOk::Acknowledges };
+            if self.config.firmware.counts_lines() { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
+        self.n_echoed = 0;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;
         self.events.push_back(Event::Connected);
@@ -130,7 +142,9 @@ impl Core {
     }
 
     fn greet_again(&mut self, tries: u32) {
-        if tries < self.max_greetings() {
+        if self.n_echoed > MAX_ECHOED {
+            self.fail(Fault::Echo);
+        } else if tries < self.max_greetings() {
             self.greet(tries + 1);
         } else if matches!(self.state, State::Handshake(Greeting::AwaitProof(_))) {
             self.fail(Fault::NoLineNumbers);

@@ -1,13 +1,14 @@
 //! Questions to a printer that is not printing, or that was left in the middle of a job by somebody who is gone.
 //!
 //! The last line: a numbered line far ahead cannot be accepted, and its refusal names the last one that was. Firmware
-//! without numbers is asked for temperatures only: what it has taken shows in its position. Where the link broke within a line, its
+//! that counts no lines is asked for temperatures only: what it has taken shows in its position. Where the link broke within a line, its
 //! first half waits in the firmware, and might be obeyed: what is put behind it makes it a line that no firmware understands.
 
-use super::wire::Wire;
+use super::wire::{VOID, Wire};
 use super::{
     Acknowledgement, BUSY_INTERVAL, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer,
 };
+use crate::profile::Dialect;
 
 /// What a printer can be asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +44,9 @@ pub struct Inquiry {
     is_acked: bool,
 }
 
+/// So many answers to the first probes may be of earlier questions.
+const MAX_LATE: u32 = 2;
+
 /// A question is repeated so often.
 const MAX_TRIES: u32 = 8;
 
@@ -57,6 +61,7 @@ const SPOILER: &str = "99?X?\n";
 impl Core {
     /// Asks for the last line of an earlier session.
     pub(super) fn inquire(&mut self, beyond: u64) {
+        self.inquired_beyond = Some(beyond);
         self.wire = Wire::new(&self.config.firmware);
         self.wire.begin_after(beyond);
         self.inquire_again(0);
@@ -67,7 +72,8 @@ impl Core {
             self.unanswered();
             return;
         }
-        let mut text = SPOILER.to_owned();
+        let is_summed = self.config.firmware.dialect == Dialect::RepRapFirmware;
+        let mut text = if is_summed { VOID } else { SPOILER }.to_owned();
         self.wire.write_probe(&mut text);
         self.urgent.push_back(text);
         self.refused = None;
@@ -96,16 +102,21 @@ impl Core {
 
     /// Without numbers the temperatures are the answer; with them an `ok` that brings temperatures means that the probe was
     /// obeyed instead of refused.
-    pub(super) fn on_inquiry_ok(&mut self, ok: Acknowledgement) {
+    pub(super) fn on_inquiry_ok(&mut self, ok: Acknowledgement, tries: u32) {
         let is_of_refusal = std::mem::take(&mut self.next_ok) == NextOk::EndsRefusal;
         if ok.temperatures.is_none() || is_of_refusal {
             return;
         }
-        if self.config.firmware.line_numbers {
-            self.fail(Fault::NoLineNumbers);
+        if self.config.firmware.counts_lines() {
+            // The first may be late answers to somebody else.
+            if tries > MAX_LATE {
+                self.fail(Fault::NoLineNumbers);
+            }
             return;
         }
-        self.wire.begin_after(0);
+        // Where numbers are sent and not counted they go on: whoever reads the wire can tell the lines apart.
+        let last = if self.config.firmware.line_numbers { self.wire.highest() } else { 0 };
+        self.wire.begin_after(last);
         self.events.extend(ok.temperatures.map(Event::Temperatures));
         self.found(None);
     }

@@ -43,6 +43,7 @@ mod fault;
 mod greeting;
 mod inquiry;
 mod lines;
+mod patience;
 mod pause;
 mod planner;
 mod prompt;
@@ -84,17 +85,8 @@ const QUEUE_AHEAD: u64 = 64;
 /// A firmware that is alive but executing says `busy` this often.
 const BUSY_INTERVAL: Duration = Duration::from_secs(2);
 
-/// How much longer than the interval `busy` may take.
-const BUSY_GRACE: Duration = Duration::from_millis(500);
-
-/// After going back the answer is expected soon: asking early costs nothing, waiting does.
-const REWOUND_PATIENCE: Duration = Duration::from_millis(250);
-
 /// Silence of so many response time-outs is a fault.
 const SILENCE_FACTOR: u32 = 15;
-
-/// A cancelled job's heaters-off must get through within this time.
-const CANCEL_LIMIT: Duration = Duration::from_secs(120);
 
 /// Bytes for the port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,6 +147,12 @@ pub struct Core {
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
+    /// The only line in flight may have been refused, where lines are not counted.
+    is_suspect: bool,
+    /// What the printer is asked for first: its last line, none of which was higher; nothing where it is greeted.
+    inquired_beyond: Option<u64>,
+    /// Lines of ours that came back.
+    n_echoed: u32,
     pulse: Pulse,
     prompts: Prompts,
     securing: Securing,
@@ -220,6 +218,9 @@ impl Core {
             is_advanced: false,
             n_emergencies_owed: 0,
             n_garbled: 0,
+            is_suspect: false,
+            inquired_beyond: None,
+            n_echoed: 0,
             pulse: Pulse::default(),
             prompts: Prompts::default(),
             securing: Securing::default(),
@@ -480,7 +481,11 @@ impl Core {
                 self.on_temperatures();
             }
             Reply::Start => match policy::action(self.state.phase(), Trouble::Reset) {
-                Action::Nothing => self.greet(1),
+                // Also between two questions of a survey.
+                Action::Nothing => match self.inquired_beyond {
+                    Some(beyond) => self.inquire(beyond),
+                    None => self.greet(1),
+                },
                 _ => self.fail(Fault::FirmwareReset),
             },
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
@@ -500,16 +505,10 @@ impl Core {
         self.events.push_back(Event::Message(line.to_owned()));
         // A machine that has lost its place makes no move; the rest of the job would be laid where it does not belong.
         let is_lost = text.contains("homed") || text.contains("home axis");
-        let is_refusal = !self.config.firmware.line_numbers && line.starts_with("!!");
+        let is_refusal = !self.config.firmware.counts_lines() && line.starts_with("!!");
         if (is_refusal || is_lost) && self.wire.in_flight() > 0 {
             self.fail(Fault::CommandRefused { text: text.to_owned() });
         }
-    }
-
-    fn command_timeout(&mut self) {
-        let command = self.wire.oldest_command().unwrap_or_default().to_owned();
-        let after = self.oldest.map_or(Duration::ZERO, |oldest| self.now.since(oldest.since));
-        self.fail(Fault::CommandTimeout { command, after });
     }
 
     /// Draws the conclusions from what has changed.
@@ -530,70 +529,5 @@ impl Core {
         }
         self.track_oldest();
         self.arm();
-    }
-
-    fn track_oldest(&mut self) {
-        let number = self.wire.acked() + 1;
-        if self.wire.in_flight() == 0 {
-            self.oldest = None;
-        } else if self.oldest.is_none_or(|oldest| oldest.number != number) {
-            self.oldest = Some(Oldest { number, since: self.now });
-        }
-    }
-
-    /// Sets the session's timers anew from what is owed.
-    fn arm(&mut self) {
-        if !self.state.has_job() || (self.oldest.is_none() && self.probe.is_none()) {
-            match self.state {
-                // These have timers of their own.
-                State::Handshake(_) | State::Asking(_) | State::Faulted(_) | State::SwitchingOff => {}
-                State::Paused => {
-                    self.timers.stop_all();
-                    self.timers.set(Timer::Pulse, self.pulse_due());
-                }
-                _ => self.timers.stop_all(),
-            }
-            return;
-        }
-        self.timers.stop(Timer::Pulse);
-        let is_slow = self.wire.oldest_is_slow();
-        self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
-        let was_heard = self.oldest.is_none_or(|oldest| self.heard > oldest.since);
-        let silence = if is_slow && !was_heard {
-            self.config.slow_command
-        } else {
-            self.config.response * SILENCE_FACTOR
-        };
-        self.timers.set(Timer::Silence, self.heard_or_sent() + silence);
-        match self.oldest {
-            Some(oldest) => self.timers.set(Timer::Command, oldest.since + self.command_limit()),
-            None => self.timers.stop(Timer::Command),
-        }
-    }
-
-    fn command_limit(&self) -> Duration {
-        match self.state {
-            State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
-            _ => self.config.slow_command,
-        }
-    }
-
-    /// How long to wait for a sign of progress before asking.
-    fn patience(&self, is_slow: bool) -> Duration {
-        if let Some(probe) = &self.probe {
-            return self.config.response * (1 << (probe.tries.saturating_sub(1)).min(4));
-        }
-        if is_slow {
-            return self.config.response.max(BUSY_INTERVAL + BUSY_GRACE);
-        }
-        if self.rewind.is_some() {
-            return self.config.response.min(REWOUND_PATIENCE);
-        }
-        self.config.response
-    }
-
-    /// Since when the firmware could have said something.
-    fn heard_or_sent(&self) -> Instant {
-        self.oldest.map_or(self.heard, |oldest| oldest.since.max(self.heard))
     }
 }

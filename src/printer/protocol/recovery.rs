@@ -2,6 +2,7 @@
 
 use crate::profile::Dialect;
 
+use super::wire::{VOID, VOID_NUMBER};
 use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle, State};
 
 /// A line that is refused so often in a row does not get through.
@@ -9,6 +10,11 @@ const MAX_TRIES: u32 = 40;
 
 /// So many `ok` of damaged lines may be taken for ours.
 pub(super) const FALSE_OKS: u64 = 8;
+
+/// Words of the core's own that not every firmware knows.
+fn is_urgent(text: &str) -> bool {
+    ["M108", "M410", "M876"].iter().any(|word| text.starts_with(word))
+}
 
 /// What the next `ok` means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,6 +26,8 @@ pub(super) enum NextOk {
     EndsRefusal,
     /// It ends a command that we never sent: one of our lines, damaged.
     EndsForeignCommand,
+    /// It ends a command that was one of our lines, damaged, where no more than one is in flight.
+    EndsDamagedLine,
 }
 
 /// The core went back to a line that was refused.
@@ -60,7 +68,9 @@ impl Core {
         self.stats.n_probes += 1;
         self.quiet_since = self.now;
         // What was sent last may have lost its line feed.
-        let mut text = "\n".to_owned();
+        let obeys_halves =
+            matches!(self.config.firmware.dialect, Dialect::RepRapFirmware | Dialect::Smoothie);
+        let mut text = if obeys_halves { VOID } else { "\n" }.to_owned();
         if self.probe.is_some_and(|probe| probe.is_in_order) {
             text.push_str("M105\n");
         } else {
@@ -87,9 +97,12 @@ impl Core {
         if self.wire.is_in_flight(text) {
             return;
         }
-        if self.config.firmware.line_numbers {
+        if self.config.firmware.counts_lines() {
             self.next_ok = NextOk::EndsForeignCommand;
-        } else if self.wire.in_flight() > 0 {
+        } else if self.wire.is_damaged_copy(text) {
+            // Of the only line in flight; it was not executed.
+            self.next_ok = NextOk::EndsDamagedLine;
+        } else if self.wire.in_flight() > 0 && !is_urgent(text) {
             // A line of ours, damaged: it was not executed, and nothing asks for it again.
             self.fail(Fault::CommandRefused { text: line.to_owned() });
         }
@@ -114,12 +127,13 @@ impl Core {
                     self.ask_in_doubt();
                 }
             }
+            NextOk::EndsDamagedLine => self.refused_alone(),
             NextOk::Acknowledges => self.acknowledge(ok),
         }
     }
 
     fn acknowledge(&mut self, ok: Acknowledgement) {
-        if !self.config.firmware.line_numbers {
+        if !self.config.firmware.counts_lines() {
             self.acknowledge_unnumbered(ok);
             return;
         }
@@ -178,18 +192,22 @@ impl Core {
         self.quiet_since = self.now;
         if self.probe.is_some() && ok.temperatures.is_some() {
             self.probe = None;
-            self.lost_oks();
-            self.complete();
+            if std::mem::take(&mut self.is_suspect) {
+                self.refused_alone();
+            } else {
+                self.lost_oks();
+                self.complete();
+            }
         } else if ok.temperatures.is_none() || self.wire.oldest_command() == Some("M105") {
             // Else it is the late answer to a greeting or to an earlier question.
-            self.wire.ack_oldest();
+            self.is_suspect &= !self.wire.ack_oldest();
         }
     }
 
     /// Smoothieware's refusal has no `ok` of its own.
     pub(super) fn after_refusal(&self) -> NextOk {
         match self.config.firmware.dialect {
-            Dialect::Smoothie => NextOk::Acknowledges,
+            Dialect::Smoothie | Dialect::RepRapFirmware => NextOk::Acknowledges,
             _ => NextOk::EndsRefusal,
         }
     }
@@ -202,6 +220,10 @@ impl Core {
     pub(super) fn on_resend(&mut self, number: u64) {
         self.next_ok = self.after_refusal();
         let refused = self.refused.take();
+        if !self.config.firmware.counts_lines() {
+            self.on_resend_uncounted(number);
+            return;
+        }
         let agrees = match refused {
             Some((_, last)) => last.checked_add(1) == Some(number),
             None => self.config.firmware.resend_style == ResendStyle::Rs,
@@ -212,6 +234,28 @@ impl Core {
             return;
         }
         self.on_last_line(number, matches!(refused, Some((Refusal::Damaged, _))));
+    }
+
+    /// Its own number is that of the line in flight. Another one is that of a line whose number was damaged, or means nothing: the answer
+    /// to a question behind it tells.
+    fn on_resend_uncounted(&mut self, number: u64) {
+        if number == VOID_NUMBER || self.wire.in_flight() == 0 {
+            return;
+        }
+        if number == self.wire.acked() + 1 {
+            self.refused_alone();
+        } else {
+            self.is_suspect = true;
+            self.stats.n_doubtful_resends += 1;
+            self.ask();
+        }
+    }
+
+    /// The only line in flight did not pass, whatever number the firmware has read of it.
+    fn refused_alone(&mut self) {
+        if self.wire.in_flight() > 0 {
+            self.go_back(self.wire.acked() + 1, true);
+        }
     }
 
     /// The firmware wants line `number` next, and both its answers say so.

@@ -202,7 +202,9 @@ fn error(line: &str) -> Option<Reply<'_>> {
     if is_halt(text) {
         return Some(Reply::Halted(text));
     }
-    Some(refusal(text).unwrap_or(Reply::Error(text)))
+    // RepRapFirmware's.
+    let unknown = text.strip_prefix("Bad command:").map(|command| Reply::UnknownCommand(command.trim()));
+    Some(refusal(text).or(unknown).unwrap_or(Reply::Error(text)))
 }
 
 /// Whether an error is the last word of a firmware: Marlin's, RepRapFirmware's, Smoothieware's (whose bare `!!` answers

@@ -56,6 +56,12 @@ impl Heat {
         }
     }
 
+    /// Whether they are known to be on.
+    #[must_use]
+    pub const fn is_on(&self) -> bool {
+        matches!(self, Self::On(_))
+    }
+
     /// Whether nobody has to see to it.
     #[must_use]
     pub const fn is_safe(&self) -> bool {

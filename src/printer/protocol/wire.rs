@@ -23,6 +23,13 @@ const PROBE_AHEAD: u64 = 1000;
 /// Bytes of a probe with a seven-digit number, and of the line feed before it.
 const PROBE_BYTES: usize = 20;
 
+/// Behind a half line: without a checksum it would be obeyed, with a wrong one it is refused. A whole line that lacks its line feed has
+/// its own checksum, and what follows that is not looked at (RepRapFirmware). Standing alone it is refused by this number.
+pub(super) const VOID: &str = "N4000000000 *999\n";
+
+/// See [`VOID`].
+pub(super) const VOID_NUMBER: u64 = 4_000_000_000;
+
 /// Bytes in flight on a link that holds the writer back by itself.
 const FLOW_CONTROLLED_BYTES: u64 = 4096;
 
@@ -66,6 +73,8 @@ fn is_slow(command: &str) -> bool {
 #[derive(Debug)]
 pub(super) struct Wire {
     numbered: bool,
+    /// Whether a line goes only when the one before is acknowledged: a damaged one would else be done behind the next ones.
+    one_by_one: bool,
     rx_bytes: u64,
     /// What the profile says of it.
     profile_rx_bytes: u64,
@@ -97,6 +106,7 @@ impl Wire {
     pub(super) fn new(firmware: &Firmware) -> Self {
         Self {
             numbered: firmware.line_numbers,
+            one_by_one: firmware.line_numbers && !firmware.counts_lines(),
             rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
             profile_rx_bytes: (firmware.rx_buffer_bytes.saturating_sub(PROBE_BYTES)) as u64,
             measured: Some((0, Instant::default())),
@@ -198,6 +208,9 @@ impl Wire {
     /// The next line, if there is one and the firmware has room for it; it counts as sent.
     pub(super) fn send_next(&mut self) -> Option<&str> {
         let number = self.next;
+        if self.one_by_one && self.in_flight() > 0 {
+            return None;
+        }
         let line = self.lines.get(self.index(number)?)?;
         let read = self.read.max(self.acked).min(number - 1);
         let unread_bytes = line.end - self.end_of(read);
@@ -336,6 +349,19 @@ impl Wire {
         })
     }
 
+    /// Whether `text`, which a firmware did not understand, is the only line in flight with noise before it, or but for a byte or two,
+    /// where lines go one by one. It may have left the checksum out.
+    pub(super) fn is_damaged_copy(&self, text: &str) -> bool {
+        let number = self.acked + 1;
+        if !self.one_by_one || self.in_flight() != 1 {
+            return false;
+        }
+        let (Some(i), Some(command)) = (self.index(number), self.command(number)) else { return false };
+        let whole = self.lines[i].text.trim_end();
+        let body = whole.rsplit_once('*').map_or(whole, |(body, _)| body);
+        text.contains(command) || is_like(text, whole) || is_like(text, body)
+    }
+
     fn command(&self, number: u64) -> Option<&str> {
         let text = self.lines.get(self.index(number)?)?.text.trim_end();
         if !self.numbered {
@@ -361,6 +387,13 @@ impl Wire {
     fn end_of(&self, number: u64) -> u64 {
         self.index(number).map_or(self.base_end, |i| self.lines[i].end)
     }
+}
+
+/// Whether two texts are the same but for two bytes in one place.
+fn is_like(a: &str, b: &str) -> bool {
+    let n_front = a.bytes().zip(b.bytes()).take_while(|(a, b)| a == b).count();
+    let n_back = a.bytes().rev().zip(b.bytes().rev()).take_while(|(a, b)| a == b).count();
+    n_front + n_back + 2 >= a.len().max(b.len())
 }
 
 /// Appends `N12 G1 X5*33` and a line feed: the checksum is the exclusive or of all bytes before the asterisk.

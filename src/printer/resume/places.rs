@@ -13,11 +13,19 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let first = self.known.progress.n_acked;
         let end = self.known.progress.n_sent.max(first) + self.unrecorded();
         let Some(position) = self.survey.position else { return self.recover(Why::Elsewhere) };
+        // It says so in no other way: nothing is warm, and all places are 0, the filament's too.
+        let is_at_zero = position.xyz_mm == [0.0; 3] && position.e_mm == Some(0.0);
+        if is_at_zero && self.survey.temperatures.are_off() == Some(true) {
+            return self.recover(Why::Restarted);
+        }
         if let Some(exact) = self.within_prelude(position)? {
             return Ok(match self.is_cold(&exact.modal) {
                 Some(why) => self.recover(why)?,
                 None => Decision::Exact(Box::new(exact)),
             });
+        }
+        if let Some(exact) = self.before_the_first_move(first, end)? {
+            return Ok(Decision::Exact(Box::new(exact)));
         }
         let mut modal = Modal::new(self.profile.firmware.dialect);
         let mut tail = Tail::default();
@@ -43,12 +51,39 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
     }
 
+    /// Before anything is printed the place says nothing; but heating, homing and modes may be done once more.
+    fn before_the_first_move(&mut self, n_done: u64, end: u64) -> Result<Option<Exact>, job::Error> {
+        const HARMLESS: [&str; 14] = [
+            "M104", "M109", "M140", "M190", "G28", "G90", "G91", "M82", "M83", "G21", "M106", "M107", "M220",
+            "M221",
+        ];
+        let (modal, tail) = self.state_after(n_done)?;
+        let (mut n, mut is_harmless) = (0, true);
+        self.job.replay(end.min(self.job.n_lines()), |command| {
+            n += 1;
+            let word = command.split_ascii_whitespace().next().unwrap_or_default();
+            is_harmless &= n <= n_done || HARMLESS.contains(&word);
+        })?;
+        let is_cold = self.is_cold(&modal).is_some();
+        Ok((is_harmless && !is_cold && modal.top_mm.is_none() && modal.at_mm[0].is_none()).then(|| {
+            let n_twice = self.known.track.n_twice;
+            let track =
+                Track { first_number: self.first_number(), prelude: Vec::new(), n_before: n_done, n_twice };
+            Exact { place: Place::Job(n_done), track, modal, tail }
+        }))
+    }
+
+    /// What the next line is numbered by, where the firmware counts none.
+    const fn first_number(&self) -> u64 {
+        if self.profile.firmware.line_numbers { self.known.progress.number + 1 } else { 1 }
+    }
+
     fn exact_by_place(&mut self, n_before: u64, modal: Modal, tail: Tail) -> Result<Decision, job::Error> {
         if let Some(why) = self.is_cold(&modal) {
             return self.recover(why);
         }
         let n_twice = self.known.track.n_twice;
-        let track = Track { first_number: 1, prelude: Vec::new(), n_before, n_twice };
+        let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
         Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
     }
 
@@ -67,7 +102,8 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             behind = if is_exactly(&at, position) { Some(i + 1) } else { behind };
         }
         Ok(behind.map(|n| {
-            let track = Track { first_number: 1, prelude: prelude[n..].to_vec(), n_before, n_twice };
+            let (first_number, prelude) = (self.first_number(), prelude[n..].to_vec());
+            let track = Track { first_number, prelude, n_before, n_twice };
             Exact { place: Place::Prelude(0), track, modal, tail }
         }))
     }

@@ -10,7 +10,7 @@ use super::super::job;
 use super::super::journal::recorder::Recorder;
 use super::super::journal::{Place, Record, Track};
 use super::super::policy::{self, Action, Trouble};
-use super::super::protocol::{Command, Fault, Instant, State};
+use super::super::protocol::{Command, Core, Fault, Instant, State};
 use super::super::replay::{Modal, Tail};
 use super::{End, PrintEvent, Session, Stage};
 use crate::profile::ResumePoint;
@@ -42,7 +42,11 @@ impl<R: BufRead + Seek> Session<R> {
         match policy::action(self.phase(), Trouble::StopRequested) {
             Action::Stop if matches!(self.stage, Stage::Printing) => self.command(Command::Cancel),
             Action::Stop => self.switch_off(End::Cancelled),
-            Action::Leave => self.over(End::Left),
+            Action::Leave => {
+                // What it was about to be asked stays unasked.
+                self.core = Core::new(&self.profile);
+                self.over(End::Left);
+            }
             Action::GiveUpUnknown => self.over(End::Faulted(Fault::LinkLost)),
             _ => {}
         }

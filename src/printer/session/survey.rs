@@ -17,7 +17,8 @@ impl<R: BufRead + Seek> Session<R> {
 
     pub(super) fn found(&mut self, last: Option<u64>) {
         if let Stage::Surveying { survey, .. } = &mut self.stage {
-            survey.last = last;
+            // What it said before may be of before a reset.
+            *survey = Survey { last, ..Survey::default() };
             self.command(Command::Ask(Question::Temperatures));
         }
     }

@@ -69,7 +69,19 @@ fn smoothie_and_reprapfirmware_ask_with_rs() {
     // Smoothieware counts from 0 unless it is told.
     assert_eq!(ask(&mut printer_of("smoothie"), &numbered(1, "M107")), ["rs N0"]);
     assert_eq!(ask(&mut printer_of("smoothie"), &(numbered(0, "M110 N0") + "N1 M107*1\n")), ["ok", "rs N1"]);
-    assert_eq!(ask(&mut printer_of("reprapfirmware"), "N1 M107*1\n"), ["rs 1", "ok"]);
+    // RepRapFirmware names the damaged line, whatever came before.
+    assert_eq!(ask(&mut printer_of("reprapfirmware"), "N12 M107*1\n"), ["rs 12"]);
+}
+
+#[test]
+fn reprapfirmware_does_a_line_that_comes_twice_twice() {
+    let mut printer = printer_of("reprapfirmware");
+    ask(&mut printer, "G28\nM109 S200\nG91\n");
+    let line = numbered(5, "G1 X10 F6000");
+    assert_eq!(ask(&mut printer, &line), ["ok"]);
+    assert_eq!(ask(&mut printer, &line), ["ok"]);
+    assert_eq!(ask(&mut printer, &numbered(99, "M400")), ["ok"]);
+    assert_eq!((printer.summary().position_mm[0], printer.summary().repeated_move_lines), (20.0, 1));
 }
 
 #[test]

@@ -35,8 +35,10 @@ fn damaged_line_is_asked_for_again_where_lines_are_checked() {
             if profile == "klipper" {
                 assert_eq!(summary.resend_requests, 0, "{profile} {fault}");
             } else {
-                // A damaged line end or number shows one line later.
-                assert!(summary.resend_requests >= 1, "{profile} {fault}: {lines:?}");
+                // A damaged line end or number shows one line later; RepRapFirmware may miss the line altogether.
+                let missed = 6 - summary.commands_executed.min(6);
+                let noticed = summary.resend_requests + if profile == "reprapfirmware" { missed } else { 0 };
+                assert!(noticed >= 1, "{profile} {fault}: {lines:?}");
             }
         }
     }
@@ -58,7 +60,8 @@ fn garbage_comes_before_a_line() {
         let (lines, summary) = struck(profile, "garbage:line=3", &lines(profile));
         assert_eq!(summary.faults["garbage"], 1, "{profile}");
         let noticed = summary.resend_requests + summary.unknown_commands;
-        assert!(noticed > 0 || profile == "smoothie", "{profile}: {lines:?}");
+        let silent = ["smoothie", "reprapfirmware"].contains(&profile);
+        assert!(noticed > 0 || silent, "{profile}: {lines:?}");
     }
 }
 

@@ -1,4 +1,6 @@
+mod desk;
 mod firmware;
+mod holds;
 mod noise;
 mod pair;
 mod random;

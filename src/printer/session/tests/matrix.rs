@@ -5,14 +5,13 @@
 
 use super::super::*;
 use super::rig::{Laid, Rig, Setup, clean, is_same};
-use crate::profile::Dialect;
 use std::fmt::Write as _;
 
 const FIRMWARES: [&str; 7] =
     ["marlin", "marlin1", "prusa-mk3s", "repetier", "reprapfirmware", "smoothie", "klipper"];
 
 /// Faults that must leave no trace.
-const OF_THE_WIRE: [&str; 15] = [
+const OF_THE_WIRE: [&str; 17] = [
     "bit-error:rate=0.02",
     "bit-error:rate=0.02,dir=tx",
     "lost-byte:rate=0.02",
@@ -28,10 +27,12 @@ const OF_THE_WIRE: [&str; 15] = [
     "delay:rate=0.01,dir=tx",
     "garbage:rate=0.02",
     "garbage:rate=0.02,dir=tx",
+    "bit-error:rate=0.02 + lost-ok:rate=0.02",
+    "delay:rate=0.01 + half-line:line=70,dir=tx",
 ];
 
 /// Faults that must end in a named state, or in going on exactly.
-const OF_THE_MACHINE: [&str; 9] = [
+const OF_THE_MACHINE: [&str; 15] = [
     "disconnect:line=70,for-s=10",
     "disconnect:line=70",
     "reset:line=70",
@@ -41,6 +42,12 @@ const OF_THE_MACHINE: [&str; 9] = [
     "silent:line=70,for-s=5",
     "silent:line=70",
     "filament-out:line=70",
+    "disconnect:line=70,for-s=10 + reset:line=72",
+    "silent:line=70,for-s=5 + kill:line=75",
+    "host: wrong baud",
+    "host: an echo",
+    "host: another host greets",
+    "host: asked to stop",
 ];
 
 /// How long the port is waited for here, s.
@@ -56,6 +63,9 @@ Each cell: no more than one line in flight, the profile's window at 250,000 baud
 P   paused, the heaters on, the operator told (p: every line was with the printer already)
 G   the port did not come back in time: given up, the heaters left to the firmware's own time-out, the operator told
 R H S C  given up with heaters off: reset, halted, silent, a command refused by firmware without line numbers
+L   given up with heaters off: the port is back, but the printer is not where the print was
+N E U    given up: nothing but noise, an echo, lines of another host
+X   stopped as asked, the heaters off
 ";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +76,10 @@ enum Window {
 }
 
 fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
-    let mut setup = Setup::new(firmware, 2, 40).with(fault);
+    let mut setup = Setup::new(firmware, 2, 40);
+    if !fault.starts_with("host: ") {
+        setup = fault.split(" + ").fold(setup, Setup::with);
+    }
     setup.profile.firmware.orphan_hold_s = HOLD_S;
     match window {
         Window::One => setup.profile.firmware.rx_buffer_bytes = 32,
@@ -79,17 +92,12 @@ fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
 }
 
 /// What became of the print, as one sign; everything that must hold of it is asserted.
-fn outcome(setup: Setup, expected: &[Laid]) -> char {
-    let what =
-        format!("{} {:?} {:?}", setup.profile.name, setup.faults, setup.profile.firmware.rx_buffer_bytes);
+fn outcome(setup: Setup, fault: &str, expected: &[Laid]) -> char {
+    let what = format!("{} {fault} {:?}", setup.profile.name, setup.profile.firmware.rx_buffer_bytes);
     let is_numbered = setup.profile.firmware.line_numbers;
-    // These do what they understand of a cut line: a number needs no checksum.
-    let is_done_as_cut =
-        matches!(setup.profile.firmware.dialect, Dialect::RepRapFirmware | Dialect::Smoothie)
-            && setup.faults[0].starts_with("half-line")
-            && !setup.faults[0].contains("dir=tx");
-    let is_of_the_wire = OF_THE_WIRE.contains(&setup.faults[0].as_str()) && !is_done_as_cut;
+    let is_of_the_wire = OF_THE_WIRE.contains(&fault);
     let mut rig = Rig::new(setup);
+    befall(&mut rig, fault);
     let is_paused = |event: &PrintEvent| *event == PrintEvent::Session(Event::Paused);
     if rig.run_until(|rig| rig.events.iter().any(is_paused)) {
         let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
@@ -104,6 +112,8 @@ fn outcome(setup: Setup, expected: &[Laid]) -> char {
     let went_on = rig.events.iter().any(|event| matches!(event, PrintEvent::WentOn { .. }));
     if let End::Finished = end {
         let same = is_same(&rig.laid, expected);
+        let n_twice = rig.printer.summary().repeated_move_lines;
+        assert!(n_twice == 0 || !same, "{what}: {n_twice} moves were taken twice");
         assert!(same || !is_numbered || !is_of_the_wire, "{what}: another deposition");
         return if !same {
             '~'
@@ -112,6 +122,10 @@ fn outcome(setup: Setup, expected: &[Laid]) -> char {
         } else {
             '='
         };
+    }
+    if let End::Cancelled = end {
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
+        return 'X';
     }
     let End::Faulted(fault) = end else { panic!("{what}: {end:?}") };
     assert!(!is_of_the_wire || !is_numbered, "{what}: {fault}");
@@ -125,9 +139,31 @@ fn outcome(setup: Setup, expected: &[Laid]) -> char {
         Fault::LinkLost => 'G',
         Fault::FirmwareReset => 'R',
         Fault::Halted { .. } => 'H',
-        Fault::Silent { .. } | Fault::NoAnswer { .. } => 'S',
+        Fault::Silent { .. } => 'S',
+        Fault::NoAnswer { is_garbled: true } => 'N',
         Fault::CommandRefused { .. } => 'C',
+        Fault::Echo => 'E',
+        Fault::LostPlace { .. } => 'L',
+        Fault::LineUnavailable { .. } => 'U',
         other => panic!("{what}: {other}"),
+    }
+}
+
+/// What is no fault of the simulated printer's.
+fn befall(rig: &mut Rig, fault: &str) {
+    match fault {
+        "host: wrong baud" => rig.is_garbled = true,
+        "host: an echo" => rig.is_echo = true,
+        "host: another host greets" => {
+            assert!(rig.run_until(|rig| rig.laid.len() >= 10));
+            rig.printer.receive(b"\nM110 N5000\n");
+        }
+        "host: asked to stop" => {
+            assert!(rig.run_until(|rig| rig.laid.len() >= 10));
+            let now = rig.now();
+            rig.session.cancel(now);
+        }
+        _ => {}
     }
 }
 
@@ -141,14 +177,17 @@ fn assert_no_move_twice(rig: &Rig, what: &str) {
 
 /// Within two seconds of the time-out that is due, counted from the fault.
 fn assert_decided_in_time(rig: &Rig, fault: &Fault, decided_s: f64, what: &str) {
-    let kind = rig.setup.faults[0].split(':').next().unwrap();
+    let kinds = rig.setup.faults.iter().map(|fault| fault.split(':').next().unwrap());
     // The firmware's own protection looks for a while before it strikes: then that counts.
     let last = |wanted: &str| rig.states.iter().rev().find(|(_, name)| name == wanted).map(|(at_s, _)| *at_s);
-    let struck = last("killed").or_else(|| last("heater-fault")).or_else(|| last(kind));
+    let struck = last("killed").or_else(|| last("heater-fault"));
+    let struck = struck.or_else(|| kinds.filter_map(last).reduce(f64::max));
     let Some(struck_s) = struck else { return };
     let due_s = match fault {
         Fault::LinkLost => HOLD_S,
         Fault::Silent { .. } => SILENCE_S,
+        // What happens while the port is away shows when it is back.
+        _ if rig.setup.faults.iter().any(|fault| fault.starts_with("disconnect")) => 10.0,
         _ => 0.0,
     };
     assert!(decided_s - struck_s <= due_s + 2.0, "{what}: {fault} after {:.1} s", decided_s - struck_s);
@@ -161,17 +200,17 @@ fn assert_heaters(rig: &mut Rig, fault: &Fault, what: &str) {
     match (fault, heat) {
         (Fault::LinkLost, Heat::Unknown(_)) => {}
         // It neither hears nor says anything.
-        (Fault::Silent { .. } | Fault::NoAnswer { .. }, Heat::Unknown(_)) => {}
+        (Fault::Silent { .. } | Fault::NoAnswer { .. } | Fault::Echo, Heat::Unknown(_)) => {}
         (_, Heat::Off(_)) | (Fault::Halted { .. }, Heat::Halted) => assert!(is_off, "{what}: still hot"),
         _ => panic!("{what}: {fault}: {heat:?}"),
     }
 }
 
 fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
-    let mut text = format!("{fault:<32}");
+    let mut text = format!("{fault:<44}");
     for (firmware, expected) in FIRMWARES.iter().zip(expected) {
         let cell: String = [Window::One, Window::Profile, Window::Unlimited]
-            .map(|window| outcome(setup_for(firmware, window, fault), expected))
+            .map(|window| outcome(setup_for(firmware, window, fault), fault, expected))
             .iter()
             .collect();
         write!(text, " {cell:<14}").unwrap();
@@ -183,7 +222,7 @@ fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
 #[expect(clippy::print_stdout, reason = "the table is what the command is for")]
 fn fault_matrix() {
     let expected: Vec<_> = FIRMWARES.iter().map(|firmware| clean(&Setup::new(firmware, 2, 40))).collect();
-    let mut text = format!("{LEGEND}\n{:<32}", "");
+    let mut text = format!("{LEGEND}\n{:<44}", "");
     for firmware in FIRMWARES {
         write!(text, " {firmware:<14}").unwrap();
     }

@@ -5,6 +5,7 @@ mod crash;
 mod deposit;
 mod hold;
 mod matrix;
+mod policy;
 mod reattach;
 mod rig;
 mod vessel;

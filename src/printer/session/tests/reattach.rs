@@ -82,3 +82,26 @@ fn filament_that_runs_out_pauses_and_the_print_goes_on_when_told_to() {
     let end = rig.run();
     assert!(matches!(end, End::Finished), "{end:?}");
 }
+
+#[test]
+fn a_reset_is_recovered_from_by_every_firmware_that_can() {
+    for profile in ["marlin", "marlin1", "reprapfirmware", "repetier", "smoothie"] {
+        let setup = Setup::new(profile, 2, 120);
+        let expected = clean(&setup);
+        let mut rig = Rig::new(setup);
+        assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
+        rig.printer.switch_off_and_on();
+        assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)), "{profile}");
+        let n_before = rig.laid.len();
+        rig.resume(0.0, true);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        // What lies behind the reset is the rest, nothing left out.
+        let again = &rig.laid[n_before..];
+        let from = expected.len() - again.len();
+        assert!(
+            from <= n_before && is_same(&again[1..], &expected[from + 1..]),
+            "{profile}: {from} {n_before}"
+        );
+    }
+}

@@ -88,6 +88,14 @@ pub(super) struct Rig {
     is_connected: bool,
     /// The printer neither hears nor says anything any more.
     pub(super) is_deaf: bool,
+    /// The rates do not agree: what either says is noise to the other.
+    pub(super) is_garbled: bool,
+    /// There is no printer: what is sent comes back.
+    pub(super) is_echo: bool,
+    /// The cable is out.
+    pub(super) is_unplugged: bool,
+    /// All that was written.
+    pub(super) sent: Vec<u8>,
     /// This share of the next write gets out, then the host is dead.
     pub(super) dies_at: Option<f64>,
     pub(super) is_dead: bool,
@@ -109,6 +117,10 @@ impl Rig {
             gave_up_s: None,
             is_connected: true,
             is_deaf: false,
+            is_garbled: false,
+            is_echo: false,
+            is_unplugged: false,
+            sent: Vec::new(),
             dies_at: None,
             is_dead: false,
             setup,
@@ -147,13 +159,13 @@ impl Rig {
             self.is_dead = true;
         }
         if !out.is_empty() && self.is_connected {
-            if !self.is_deaf {
-                self.printer.receive(&out);
-            }
+            self.sent.extend(&out);
+            self.deliver(&out);
             moved = true;
         }
         let said = std::mem::take(self.printer.output());
         if !said.is_empty() && self.is_connected && !self.is_deaf {
+            let said = if self.is_garbled || self.is_echo { Vec::new() } else { said };
             self.session.handle_bytes(self.now(), &said);
             moved = true;
         }
@@ -167,8 +179,19 @@ impl Rig {
         moved
     }
 
+    fn deliver(&mut self, bytes: &[u8]) {
+        let now = self.now();
+        if self.is_garbled {
+            self.session.handle_bytes(now, b"\xff\x80x\xfe\n");
+        } else if self.is_echo {
+            self.session.handle_bytes(now, bytes);
+        } else if !self.is_deaf {
+            self.printer.receive(bytes);
+        }
+    }
+
     fn connect(&mut self) -> bool {
-        match (self.printer.is_plugged(), self.is_connected) {
+        match (self.printer.is_plugged() && !self.is_unplugged, self.is_connected) {
             (false, true) => {
                 self.is_connected = false;
                 self.session.handle_lost(self.now());

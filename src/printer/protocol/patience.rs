@@ -1,0 +1,86 @@
+//! How long the core waits for what: each timer of a session, set anew from what is owed.
+
+use super::{BUSY_INTERVAL, Core, Fault, Instant, Oldest, SILENCE_FACTOR, State, Timer};
+use std::time::Duration;
+
+/// How much longer than the interval `busy` may take.
+const BUSY_GRACE: Duration = Duration::from_millis(500);
+
+/// After going back the answer is expected soon: asking early costs nothing, waiting does.
+const REWOUND_PATIENCE: Duration = Duration::from_millis(250);
+
+/// A cancelled job's heaters-off must get through within this time.
+const CANCEL_LIMIT: Duration = Duration::from_secs(120);
+
+impl Core {
+    pub(super) fn command_timeout(&mut self) {
+        let command = self.wire.oldest_command().unwrap_or_default().to_owned();
+        let after = self.oldest.map_or(Duration::ZERO, |oldest| self.now.since(oldest.since));
+        self.fail(Fault::CommandTimeout { command, after });
+    }
+
+    pub(super) fn track_oldest(&mut self) {
+        let number = self.wire.acked() + 1;
+        if self.wire.in_flight() == 0 {
+            self.oldest = None;
+        } else if self.oldest.is_none_or(|oldest| oldest.number != number) {
+            self.oldest = Some(Oldest { number, since: self.now });
+        }
+    }
+
+    /// Sets the session's timers anew from what is owed.
+    pub(super) fn arm(&mut self) {
+        if !self.state.has_job() || (self.oldest.is_none() && self.probe.is_none()) {
+            match self.state {
+                // These have timers of their own.
+                State::Handshake(_) | State::Asking(_) | State::Faulted(_) | State::SwitchingOff => {}
+                State::Paused => {
+                    self.timers.stop_all();
+                    self.timers.set(Timer::Pulse, self.pulse_due());
+                }
+                _ => self.timers.stop_all(),
+            }
+            return;
+        }
+        self.timers.stop(Timer::Pulse);
+        let is_slow = self.wire.oldest_is_slow();
+        self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
+        let was_heard = self.oldest.is_none_or(|oldest| self.heard > oldest.since);
+        let silence = if is_slow && !was_heard {
+            self.config.slow_command
+        } else {
+            self.config.response * SILENCE_FACTOR
+        };
+        self.timers.set(Timer::Silence, self.heard_or_sent() + silence);
+        match self.oldest {
+            Some(oldest) => self.timers.set(Timer::Command, oldest.since + self.command_limit()),
+            None => self.timers.stop(Timer::Command),
+        }
+    }
+
+    fn command_limit(&self) -> Duration {
+        match self.state {
+            State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
+            _ => self.config.slow_command,
+        }
+    }
+
+    /// How long to wait for a sign of progress before asking.
+    fn patience(&self, is_slow: bool) -> Duration {
+        if let Some(probe) = &self.probe {
+            return self.config.response * (1 << (probe.tries.saturating_sub(1)).min(4));
+        }
+        if is_slow {
+            return self.config.response.max(BUSY_INTERVAL + BUSY_GRACE);
+        }
+        if self.rewind.is_some() {
+            return self.config.response.min(REWOUND_PATIENCE);
+        }
+        self.config.response
+    }
+
+    /// Since when the firmware could have said something.
+    pub(super) fn heard_or_sent(&self) -> Instant {
+        self.oldest.map_or(self.heard, |oldest| oldest.since.max(self.heard))
+    }
+}
