@@ -1,7 +1,7 @@
 //! `<state>_<event>_<result>`.
 
 use super::super::*;
-use super::desk::{Desk, written};
+use super::desk::Desk;
 use super::firmware::{Firmware, Setup};
 use super::pair::{Pair, job, profile_for};
 use std::time::Duration;
