@@ -33,8 +33,7 @@ fn written(folder: &str, name: &str, bytes: &[u8]) -> PathBuf {
 pub fn as_ct(name: &str, bytes: &[u8]) {
     let folder = written("ct", name, bytes);
     for path in [folder.join(name), folder] {
-        let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+        let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
         let _ = reader::load_with(&path, &options, &Task::quiet());
         let _ = reader::inspect(&path, &Task::quiet()).map(|i| i.to_string());
     }
@@ -71,18 +70,14 @@ pub fn as_two_planes(bytes: &[u8]) {
     let mut other = bytes.to_vec();
     move_image(&mut other);
     written("planes", "IM0002.dcm", &other);
-    let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&folder, &options, &Task::quiet());
 }
 
 /// ImagePositionPatient, as it stands before its value's length: explicit, implicit, big-endian; the bytes of that length, and
 /// whether they are big-endian.
-const POSITIONS: [(&[u8], usize, bool); 3] = [
-    (b"\x20\x00\x32\x00DS", 2, false),
-    (b"\x00\x20\x00\x32DS", 2, true),
-    (b"\x20\x00\x32\x00", 4, false),
-];
+const POSITIONS: [(&[u8], usize, bool); 3] =
+    [(b"\x20\x00\x32\x00DS", 2, false), (b"\x00\x20\x00\x32DS", 2, true), (b"\x20\x00\x32\x00", 4, false)];
 
 /// Changes the last digit of ImagePositionPatient, where it stands in a file that is not deflated.
 fn move_image(bytes: &mut [u8]) {
@@ -120,8 +115,7 @@ pub fn as_run_lengths(bytes: &[u8]) {
 /// Reads the bytes as an image file, and as a label map to contours.
 pub fn as_image(bytes: &[u8]) {
     let path = written("image", "input", bytes).join("input");
-    let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&path, &options, &Task::quiet());
     as_ready(bytes);
 }
@@ -132,7 +126,12 @@ pub fn as_ready(bytes: &[u8]) {
     for label in [None, Some(ready::Label::Number(1))] {
         let Ok(ready) = ready::load(&path, label.as_ref(), &Task::quiet()) else { continue };
         let (ct, mut warnings) = (tube(), Vec::new());
-        let _ = ready::place::check_reference(&ct, &FrameOfReference::new("2.25.3"), &ready.reference, &mut warnings);
+        let _ = ready::place::check_reference(
+            &ct,
+            &FrameOfReference::new("2.25.3"),
+            &ready.reference,
+            &mut warnings,
+        );
         let placed = ready::place::onto(&ct, ready.drawn.clone(), &mut warnings);
         for drawn in [Some(ready.drawn), placed.ok()].into_iter().flatten() {
             let _ = sections::ready::from_drawn(drawn, &sections::Params::default(), &Task::quiet());
@@ -188,7 +187,13 @@ pub fn as_volume(bytes: &[u8]) {
         on_leak: if how & 8 > 0 { OnLeak::Cut } else { OnLeak::Refuse },
         ..Default::default()
     };
-    let boundary = if how & 16 > 0 { sections::Boundary::Snake } else { sections::Boundary::Auto };
+    // The model costs a hundred times what the others do: it has its turn.
+    let boundary = match how >> 4 & 7 {
+        0 => sections::Boundary::Auto,
+        1 => sections::Boundary::Snake,
+        2 | 3 => sections::Boundary::HalfMaximum,
+        _ => sections::Boundary::WindowEdge,
+    };
     let drawing = sections::Params { boundary, ..Default::default() };
     let by_itself = segment::find_unattended(&image, &params, &Task::quiet()).ok().map(|f| f.segmentation);
     let from_seed = segment::segment(&image, &params, &Task::quiet()).ok();
@@ -199,7 +204,9 @@ pub fn as_volume(bytes: &[u8]) {
 
 /// Reads the bytes as what an operator has corrected, in the words of a case file, and follows it.
 pub fn as_corrections(bytes: &[u8]) {
-    let Some(corrections) = std::str::from_utf8(bytes).ok().and_then(|t| toml::from_str::<Corrections>(t).ok()) else {
+    let Some(corrections) =
+        std::str::from_utf8(bytes).ok().and_then(|t| toml::from_str::<Corrections>(t).ok())
+    else {
         return;
     };
     let _ = corrections.check();
