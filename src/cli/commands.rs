@@ -434,6 +434,7 @@ fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Resul
         ..phantom::Params::default()
     };
     let task = Task::new(&|_, _| {}, context.cancel.clone());
+    params.check_vessel()?;
     phantom::series::write(&args.out, &params, &task)?;
     let seed = phantom::default_seed(&params);
     let document = json!({
