@@ -47,9 +47,12 @@ struct Clean {
     span_s: [f64; 2],
 }
 
+/// Clean prints by firmware and link.
+type CleanPrints = BTreeMap<(String, Option<u32>), Arc<Clean>>;
+
 /// One for each firmware and link.
 fn clean_of(setup: &Setup) -> Arc<Clean> {
-    static KNOWN: Mutex<BTreeMap<(String, Option<u32>), Arc<Clean>>> = Mutex::new(BTreeMap::new());
+    static KNOWN: Mutex<CleanPrints> = Mutex::new(BTreeMap::new());
     let mut known = KNOWN.lock().unwrap();
     let made = known.entry((setup.profile.name.clone(), setup.baud)).or_insert_with(|| {
         let mut rig = Rig::new(Setup { seed: 1, ..setup.clone() });
