@@ -464,6 +464,14 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
         error.starts_with("port port vanished during the print; whether the heaters are on is unknown"),
         "{error}"
     );
+    let journal = fs::read_to_string(place.path("job.gcode.journal")).unwrap();
+    assert!(!journal.contains("job.gcode") && journal.len() < 20_000, "{journal}");
+    // Its part is on the bed; and what is no port is no matter yet.
+    let again = ["print", "job.gcode", "--port", "job.gcode", "--profile", "impatient.toml"];
+    let error = place.refused(1, &again);
+    assert!(error.contains("broke off behind line") && error.contains("--anew"), "{error}");
+    let error = place.refused(1, &[&again[..], &["--anew"]].concat());
+    assert!(error.contains("is not a serial port"), "{error}");
 }
 
 #[test]
