@@ -1,8 +1,9 @@
 //! The USB devices behind serial ports (IO: reads `/sys`).
 //!
 //! A printer is known by vendor, product and serial number; the name of its port changes with the order in which devices are
-//! plugged in. Boards without a serial number of their own are told apart by vendor and product alone.
+//! plugged in. Boards without a serial number of their own are known by the socket that they are plugged into.
 
+use super::error::PortProblem;
 use serde::Serialize;
 use std::fmt;
 use std::fs;
@@ -22,6 +23,9 @@ pub struct Device {
     pub product: String,
     /// Serial number, where it has one.
     pub serial: Option<String>,
+    /// Bus and sockets that it is plugged into (`1-1.2`), where it was seen.
+    #[serde(skip)]
+    pub socket: Option<String>,
 }
 
 impl fmt::Display for Device {
@@ -38,14 +42,19 @@ impl Device {
         let mut parts = text.strip_prefix("usb:")?.splitn(3, ':');
         let mut id = || parts.next().filter(|id| id.len() == 4 && id.bytes().all(|b| b.is_ascii_hexdigit()));
         let (vendor, product) = (id()?.to_ascii_lowercase(), id()?.to_ascii_lowercase());
-        Some(Self { vendor, product, serial: parts.next().filter(|s| !s.is_empty()).map(str::to_owned) })
+        let serial = parts.next().filter(|s| !s.is_empty()).map(str::to_owned);
+        Some(Self { vendor, product, serial, socket: None })
     }
 
-    /// Whether `other` may be this device: a serial number that is not asked for may be any.
+    /// Whether `other` may be this device. One that was seen is known by its serial number, without one by its socket; one that is
+    /// named without either may be any.
     fn fits(&self, other: &Self) -> bool {
-        self.vendor == other.vendor
-            && self.product == other.product
-            && self.serial.as_ref().is_none_or(|serial| other.serial.as_ref() == Some(serial))
+        let is_same = match (&self.serial, &self.socket) {
+            (Some(_), _) => self.serial == other.serial,
+            (None, Some(_)) => other.serial.is_none() && self.socket == other.socket,
+            (None, None) => true,
+        };
+        self.vendor == other.vendor && self.product == other.product && is_same
     }
 }
 
@@ -64,17 +73,33 @@ fn of_terminal(terminal: &Path) -> Option<Device> {
         vendor: read("idVendor")?.to_ascii_lowercase(),
         product: read("idProduct")?.to_ascii_lowercase(),
         serial: read("serial").filter(|serial| !serial.is_empty()),
+        socket: usb.file_name().map(|name| name.to_string_lossy().into_owned()),
     })
 }
 
-/// The terminal of a device, the first by name; nothing where it is not plugged in.
-#[must_use]
-pub fn path_of(wanted: &Device) -> Option<PathBuf> {
-    let entries = fs::read_dir(CLASS).ok()?;
+/// The terminal of a device.
+///
+/// # Errors
+/// [`PortProblem::Missing`] where it is not plugged in, [`PortProblem::Ambiguous`] where several are that it may be.
+pub fn path_of(wanted: &Device) -> Result<PathBuf, PortProblem> {
+    path_within(Path::new(CLASS), wanted)
+}
+
+fn path_within(class: &Path, wanted: &Device) -> Result<PathBuf, PortProblem> {
+    let entries = fs::read_dir(class).map_err(|_| PortProblem::Missing)?;
     let fits = |entry: fs::DirEntry| {
-        of_terminal(&entry.path()).filter(|found| wanted.fits(found)).map(|_| entry.file_name())
+        let found = of_terminal(&entry.path()).filter(|found| wanted.fits(found))?;
+        Some((found, Path::new("/dev").join(entry.file_name())))
     };
-    entries.filter_map(Result::ok).filter_map(fits).min().map(|name| Path::new("/dev").join(name))
+    let mut found: Vec<(Device, PathBuf)> = entries.filter_map(Result::ok).filter_map(fits).collect();
+    // A board may have several terminals; the first speaks to the firmware.
+    found.sort_by(|a, b| (&a.0.socket, &a.1).cmp(&(&b.0.socket, &b.1)));
+    found.dedup_by(|a, b| a.0.socket == b.0.socket);
+    match found.as_slice() {
+        [] => Err(PortProblem::Missing),
+        [(_, path)] => Ok(path.clone()),
+        several => Err(PortProblem::Ambiguous(several.len())),
+    }
 }
 
 #[cfg(test)]
@@ -83,7 +108,12 @@ mod tests {
 
     #[test]
     fn a_device_is_read_as_it_is_written() {
-        let device = Device { vendor: "2c99".into(), product: "0002".into(), serial: Some("CZP:X1".into()) };
+        let device = Device {
+            vendor: "2c99".into(),
+            product: "0002".into(),
+            serial: Some("CZP:X1".into()),
+            socket: None,
+        };
         assert_eq!(Device::named(&device.to_string()), Some(device));
         assert_eq!(Device::named("usb:1A86:7523").unwrap().to_string(), "usb:1a86:7523");
         for text in ["/dev/ttyUSB0", "usb:", "usb:12:34", "usb:zzzz:0001", "usb:1a86"] {
@@ -91,22 +121,48 @@ mod tests {
         }
     }
 
+    /// Plugs a board into a made-up machine.
+    fn plug(machine: &Path, socket: &str, terminal: &str, serial: Option<&str>) {
+        let usb = machine.join("devices/usb1").join(socket);
+        let port = usb.join("1.0").join(terminal);
+        fs::create_dir_all(&port).unwrap();
+        let files = [("idVendor", Some("1a86\n")), ("idProduct", Some("7523\n")), ("serial", serial)];
+        for (file, text) in files.into_iter().filter_map(|(file, text)| Some((file, text?))) {
+            fs::write(usb.join(file), text).unwrap();
+        }
+        let class = machine.join("class").join(terminal);
+        fs::create_dir_all(&class).unwrap();
+        std::os::unix::fs::symlink(&port, class.join("device")).unwrap();
+    }
+
     #[test]
     fn a_device_is_found_in_the_tree_above_its_terminal() {
         let dir = tempfile::tempdir().unwrap();
-        let usb = dir.path().join("devices/usb1/1-1");
-        let port = usb.join("1-1:1.0/ttyUSB0");
-        fs::create_dir_all(&port).unwrap();
-        for (file, text) in [("idVendor", "1a86\n"), ("idProduct", "7523\n"), ("serial", "A5\n")] {
-            fs::write(usb.join(file), text).unwrap();
-        }
-        let terminal = dir.path().join("class/ttyUSB0");
-        fs::create_dir_all(&terminal).unwrap();
-        std::os::unix::fs::symlink(&port, terminal.join("device")).unwrap();
-        let device = of_terminal(&terminal).unwrap();
-        assert_eq!(device.to_string(), "usb:1a86:7523:A5");
+        plug(dir.path(), "1-1", "ttyUSB0", Some("A5\n"));
+        let device = of_terminal(&dir.path().join("class/ttyUSB0")).unwrap();
+        assert_eq!(
+            (device.to_string().as_str(), device.socket.as_deref()),
+            ("usb:1a86:7523:A5", Some("1-1"))
+        );
         assert!(Device::named("usb:1a86:7523").unwrap().fits(&device));
         assert!(!Device::named("usb:1a86:7523:B6").unwrap().fits(&device));
+    }
+
+    #[test]
+    fn boards_without_a_serial_number_are_known_by_their_sockets() {
+        let dir = tempfile::tempdir().unwrap();
+        let class = dir.path().join("class");
+        let any = Device::named("usb:1a86:7523").unwrap();
+        plug(dir.path(), "1-1", "ttyUSB0", None);
+        plug(dir.path(), "1-1", "ttyUSB3", None);
+        let first = of_terminal(&class.join("ttyUSB0")).unwrap();
+        assert_eq!(path_within(&class, &any).unwrap(), Path::new("/dev/ttyUSB0"), "one board, two terminals");
+        plug(dir.path(), "1-2", "ttyUSB1", None);
+        assert!(matches!(path_within(&class, &any), Err(PortProblem::Ambiguous(2))));
+        assert_eq!(path_within(&class, &first).unwrap(), Path::new("/dev/ttyUSB0"));
+        fs::remove_dir_all(class.join("ttyUSB0")).unwrap();
+        fs::remove_dir_all(class.join("ttyUSB3")).unwrap();
+        assert!(matches!(path_within(&class, &first), Err(PortProblem::Missing)), "the other one is not it");
     }
 
     #[test]

@@ -19,6 +19,9 @@ pub enum PortProblem {
     /// It is a file, a folder or a device of another kind.
     #[error("is not a serial port")]
     NotAPort,
+    /// So many devices are plugged in that it may be.
+    #[error("may be any of {0} like devices")]
+    Ambiguous(usize),
     /// The device behind it is gone or does not answer.
     #[error("cannot be opened: {0}")]
     Other(String),
@@ -147,6 +150,7 @@ impl Error {
             Self::Open { problem: PortProblem::NoRights, .. } => "printer.port_no_rights",
             Self::Open { problem: PortProblem::Busy, .. } => "printer.port_busy",
             Self::Open { problem: PortProblem::NotAPort, .. } => "printer.not_a_port",
+            Self::Open { problem: PortProblem::Ambiguous(_), .. } => "printer.port_ambiguous",
             Self::Open { problem: PortProblem::Other(_), .. } => "printer.port_failed",
             Self::Journal(error) => error.code(),
             Self::OtherJob { .. } => "printer.other_job",
@@ -200,6 +204,7 @@ fn next_step_after(fault: &Fault, heat: &Heat) -> &'static str {
 
 const fn next_step_of(problem: &PortProblem) -> &'static str {
     match problem {
+        PortProblem::Ambiguous(_) => "name one by its serial number or by its path",
         PortProblem::Missing => "check that the printer is on and connected, and the name of its port",
         PortProblem::NoRights => {
             "add the user to the group that owns the port (often dialout) and log in again"

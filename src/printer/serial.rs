@@ -64,7 +64,7 @@ impl Link for SerialLink {
             return Ok(stream);
         }
         let path = match &self.device {
-            Some(device) => device::path_of(device).ok_or_else(|| self.fail(PortProblem::Missing))?,
+            Some(device) => device::path_of(device).map_err(|problem| self.fail(problem))?,
             None => self.path.clone(),
         };
         self.open_at(&path)
@@ -78,9 +78,9 @@ impl Link for SerialLink {
 /// [`Error::Open`], with the reason told apart as far as the system tells it.
 pub async fn open(path: &Path, firmware: &Firmware, baud: Option<u32>) -> Result<SerialLink, Error> {
     let name = path.display().to_string();
-    let missing = || Error::Open { port: name.clone(), problem: PortProblem::Missing };
+    let fail = |problem| Error::Open { port: name.clone(), problem };
     let path = match Device::named(&name) {
-        Some(wanted) => device::path_of(&wanted).ok_or_else(missing)?,
+        Some(wanted) => device::path_of(&wanted).map_err(fail)?,
         None => path.to_owned(),
     };
     let device = device::behind(&path);

@@ -309,11 +309,11 @@ fn check_printer(profile: &Profile, named: &str, port: &str, baud: Option<u32>) 
     if port == SIMULATED_PORT {
         return check_simulated(profile, named, baud).map_err(Error::from);
     }
-    let is_plugged_in = Device::named(port).is_some_and(|device| device::path_of(&device).is_some());
-    if is_plugged_in || Path::new(port).exists() {
-        return Ok(());
-    }
-    Err(printer::Error::Open { port: port.to_owned(), problem: PortProblem::Missing }.into())
+    let problem = match Device::named(port) {
+        Some(device) => device::path_of(&device).err(),
+        None => (!Path::new(port).exists()).then_some(PortProblem::Missing),
+    };
+    problem.map_or(Ok(()), |problem| Err(printer::Error::Open { port: port.to_owned(), problem }.into()))
 }
 
 /// The simulated printer has its own copies of the built-in profiles, knows no others, and has no wire.
