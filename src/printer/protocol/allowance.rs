@@ -4,6 +4,9 @@
 //! wire stands still while an answer is on its way. Where the firmware waits at no line it reads as fast as lines come, so a little more
 //! may be sent ahead. Whether it does is not known beforehand, a late answer looks like a slow firmware; so it is tried: a line
 //! more each time the wire is not full, for good where that carries more, and taken back where it does not.
+//!
+//! Limits: a try may overrun the buffer of a firmware that is slow after all. Its sums then find the damage, with the eight bits that
+//! they have, and nothing is tried again. At 115,200 baud, where the buffer alone keeps the wire full, nothing is tried at all.
 
 use super::time::Instant;
 use crate::profile::Firmware;
@@ -59,7 +62,11 @@ impl Allowance {
             return;
         }
         if !flows {
+            // What comes behind a wait is another part of the job, and another rate: a try that was not weighed is taken back.
             self.from = None;
+            if self.before.take().is_some() {
+                self.bytes = self.bytes.saturating_sub(STEP_BYTES);
+            }
             return;
         }
         let (first, since) = *self.from.get_or_insert((n_bytes, now));
@@ -117,6 +124,21 @@ mod tests {
     #[test]
     fn a_slow_firmware_is_given_no_more() {
         assert_eq!(after(1_000_000, |_| 40_000.0), 0);
+    }
+
+    #[test]
+    fn a_try_that_a_wait_interrupts_is_taken_back() {
+        let mut firmware = crate::profile::builtin("marlin").unwrap().firmware;
+        firmware.baud = 1_000_000;
+        let mut allowance = Allowance::new(&firmware);
+        let mut now = Instant::default();
+        for n_bytes in [0, SAMPLE_BYTES] {
+            now = now + Duration::from_secs(1);
+            allowance.acknowledged(now, n_bytes, true);
+        }
+        assert_eq!(allowance.bytes(), STEP_BYTES);
+        allowance.acknowledged(now, SAMPLE_BYTES + 43, false);
+        assert_eq!(allowance.bytes(), 0);
     }
 
     #[test]
