@@ -168,7 +168,7 @@ fn whatever_is_changed_in_a_case_is_found() {
         place.json(1, &["verify", "case", "--key", &"0".repeat(64)])["findings"][0]["problem"],
         "other-key"
     );
-    assert!(place.refused(1, &["verify", "ct"]).contains("is no case directory"));
+    assert!(place.refused(2, &["verify", "ct"]).contains("is no case directory"));
 }
 
 #[test]
