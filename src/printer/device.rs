@@ -86,7 +86,7 @@ pub fn path_of(wanted: &Device) -> Result<PathBuf, PortProblem> {
 }
 
 fn path_within(class: &Path, wanted: &Device) -> Result<PathBuf, PortProblem> {
-    let entries = fs::read_dir(class).map_err(|_| PortProblem::Missing)?;
+    let Ok(entries) = fs::read_dir(class) else { return Err(PortProblem::Missing) };
     let fits = |entry: fs::DirEntry| {
         let found = of_terminal(&entry.path()).filter(|found| wanted.fits(found))?;
         Some((found, Path::new("/dev").join(entry.file_name())))

@@ -60,9 +60,9 @@ enum Kind {
     Foreign,
     /// NIfTI, MetaImage or NRRD.
     Image,
-    Dicom(Result<Content, Damage>),
+    Dicom(Result<Content, Box<Damage>>),
     /// The same without preamble and mark.
-    Bare(Result<Content, Damage>),
+    Bare(Result<Content, Box<Damage>>),
 }
 
 /// Looks at all files that a path means.
@@ -173,7 +173,7 @@ impl Finding {
                 "ct.directory_damaged",
                 "a DICOMDIR cannot be read: whether all files that it names are there is not known",
             )),
-            Kind::Dicom(Err(damage)) => self.folder.damages.push(damage),
+            Kind::Dicom(Err(damage)) => self.folder.damages.push(*damage),
             Kind::Foreign if path.file_name().is_some_and(|n| n == PHANTOM_TRUTH_FILE) => {}
             Kind::Foreign => self.n_foreign += 1,
             Kind::Image => self.n_image_files += 1,
@@ -305,8 +305,9 @@ fn look_at(path: &Path, task: &Task<'_>) -> Kind {
 }
 
 /// What a file holds, or whose it is in spite of its damage.
-fn told(path: &Path, content: Result<Content, Error>) -> Result<Content, Damage> {
-    content.map_err(|fault| Damage { fault, path: path.to_owned(), series: lengths::series_of(path) })
+fn told(path: &Path, content: Result<Content, Error>) -> Result<Content, Box<Damage>> {
+    let damage = |fault| Damage { fault, path: path.to_owned(), series: lengths::series_of(path) };
+    content.map_err(|fault| Box::new(damage(fault)))
 }
 
 /// Whether a file begins as DICOM does, with or without its preamble (PS3.10 7.1).
