@@ -51,6 +51,7 @@ mod prompt;
 mod recovery;
 mod reply;
 mod safety;
+mod slow;
 #[cfg(test)]
 mod tests;
 mod time;

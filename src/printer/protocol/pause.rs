@@ -76,10 +76,7 @@ impl Core {
     /// Whoever says `busy` cannot be silent and alive. The others may be at something that somebody has begun at the printer: that
     /// takes its time, and a pause is not given up for it.
     fn silence_in_a_pause(&self) -> Duration {
-        match self.config.firmware.dialect {
-            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => self.config.response * SILENCE_FACTOR,
-            Dialect::Klipper | Dialect::RepRapFirmware | Dialect::Smoothie => self.config.slow_command,
-        }
+        if self.is_talkative() { self.config.response * SILENCE_FACTOR } else { self.config.slow_command }
     }
 
     /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.

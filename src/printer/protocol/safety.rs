@@ -31,6 +31,8 @@ const PROOF: u32 = 2;
 pub enum Heat {
     /// The firmware tells that their targets are 0.
     Off(Temperatures),
+    /// It has executed heaters-off, line by line, and named the last of these lines.
+    Obeyed,
     /// It has said that it has stopped for good, and switches them off then.
     Halted,
     /// It tells that they are on.
@@ -65,7 +67,7 @@ impl Heat {
     /// Whether nobody has to see to it.
     #[must_use]
     pub const fn is_safe(&self) -> bool {
-        matches!(self, Self::Off(_) | Self::Halted)
+        matches!(self, Self::Off(_) | Self::Obeyed | Self::Halted)
     }
 }
 
@@ -73,6 +75,7 @@ impl fmt::Display for Heat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Off(told) => write!(f, "the heaters are off, and the printer says so ({told})"),
+            Self::Obeyed => write!(f, "the printer has executed heaters-off"),
             Self::Halted => write!(f, "a printer that has stopped switches its heaters off by itself"),
             Self::On(told) => write!(f, "the heaters are on ({told})"),
             Self::Unknown(Some(told)) => {

@@ -218,6 +218,39 @@ fn a_stop_while_the_printer_is_asked_where_it_is_switches_it_off() {
 }
 
 #[test]
+fn a_stop_that_nobody_confirms_is_no_proof() {
+    for goes in [false, true] {
+        let mut rig = Rig::new(Setup::new("marlin", 3, 48).with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })));
+        rig.drain(30.0);
+        rig.reconnect();
+        rig.is_deaf = true;
+        ask(&mut rig, Control::Stop);
+        rig.is_unplugged = goes;
+        let end = rig.run();
+        assert!(matches!(end, End::CancelUnconfirmed), "{goes}: {end:?}");
+        assert!(matches!(rig.session.heat(), Heat::Unknown(_)), "{:?}", rig.session.heat());
+        let heat = rig.session.heat().clone();
+        let told = crate::printer::Error::Cancelled { heat };
+        assert!(!told.to_string().contains("heaters are off;"), "{told}");
+        assert_eq!(told.code(), "printer.cancel_unconfirmed");
+        assert!(!rig.records.iter().any(|(_, record)| matches!(record, Record::End(Ending::Cancelled))));
+    }
+}
+
+#[test]
+fn a_stop_of_a_print_tells_that_heaters_off_was_executed() {
+    for profile in ALL {
+        let mut rig = Rig::new(Setup::new(profile, 3, 48));
+        assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
+        ask(&mut rig, Control::Stop);
+        assert!(matches!(rig.run(), End::Cancelled), "{profile}");
+        assert_eq!(rig.session.heat(), &Heat::Obeyed, "{profile}");
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+    }
+}
+
+#[test]
 fn a_print_that_cannot_be_resumed_leaves_no_heat() {
     let mut setup = Setup::new("marlin", 3, 48);
     setup.profile.scripts.recovery.clear();
