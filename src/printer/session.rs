@@ -450,7 +450,9 @@ impl<R: BufRead + Seek> Session<R> {
             }
             Event::Paused => self.paused(),
             Event::Resumed => self.resumed(),
-            Event::Action(action) => self.parks_itself = action.starts_with("paused"),
+            Event::Action(action) => {
+                self.parks_itself = hold::parks_itself(action).unwrap_or(self.parks_itself);
+            }
             _ => {}
         }
     }

@@ -148,10 +148,10 @@ impl Core {
 
     /// The line feed ends whatever half line the firmware may hold.
     fn say_off(&mut self, ends_waits: bool) {
+        self.urgent.push_back("\n".to_owned());
         if self.securing.stops && !self.securing.is_halted {
             self.urgent.push_back("M112\n".to_owned());
         }
-        self.urgent.push_back("\n".to_owned());
         if ends_waits {
             // Else heaters-off stands behind a wait that may never end.
             self.urgent.push_back("M108\n".to_owned());
@@ -184,6 +184,8 @@ impl Core {
     pub(super) fn securing_reply(&mut self, reply: Reply<'_>, line: &str) {
         match reply {
             Reply::Halted(_) => self.securing.is_halted = true,
+            // Repetier obeys by starting anew; the next word would stop it again before it can say anything.
+            Reply::Start => self.securing.stops = false,
             // What comes unasked for may tell of before; Repetier's answer has no other form.
             Reply::Temperatures(told) => {
                 let is_answer = self.config.firmware.dialect == Dialect::Repetier;
@@ -231,7 +233,7 @@ impl Core {
             None => Heat::default(),
         };
         if matches!(heat, Heat::On(_)) {
-            self.urgent.push_back("M112\n".to_owned());
+            self.urgent.push_back("\nM112\n".to_owned());
         }
         self.events.push_back(Event::Secured(heat));
     }
@@ -248,7 +250,7 @@ impl Core {
     pub(super) fn stop_at_once(&mut self) {
         if matches!(self.state, State::Faulted(_) | State::SwitchingOff) {
             self.securing.stops = true;
-            self.urgent.push_front("M112\n".to_owned());
+            self.urgent.push_front("\nM112\n".to_owned());
         } else {
             self.fail(Fault::EmergencyStop);
         }

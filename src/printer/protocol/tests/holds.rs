@@ -55,6 +55,35 @@ fn any_state_emergency_stop_jumps_the_queue() {
 }
 
 #[test]
+fn any_state_emergency_stop_stands_at_the_beginning_of_a_line() {
+    for is_giving_up in [false, true] {
+        let mut desk = Desk::streaming(20);
+        desk.written();
+        if is_giving_up {
+            desk.hear(&["Error:Heating failed, system stopped! Heater_ID: E0"]);
+        }
+        desk.command(Command::EmergencyStop);
+        let mut sent = Vec::new();
+        while let Some(line) = desk.core.poll_transmit() {
+            sent.extend_from_slice(line.bytes);
+        }
+        assert!(sent.starts_with(b"\nM112\n"), "{is_giving_up}: {:?}", String::from_utf8_lossy(&sent));
+    }
+}
+
+#[test]
+fn stopped_firmware_that_starts_anew_is_not_stopped_again() {
+    let mut desk = Desk::streaming(20);
+    desk.command(Command::EmergencyStop).written();
+    desk.hear(&["start"]);
+    for _ in 0..3 {
+        desk.wait(1.0).hear(&["ok T:180.00 /0.00 B:50.00 /0.00"]);
+    }
+    assert!(!desk.written().contains(&"M112".to_owned()));
+    assert!(matches!(desk.heat(), Heat::Off(_)));
+}
+
+#[test]
 fn any_state_emergency_stop_without_an_answer_is_unknown() {
     let mut desk = Desk::streaming(20);
     desk.command(Command::EmergencyStop).wait(60.0);
