@@ -75,7 +75,7 @@ pub use time::{Instant, Timer};
 use super::policy::{self, Action, Trouble};
 use crate::profile::{Dialect, Profile, ResendStyle};
 use owed::Debts;
-use pause::{Awaited, Pulse};
+use pause::{Awaited, Guard, Pulse};
 use planner::Planner;
 use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
@@ -159,8 +159,7 @@ pub struct Core {
     /// Lines of ours that came back.
     n_echoed: u32,
     pulse: Pulse,
-    /// When the firmware's time-out for hosts that are gone was set last.
-    guarded: Instant,
+    guard: Guard,
     prompts: Prompts,
     securing: Securing,
     stats: Stats,
@@ -229,7 +228,7 @@ impl Core {
             inquired_beyond: None,
             n_echoed: 0,
             pulse: Pulse::default(),
-            guarded: Instant::default(),
+            guard: Guard::default(),
             prompts: Prompts::default(),
             securing: Securing::default(),
             stats: Stats::default(),
@@ -466,6 +465,7 @@ impl Core {
         }
         if matches!(reply, Reply::Ok(_)) {
             self.pulse.n_unanswered = 0;
+            self.guard.n_unanswered = 0;
         }
     }
 

@@ -22,6 +22,9 @@ pub(super) fn renewal(hold_s: f64) -> Duration {
     Duration::try_from_secs_f64(hold_s / 6.0).unwrap_or(ALIVE_INTERVAL)
 }
 
+/// See [`Core::renew_guard`].
+const MAX_RENEWAL_DOUBLINGS: u32 = 4;
+
 /// A line within which the firmware says that it waits for the user.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Awaited {
@@ -29,6 +32,15 @@ pub(super) struct Awaited {
     number: u64,
     /// Whether it was heard since it was told to go on.
     is_waiting: bool,
+}
+
+/// The firmware's time-out for hosts that are gone.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Guard {
+    /// When it was set last.
+    set: super::Instant,
+    /// How often, since anything was answered.
+    pub(super) n_unanswered: u32,
 }
 
 /// Signs of life in a pause.
@@ -95,16 +107,19 @@ impl Core {
 
     /// The firmware counts anew from here: a pause may take the night, and a host that dies in it is noticed all the same.
     pub(super) fn renew_guard(&mut self) {
-        self.guarded = self.now;
         if let Some((set, _)) = self.config.guard.clone() {
+            self.guard = Guard { set: self.now, n_unanswered: self.guard.n_unanswered + 1 };
             self.say_now(&set);
         }
     }
 
-    /// When that is due. A firmware that answers nothing takes nothing either.
+    /// When that is due; ever more rarely where nothing is answered: what takes nothing now would be overrun.
     fn guard_due(&self) -> Option<super::Instant> {
-        let (_, every) = self.config.guard.as_ref().filter(|_| self.owed.is_empty())?;
-        Some(self.guarded + *every)
+        let (_, every) = self.config.guard.as_ref()?;
+        Some(
+            self.guard.set
+                + *every * (1 << self.guard.n_unanswered.saturating_sub(1).min(MAX_RENEWAL_DOUBLINGS)),
+        )
     }
 
     pub(super) fn on_busy(&mut self, what: &str) {

@@ -221,3 +221,46 @@ fn faulted_nothing_but_messages_follows() {
     assert!(desk.written().is_empty());
     assert!(desk.core.handle_command(desk.now, Command::Resume).is_err());
 }
+
+/// Paused, on a firmware that watches over its heaters for an hour.
+fn guarded() -> Desk {
+    let mut profile = crate::profile::builtin("marlin").unwrap();
+    profile.firmware.orphan_hold_s = 3600.0;
+    let mut desk = Desk { core: Core::new(&profile), now: Instant::default() };
+    desk.command(Command::Connect).hear(&["ok"]).written();
+    desk.hear(&["Error:Line Number is not Last Line Number+1, Last Line: 0", "Resend: 1", "ok"]);
+    desk.command(Command::Begin).command(Command::Pause);
+    assert_eq!(desk.core.state(), &State::Paused);
+    desk.written();
+    desk
+}
+
+fn n_renewals(desk: &mut Desk) -> usize {
+    desk.written().iter().filter(|line| *line == "M85 S3600").count()
+}
+
+#[test]
+fn paused_guard_is_set_anew_although_an_answer_was_lost() {
+    let mut desk = guarded();
+    let mut n = 0;
+    for i in 0..720 {
+        desk.wait(5.0).hear(&["T:210.00 /210.00 B:60.00 /60.00"]);
+        let renewed = n_renewals(&mut desk);
+        n += renewed;
+        if renewed > 0 && i > 150 {
+            desk.hear(&["ok"]);
+        }
+    }
+    assert!((4..=6).contains(&n), "{n}");
+}
+
+#[test]
+fn paused_guard_does_not_overrun_a_printer_that_takes_nothing() {
+    let mut desk = guarded();
+    let mut n = 0;
+    for _ in 0..24 * 1800 {
+        desk.wait(2.0).hear(&["echo:busy: paused for user"]);
+        n += n_renewals(&mut desk);
+    }
+    assert!((5..=14).contains(&n), "{n}");
+}
