@@ -176,8 +176,8 @@ impl Error {
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
                 | Self::Report(report::Error::Cancelled(_))
-                | Self::Printer(printer::Error::Cancelled | printer::Error::Left { .. })
-        )
+                | Self::Printer(printer::Error::Left { .. })
+        ) || matches!(self, Self::Printer(printer::Error::Cancelled { heat }) if heat.is_safe())
     }
 
     /// The message without the paths of inputs (CT, segmentation, case file, contours) and the names of structures, which may hold a
@@ -293,7 +293,8 @@ mod tests {
 
     #[test]
     fn only_an_interruption_is_one() {
-        let cancelled = Error::Printer(printer::Error::Cancelled);
+        let heat = printer::protocol::Heat::Obeyed;
+        let cancelled = Error::Printer(printer::Error::Cancelled { heat });
         assert_eq!(cancelled.exit_code(), 130);
         assert!(matches!(cancelled.or_interrupted(), Error::Interrupted(_)));
         assert_eq!(Error::Slice(progress::Cancelled.into()).exit_code(), 130);

@@ -81,6 +81,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
         Ok(jobs) => jobs,
         Err(line) => return face.usage_error(&line),
     };
+    let _keys = listen(face, context);
     let several = jobs.len() > 1;
     let (mut documents, mut rows) = (Vec::new(), Vec::new());
     let mut text = String::new();

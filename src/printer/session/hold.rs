@@ -101,7 +101,8 @@ impl<R: BufRead + Seek> Session<R> {
         self.job.replay(n_done, |command| tail.push(modal.apply(command)))?;
         let Some(at) = place_of(&modal) else { return self.wind_to(n_given) };
         let away = self.profile.pause_gcode(&at);
-        let mut back = self.profile.resume_gcode(&at);
+        let mut back: Vec<_> = self.profile.orphan_gcode().into_iter().collect();
+        back.extend(self.profile.resume_gcode(&at));
         back.extend(modes_of(&modal));
         let prelude = away.iter().chain(&back).cloned().collect();
         let track = Track { first_number: n_acked + 1, prelude, n_before: n_done, n_twice: self.n_twice };
@@ -120,6 +121,15 @@ impl<R: BufRead + Seek> Session<R> {
         for line in self.parked.take().unwrap_or_default() {
             self.command(Command::HostLine(&line));
         }
+    }
+}
+
+/// Whether a printer that tells of a pause, or of its end, moves by itself in it; other words say nothing about that.
+pub(super) fn parks_itself(action: &str) -> Option<bool> {
+    match action.split_ascii_whitespace().next().unwrap_or_default() {
+        "paused" => Some(true),
+        "pause" | "resume" | "resumed" | "cancel" => Some(false),
+        _ => None,
     }
 }
 
