@@ -3,6 +3,7 @@
 use super::super::super::control::Control;
 use super::super::*;
 use super::rig::{Rig, Setup, clean, is_same};
+use std::sync::atomic::Ordering;
 
 const ALL: [&str; 8] =
     ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];
@@ -242,4 +243,39 @@ fn a_print_that_needs_consent_says_how_warm_it_is() {
     let end = rig.run();
     assert!(matches!(end, End::NeedsConsent(_)), "{end:?}");
     assert!(matches!(rig.session.heat(), Heat::On(_)), "{:?}", rig.session.heat());
+}
+
+#[test]
+fn a_job_that_is_gone_when_the_cable_is_back_leaves_no_heat() {
+    for profile in ALL {
+        let mut rig = Rig::new(Setup::new(profile, 3, 48).with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+        rig.is_job_gone.store(true, Ordering::Relaxed);
+        let end = rig.run();
+        let End::Job(lost) = &end else { panic!("{profile}: {end:?}") };
+        assert!(matches!(lost.heat, Heat::Off(_)), "{profile}: {lost}");
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+        assert!(matches!(rig.log().end, Some(Ending::Faulted(_))), "{profile}");
+    }
+}
+
+#[test]
+fn a_cancel_that_does_not_end_well_stays_one() {
+    for profile in ALL {
+        let mut rig = paused(long(profile), 60);
+        ask(&mut rig, Control::GoOn);
+        assert!(rig.run_until(|rig| rig.laid.len() >= 70), "{profile}");
+        ask(&mut rig, Control::Stop);
+        let n_sent = rig.session.core.progress().n_sent;
+        let mut out = Vec::new();
+        rig.session.transmit(&mut out);
+        assert!(out.windows(4).any(|word| word == b"M410"), "{profile}");
+        assert!(rig.session.core.progress().n_sent > n_sent, "{profile}");
+        rig.is_unplugged = true;
+        let end = rig.run();
+        assert!(matches!(end, End::Faulted(Fault::LinkLost)), "{profile}: {end:?}");
+        let log = rig.log();
+        assert_eq!(log.end, Some(Ending::Cancelled), "{profile}");
+        assert!(log.progress.number <= n_sent, "{profile}: none of the lines behind the job is counted");
+    }
 }
