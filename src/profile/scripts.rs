@@ -13,6 +13,7 @@ const RESUME_PLACEHOLDERS: &[&str] = &[
     "resume_x_mm",
     "resume_y_mm",
     "resume_z_mm",
+    "resume_nozzle_z_mm",
     "resume_clear_z_mm",
     "resume_hotend_c",
     "resume_bed_c",
@@ -23,6 +24,8 @@ const RESUME_PLACEHOLDERS: &[&str] = &[
 pub struct ResumePoint {
     /// Where it goes on, mm.
     pub xyz_mm: [f64; 3],
+    /// The height at which the nozzle stands now, mm.
+    pub nozzle_z_mm: f64,
     /// A height above all that is printed, mm.
     pub clear_z_mm: f64,
     /// Nozzle, °C.
@@ -98,6 +101,7 @@ impl Profile {
             ("{resume_x_mm}", rounded(at.xyz_mm[0])),
             ("{resume_y_mm}", rounded(at.xyz_mm[1])),
             ("{resume_z_mm}", rounded(at.xyz_mm[2])),
+            ("{resume_nozzle_z_mm}", rounded(at.nozzle_z_mm)),
             ("{resume_clear_z_mm}", rounded(at.clear_z_mm.min(bed_z_mm))),
             ("{resume_hotend_c}", at.hotend_c.to_string()),
             ("{resume_bed_c}", at.bed_c.to_string()),

@@ -100,7 +100,7 @@ impl<R: BufRead + Seek> Session<R> {
         let mut tail = Tail::default();
         self.job.replay(n_done, |command| tail.push(modal.apply(command)))?;
         let Some(at) = place_of(&modal) else { return self.wind_to(n_given) };
-        let away = self.profile.pause_gcode(&at);
+        let away = self.away_gcode(&at);
         let mut back = self.profile.resume_gcode(&at);
         back.extend(modes_of(&modal));
         let prelude = away.iter().chain(&back).cloned().collect();
@@ -112,6 +112,14 @@ impl<R: BufRead + Seek> Session<R> {
         away.iter().for_each(|line| self.command(Command::HostLine(line)));
         self.parked = Some(back);
         Ok(())
+    }
+
+    /// The script, and then lines of which the first ends only when the nozzle is there, and as many more as may be acknowledged before
+    /// they are executed: then it certainly is, whatever happens in the pause.
+    fn away_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        let n_doubtful = usize::try_from(self.core.progress().ahead.n_lines).unwrap_or(0);
+        let waits = std::iter::repeat_n("M400".to_owned(), 1 + n_doubtful);
+        self.profile.pause_gcode(at).into_iter().chain(waits).collect()
     }
 
     /// Back to the part first.
@@ -128,7 +136,8 @@ fn place_of(modal: &Modal) -> Option<ResumePoint> {
     let [Some(x_mm), Some(y_mm), Some(z_mm), Some(_)] = modal.at_mm else { return None };
     let hotend_c = modal.hotend_c.filter(|c| *c > 0.0)?;
     let clear_z_mm = modal.top_mm?.max(z_mm) + CLEARANCE_MM;
-    Some(ResumePoint { xyz_mm: [x_mm, y_mm, z_mm], clear_z_mm, hotend_c, bed_c: modal.bed_c.unwrap_or(0.0) })
+    let xyz_mm = [x_mm, y_mm, z_mm];
+    Some(ResumePoint { xyz_mm, nozzle_z_mm: z_mm, clear_z_mm, hotend_c, bed_c: modal.bed_c.unwrap_or(0.0) })
 }
 
 /// What the scripts of a pause may have changed, as the job left it.

@@ -279,3 +279,33 @@ fn a_cancel_that_does_not_end_well_stays_one() {
         assert!(log.progress.number <= n_sent, "{profile}: none of the lines behind the job is counted");
     }
 }
+
+#[test]
+fn a_reset_in_a_pause_is_recovered_from_without_a_trace() {
+    for profile in ["marlin", "reprapfirmware", "smoothie", "repetier"] {
+        let setup = Setup::new(profile, 2, 120);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        wait(&mut rig, 300.0);
+        rig.printer.switch_off_and_on();
+        assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)), "{profile}");
+        let n_before = rig.laid.len();
+        rig.resume(0.0, true);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid[n_before..], &expected[n_before..]), "{profile} {n_before}");
+    }
+}
+
+#[test]
+fn a_nozzle_that_waits_where_the_firmware_cannot_go_lower_is_no_place_to_go_on_from() {
+    for profile in ["marlin1", "prusa-mk3s"] {
+        let mut rig = paused(Setup::new(profile, 2, 120), 60);
+        wait(&mut rig, 300.0);
+        rig.printer.switch_off_and_on();
+        assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)), "{profile}");
+        rig.resume(0.0, true);
+        let end = rig.run();
+        assert!(matches!(end, End::Refused(Refusal::HeightUnknown { .. })), "{profile}: {end:?}");
+    }
+}

@@ -88,6 +88,8 @@ fn a_reset_is_recovered_from_by_every_firmware_that_can() {
     for profile in ["marlin", "marlin1", "reprapfirmware", "repetier", "smoothie"] {
         let setup = Setup::new(profile, 2, 120);
         let expected = clean(&setup);
+        let mut whole = Rig::new(setup.clone());
+        assert!(matches!(whole.run(), End::Finished), "{profile}");
         let mut rig = Rig::new(setup);
         assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
         rig.printer.switch_off_and_on();
@@ -103,5 +105,18 @@ fn a_reset_is_recovered_from_by_every_firmware_that_can() {
             from <= n_before && is_same(&again[1..], &expected[from + 1..]),
             "{profile}: {from} {n_before}"
         );
+        // The filament is at the tip: what was primed aside is all that the script takes.
+        let primed_mm = unlaid_mm(&rig) - unlaid_mm(&whole);
+        assert!((primed_mm - PRIMED_MM).abs() < 0.5, "{profile}: {primed_mm} mm primed");
     }
+}
+
+/// What the recovery of the built-in profiles primes aside, mm.
+const PRIMED_MM: f64 = 8.0;
+
+/// Filament that was pulled in and is in no bead, mm.
+fn unlaid_mm(rig: &Rig) -> f64 {
+    let laid_mm3: f64 = rig.laid.iter().map(|bead| bead.2).sum();
+    let radius_mm = rig.setup.profile.machine.filament_mm / 2.0;
+    rig.printer.summary().filament_mm - laid_mm3 / (std::f64::consts::PI * radius_mm * radius_mm)
 }
