@@ -257,8 +257,9 @@ impl<R: BufRead + Seek> Session<R> {
             track: self.recorder.track().clone(),
             progress: self.recorder.progress(now, self.core.progress()),
             is_behind: false,
-            // The hold is not over: heaters that are off were switched off, and the motors were not.
-            away_s: Some(0.0),
+            // The hold is not over: heaters that are off were switched off by somebody, and it takes his word (`resume`) to heat
+            // them again.
+            away_s: None,
         });
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);

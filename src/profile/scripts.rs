@@ -45,6 +45,9 @@ pub(super) fn placeholders(key: &str) -> &'static [&'static str] {
 /// How far above the part the nozzle is parked, mm.
 const PARK_ABOVE_MM: f64 = 5.0;
 
+/// No pause is longer, s: a week. 0 has another meaning to some firmwares.
+const PAUSE_S: u32 = 604_800;
+
 /// The first name in braces that is none of [`placeholders`]; an unclosed brace counts as one.
 pub(super) fn unknown_placeholder<'a>(key: &str, line: &'a str) -> Option<&'a str> {
     line.split('{').skip(1).find_map(|rest| {
@@ -137,6 +140,12 @@ impl Profile {
             }
             Dialect::Klipper | Dialect::Smoothie => None,
         }
+    }
+
+    /// What keeps them on in a pause, however long: nobody moves an axis on which a print is waited for.
+    #[must_use]
+    pub fn motors_pause_gcode(&self) -> Option<String> {
+        self.motors_gcode().map(|_| format!("M84 S{PAUSE_S}"))
     }
 
     /// What takes [`Self::orphan_gcode`] back at the end of a job.

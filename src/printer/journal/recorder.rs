@@ -49,6 +49,18 @@ impl Recorder {
         Self { temperatures: self.temperatures, ..Self::new(track, self.modal, self.tail, now) }
     }
 
+    /// The same lines done, from now on along a track with other lines of the host's own.
+    pub fn follow(&mut self, track: Track, now: Instant) {
+        self.prelude = prelude_of(&track, &self.modal);
+        (self.track, self.began, self.written) = (track, now, None);
+    }
+
+    /// The state behind the lines of the job that were given.
+    #[must_use]
+    pub const fn modal(&self) -> &Modal {
+        &self.modal
+    }
+
     /// How the session's lines are numbered.
     #[must_use]
     pub const fn track(&self) -> &Track {

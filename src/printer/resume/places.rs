@@ -19,7 +19,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             return self.recover(Why::Restarted);
         }
         if let Some(exact) = self.within_prelude(position)? {
-            return Ok(match self.is_cold(&exact.modal) {
+            return Ok(match self.has_changed(&exact.modal) {
                 Some(why) => self.recover(why)?,
                 None => Decision::Exact(Box::new(exact)),
             });
@@ -52,12 +52,18 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     }
 
     fn exact_by_place(&mut self, n_before: u64, modal: Modal, tail: Tail) -> Result<Decision, job::Error> {
-        if let Some(why) = self.is_cold(&modal) {
+        if let Some(why) = self.has_changed(&modal) {
             return self.recover(why);
         }
         let n_twice = self.known.track.n_twice;
         let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
         Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
+    }
+
+    /// What has become of heaters and motors meanwhile.
+    fn has_changed(&self, modal: &Modal) -> Option<Why> {
+        let has_let_go = self.has_let_go(self.known.progress.number);
+        self.is_cold(modal).or_else(|| has_let_go.then_some(Why::MotorsOff))
     }
 
     /// Before the first move the place says nothing; but heating, homing and modes may be done once more.

@@ -83,6 +83,20 @@ fn pauses_one_after_the_other_leave_no_trace() {
 }
 
 #[test]
+fn a_pause_longer_than_motors_hold_leaves_no_trace() {
+    for profile in ALL {
+        let setup = long(profile);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        wait(&mut rig, 3600.0);
+        ask(&mut rig, Control::GoOn);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
+    }
+}
+
+#[test]
 fn a_cable_pulled_in_a_pause_leaves_it_paused_and_no_trace() {
     for profile in ALL {
         let setup = Setup::new(profile, 3, 48);
