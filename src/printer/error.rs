@@ -27,12 +27,31 @@ pub enum PortProblem {
     Other(String),
 }
 
+/// A job that could not be read any more in the middle of its print, which was given up.
+#[derive(Debug, thiserror::Error)]
+#[error("{source}; {heat}")]
+pub struct JobLost {
+    /// Why.
+    pub source: job::Error,
+    /// What is known of the printer's heaters.
+    pub heat: Heat,
+}
+
+impl From<job::Error> for JobLost {
+    fn from(source: job::Error) -> Self {
+        Self { source, heat: Heat::default() }
+    }
+}
+
 /// A print that was not done.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The job cannot be sent as it is.
     #[error(transparent)]
     Job(#[from] job::Error),
+    /// The job could not be read any more while it was printed.
+    #[error(transparent)]
+    JobLost(#[from] JobLost),
     /// The port cannot be opened.
     #[error("port {port} {problem}; {}", next_step_of(problem))]
     Open {
@@ -149,6 +168,7 @@ impl Error {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::Job(error) => error.code(),
+            Self::JobLost(lost) => lost.source.code(),
             Self::Open { problem: PortProblem::Missing, .. } => "printer.port_missing",
             Self::Open { problem: PortProblem::NoRights, .. } => "printer.port_no_rights",
             Self::Open { problem: PortProblem::Busy, .. } => "printer.port_busy",
@@ -176,6 +196,10 @@ impl Error {
     pub fn next_step(&self) -> &'static str {
         match self {
             Self::Job(_) => "correct the job, or choose the profile it was made for",
+            Self::JobLost(JobLost { heat, .. }) if !heat.is_safe() => "switch the printer off if it is hot",
+            Self::JobLost(_) => {
+                "see that the job can be read; `lumenfab resume` then tells whether its print can go on"
+            }
             Self::Open { problem, .. } => next_step_of(problem),
             Self::Journal(_) | Self::OtherJob { .. } => "print the job from its beginning",
             Self::NeedsConsent { .. } => "look at the part; then resume with --after-reset, or print anew",

@@ -33,4 +33,4 @@ pub mod serial;
 pub mod session;
 pub mod sim;
 
-pub use error::{Error, PortProblem};
+pub use error::{Error, JobLost, PortProblem};

@@ -18,11 +18,12 @@ mod recovery;
 mod restore;
 mod words;
 
+pub(super) use restore::warming;
 pub use words::{Recovery, Refusal, Why};
 
 use super::job::{self, Job};
 use super::journal::{Log, Place, Progress, Track};
-use super::protocol::{Position, Temperatures};
+use super::protocol::{Heater, Position, Temperatures};
 use super::replay::{Modal, Tail};
 use crate::profile::Profile;
 use std::io::{BufRead, Seek};
@@ -147,6 +148,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             }
             Some(why) => return self.recover(why),
             None if !is_there => return self.recover(Why::Elsewhere),
+            None if self.has_let_go(last) => return self.recover(Why::MotorsOff),
             None => {}
         }
         let place = if let Place::Job(n) = place { Place::Job(n.min(self.job.n_lines())) } else { place };
@@ -160,6 +162,16 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let bed_c = self.survey.temperatures.bed.map(|bed| bed.actual_c);
         let is_warm = modal.bed_c.zip(bed_c).is_none_or(|(wanted_c, bed_c)| wanted_c - bed_c <= COOLED_K);
         is_soon && is_warm && self.profile.motors_gcode().is_some()
+    }
+
+    /// Whether the motors have let go of the axes for want of moves: what the firmware tells of its place then is what it was.
+    fn has_let_go(&self, last: u64) -> bool {
+        let track = &self.known.track;
+        let n_own = usize::try_from(track.n_prelude_lines(last)).unwrap_or(usize::MAX);
+        let set =
+            track.prelude.iter().take(n_own).filter_map(|line| line.strip_prefix("M84 S")?.parse().ok());
+        let hold_s = set.last().unwrap_or(self.profile.firmware.orphan_hold_s);
+        self.profile.motors_gcode().is_some() && self.known.away_s.is_some_and(|away_s| away_s > hold_s)
     }
 
     /// It is warmed up where it stands; then what was left of the host's own lines, and the job.
@@ -197,10 +209,19 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     }
 
     /// Where the job wants heat and the printer's target is 0, somebody has switched it off: the firmware's own time-out, or a reset.
+    /// Once something is printed, the bed counts as well, and so does a target that is lower than anybody would tune it. Before, what
+    /// the printer has taken may still wait for what heats up.
     fn is_cold(&self, modal: &Modal) -> Option<Why> {
-        let target_c = self.survey.temperatures.hotend.map(|hotend| hotend.target_c);
-        let is_off = modal.hotend_c.is_some_and(|c| c > 0.0) && target_c.is_some_and(|c| c <= 0.0);
-        is_off.then_some(Why::HeatersOff)
+        let Temperatures { hotend, bed } = self.survey.temperatures;
+        let is_printed = modal.top_mm.is_some();
+        let is_off = |wanted_c: Option<f64>, heater: Option<Heater>| {
+            wanted_c.zip(heater).is_some_and(|(wanted_c, Heater { target_c, .. })| {
+                let lacks_k = wanted_c - target_c;
+                lacks_k > 0.0 && (target_c <= 0.0 || is_printed && lacks_k > COOLED_K)
+            })
+        };
+        let is_cold = is_off(modal.hotend_c, hotend) || is_printed && is_off(modal.bed_c, bed);
+        is_cold.then_some(Why::HeatersOff)
     }
 }
 

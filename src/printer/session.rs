@@ -15,6 +15,7 @@ mod hold;
 mod survey;
 
 use super::control::Control;
+use super::error::JobLost;
 use super::job::{self, Job};
 use super::journal::recorder::Recorder;
 use super::journal::{Ending, Record, Track};
@@ -69,8 +70,8 @@ pub enum End {
     Left,
     /// Given up; what is known of the heaters then tells [`Session::heat`].
     Faulted(Fault),
-    /// The job cannot be read any more.
-    Job(job::Error),
+    /// The job cannot be read any more; the heaters were switched off.
+    Job(JobLost),
     /// It can go on, but not exactly; nothing was sent, and the heaters are as they were.
     NeedsConsent(Box<Recovery>),
     /// It cannot go on; the heaters were switched off.
@@ -148,6 +149,8 @@ pub struct Session<R> {
     parks_itself: bool,
     /// What brings the nozzle back from where it waits.
     parked: Option<Vec<String>>,
+    /// The firmware was told to throw moves away (M410): from then on the job says no more where it is, however this ends.
+    is_cancelled: bool,
     /// How it ends once the heaters are seen to.
     pending: Option<End>,
     heat: Heat,
@@ -177,6 +180,7 @@ impl<R: BufRead + Seek> Session<R> {
             is_held: false,
             parks_itself: false,
             parked: None,
+            is_cancelled: false,
             pending: None,
             heat: Heat::default(),
             temperatures: Temperatures::default(),
@@ -255,8 +259,9 @@ impl<R: BufRead + Seek> Session<R> {
             track: self.recorder.track().clone(),
             progress: self.recorder.progress(now, self.core.progress()),
             is_behind: false,
-            // The hold is not over: heaters that are off were switched off, and the motors were not.
-            away_s: Some(0.0),
+            // The hold is not over: heaters that are off were switched off by somebody, and it takes his word (`resume`) to heat
+            // them again.
+            away_s: None,
         });
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);
@@ -281,7 +286,7 @@ impl<R: BufRead + Seek> Session<R> {
         if let Some(record) = self.records.pop_front() {
             return Some(record);
         }
-        let is_printing = matches!(self.stage, Stage::Printing);
+        let is_printing = matches!(self.stage, Stage::Printing) && !self.is_cancelled;
         is_printing.then(|| self.recorder.poll(self.now, self.core.progress())).flatten()
     }
 
@@ -407,6 +412,7 @@ impl<R: BufRead + Seek> Session<R> {
             }
             .expect("a core that wants lines takes these commands");
         }
+        self.note_cancel();
         true
     }
 
@@ -414,6 +420,17 @@ impl<R: BufRead + Seek> Session<R> {
         while let Some(event) = self.core.poll_event() {
             self.on_event(&event);
             self.events.push_back(PrintEvent::Session(event));
+        }
+        self.note_cancel();
+    }
+
+    /// A cancel goes into the journal as soon as it is given, and no progress behind it.
+    fn note_cancel(&mut self) {
+        let is_new = !self.is_cancelled && *self.core.state() == State::Cancelling;
+        if is_new && matches!(self.stage, Stage::Printing) {
+            self.note_progress();
+            self.is_cancelled = true;
+            self.records.push_back(Record::End(Ending::Cancelled));
         }
     }
 
@@ -488,7 +505,7 @@ impl<R: BufRead + Seek> Session<R> {
 
     /// The last numbers before the connection is forgotten.
     fn note_progress(&mut self) {
-        if matches!(self.stage, Stage::Printing) {
+        if matches!(self.stage, Stage::Printing) && !self.is_cancelled {
             let progress = self.recorder.progress(self.now, self.core.progress());
             self.records.push_back(Record::Progress(progress));
         }
@@ -506,10 +523,10 @@ impl<R: BufRead + Seek> Session<R> {
                 | Stage::Surveying { manner: Manner::Reattach { .. }, .. }
         );
         let end = match (end, self.job_error.take()) {
-            (End::Cancelled, Some(error)) => End::Job(error),
+            (End::Cancelled, Some(error)) => End::Job(error.into()),
             (end, _) => end,
         };
-        if is_of_this_print {
+        if is_of_this_print && !self.is_cancelled {
             self.records.extend(ending(&end).map(Record::End));
         }
         self.stage = Stage::Over;
@@ -521,7 +538,10 @@ impl<R: BufRead + Seek> Session<R> {
             }
             (_, heat) => heat,
         };
-        self.end = Some(end);
+        self.end = Some(match end {
+            End::Job(lost) => End::Job(JobLost { heat: self.heat.clone(), ..lost }),
+            end => end,
+        });
     }
 }
 
@@ -532,7 +552,7 @@ fn ending(end: &End) -> Option<Ending> {
         End::Cancelled => Some(Ending::Cancelled),
         End::CancelUnconfirmed => Some(Ending::Faulted("printer.cancel_unconfirmed".to_owned())),
         End::Faulted(fault) => Some(Ending::Faulted(fault.code().to_owned())),
-        End::Job(error) => Some(Ending::Faulted(error.code().to_owned())),
+        End::Job(lost) => Some(Ending::Faulted(lost.source.code().to_owned())),
         End::NeedsConsent(_) | End::Refused(_) | End::Left => None,
     }
 }

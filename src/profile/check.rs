@@ -81,6 +81,7 @@ pub(super) fn together(profile: &Profile, layers: &Layers) -> Result<(), Error> 
     let [x_mm, y_mm, z_mm] = machine.bed_mm;
     let far = ResumePoint {
         xyz_mm: [x_mm, y_mm, z_mm].map(|mm| mm - 0.001),
+        nozzle_z_mm: z_mm - 0.001,
         clear_z_mm: z_mm - 0.001,
         hotend_c: profile.filament.hotend_c.0,
         bed_c: profile.filament.bed_c.0,

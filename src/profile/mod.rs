@@ -522,7 +522,8 @@ pub struct Scripts {
     pub resume: Vec<String>,
     /// Before a print goes on after the firmware or the power failed; empty: it cannot. The printer knows nothing any more;
     /// nozzle and part are where they were. Besides the other placeholders: `{resume_x_mm}`, `{resume_y_mm}`,
-    /// `{resume_z_mm}`, the place where it goes on; `{resume_clear_z_mm}`, above all that is printed; `{resume_hotend_c}`,
+    /// `{resume_z_mm}`, the place where it goes on; `{resume_nozzle_z_mm}`, the height at which the nozzle stands;
+    /// `{resume_clear_z_mm}`, above all that is printed; `{resume_hotend_c}`,
     /// `{resume_bed_c}`, the temperatures there. Modes, fan, filament's place and speed are restored behind it.
     pub recovery: Vec<String>,
 }

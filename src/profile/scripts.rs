@@ -13,6 +13,7 @@ const RESUME_PLACEHOLDERS: &[&str] = &[
     "resume_x_mm",
     "resume_y_mm",
     "resume_z_mm",
+    "resume_nozzle_z_mm",
     "resume_clear_z_mm",
     "resume_hotend_c",
     "resume_bed_c",
@@ -23,6 +24,8 @@ const RESUME_PLACEHOLDERS: &[&str] = &[
 pub struct ResumePoint {
     /// Where it goes on, mm.
     pub xyz_mm: [f64; 3],
+    /// The height at which the nozzle stands now, mm.
+    pub nozzle_z_mm: f64,
     /// A height above all that is printed, mm.
     pub clear_z_mm: f64,
     /// Nozzle, °C.
@@ -41,6 +44,9 @@ pub(super) fn placeholders(key: &str) -> &'static [&'static str] {
 
 /// How far above the part the nozzle is parked, mm.
 const PARK_ABOVE_MM: f64 = 5.0;
+
+/// No pause is longer, s: a week. 0 has another meaning to some firmwares.
+const PAUSE_S: u32 = 604_800;
 
 /// The first name in braces that is none of [`placeholders`]; an unclosed brace counts as one.
 pub(super) fn unknown_placeholder<'a>(key: &str, line: &'a str) -> Option<&'a str> {
@@ -98,6 +104,7 @@ impl Profile {
             ("{resume_x_mm}", rounded(at.xyz_mm[0])),
             ("{resume_y_mm}", rounded(at.xyz_mm[1])),
             ("{resume_z_mm}", rounded(at.xyz_mm[2])),
+            ("{resume_nozzle_z_mm}", rounded(at.nozzle_z_mm)),
             ("{resume_clear_z_mm}", rounded(at.clear_z_mm.min(bed_z_mm))),
             ("{resume_hotend_c}", at.hotend_c.to_string()),
             ("{resume_bed_c}", at.bed_c.to_string()),
@@ -133,6 +140,12 @@ impl Profile {
             }
             Dialect::Klipper | Dialect::Smoothie => None,
         }
+    }
+
+    /// What keeps them on in a pause, however long: nobody moves an axis on which a print is waited for.
+    #[must_use]
+    pub fn motors_pause_gcode(&self) -> Option<String> {
+        self.motors_gcode().map(|_| format!("M84 S{PAUSE_S}"))
     }
 
     /// What takes [`Self::orphan_gcode`] back at the end of a job.

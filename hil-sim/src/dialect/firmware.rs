@@ -48,6 +48,7 @@ pub static MARLIN: Dialect = Dialect {
     position: PositionForm::MarlinSteps,
     extruder_mode: ExtruderMode::WithAxes,
     moves_unhomed: true,
+    place_homes: false,
     endstops_unhomed: false,
     // TEMP_RESIDENCY_TIME
     residency_s: 10.0,
@@ -122,6 +123,7 @@ const MARLIN_1_WORDS: Dialect = Dialect {
     position: PositionForm::MarlinSteps,
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: true,
+    place_homes: false,
     endstops_unhomed: true,
     residency_s: 10.0,
     idle: MARLIN_IDLE,
@@ -187,6 +189,7 @@ pub static KLIPPER: Dialect = Dialect {
     position: PositionForm::Klipper,
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: false,
+    place_homes: false,
     endstops_unhomed: true,
     residency_s: 0.0,
     idle: IdleRule {
@@ -240,6 +243,7 @@ pub static REPRAPFIRMWARE: Dialect = Dialect {
     position: PositionForm::RepRapFirmware,
     extruder_mode: ExtruderMode::Own,
     moves_unhomed: false,
+    place_homes: true,
     endstops_unhomed: false,
     residency_s: 0.0,
     idle: NEVER_IDLE,
@@ -293,6 +297,7 @@ pub static REPETIER: Dialect = Dialect {
     position: PositionForm::Repetier,
     extruder_mode: ExtruderMode::RelativeIfEither,
     moves_unhomed: true,
+    place_homes: false,
     endstops_unhomed: false,
     // EXT0_WATCHPERIOD
     residency_s: 1.0,
@@ -345,6 +350,7 @@ pub static SMOOTHIE: Dialect = Dialect {
     position: PositionForm::Smoothie,
     extruder_mode: ExtruderMode::WithAxes,
     moves_unhomed: true,
+    place_homes: false,
     endstops_unhomed: false,
     residency_s: 0.0,
     idle: NEVER_IDLE,

@@ -229,6 +229,8 @@ pub struct Dialect {
     pub extruder_mode: ExtruderMode,
     /// Whether an axis that is not home may be moved.
     pub moves_unhomed: bool,
+    /// Whether an axis that is told its place (G92) counts as home.
+    pub place_homes: bool,
     /// Whether the soft endstops hold for an axis that is not home.
     pub endstops_unhomed: bool,
     /// How long a temperature must hold before M109 and M190 are done, s.

@@ -114,7 +114,7 @@ impl Printer {
             21 => {}
             28 => return Outcome::Wait(Wait::Drain(After::Home(axes_to_home(command)))),
             90 | 91 => self.motion.set_relative(command.code == 91, self.profile.dialect.extruder_mode),
-            92 => self.motion.set_position(command),
+            92 => self.set_place(command),
             _ => return self.unknown(command),
         }
         Outcome::Done

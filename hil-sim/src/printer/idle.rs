@@ -2,7 +2,7 @@
 //!
 //! Times are those of the dialect unless a command set others: M84 S and M18 S for the motors, M85 S for the kill, M86 S for
 //! Prusa's safety timer, `SET_IDLE_TIMEOUT` for Klipper's. Motors that are off forget where the axes are: they are not home
-//! any more. A command under way that takes its time (heating, dwelling, homing) is no idleness; waiting for the user is, but
+//! any more, and X has given way to whatever pulls at it. A command under way that takes its time (heating, dwelling, homing) is no idleness; waiting for the user is, but
 //! for Marlin's change of filament (`pause.cpp` waits without sleep; `M0` does not).
 
 use super::{Due, Life, Printer, Wait, life::Cause};
@@ -15,6 +15,9 @@ use crate::{
 const NAG_S: f64 = 0.2;
 /// It says that it waits this often, s.
 const WAIT_S: f64 = 1.0;
+
+/// How far X gives way when its motor lets go by itself, mm.
+const SLACK_MM: f64 = 1.0;
 
 /// Time-outs and since when they run, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,6 +152,9 @@ impl Printer {
 
     /// M18, M84, or a time-out.
     pub(super) fn motors_off(&mut self, why: &str) {
+        if why == "idle" && self.motion.homed[0] {
+            self.deposit.shift_mm[0] += SLACK_MM;
+        }
         self.motion.homed = [false; 3];
         self.state("motors-off", why.to_owned());
     }

@@ -149,6 +149,20 @@ impl Motion {
 }
 
 impl Printer {
+    /// G92. Where that homes, an axis that was nowhere (so nothing that moves it is under way) is there from now on.
+    pub(super) fn set_place(&mut self, command: &Command<'_>) {
+        for (axis, letter) in [b'X', b'Y', b'Z'].into_iter().enumerate() {
+            let motion = &mut self.motion;
+            let homes = self.profile.dialect.place_homes && !motion.homed[axis];
+            let Some(value) = command.value(letter).filter(|_| homes) else { continue };
+            self.deposit.shift_mm[axis] += motion.planned[axis] - value;
+            (motion.planned[axis], motion.driven[axis]) = (value, value);
+            (motion.position[axis], motion.offset[axis]) = (value, 0.0);
+            motion.homed[axis] = true;
+        }
+        self.motion.set_position(command);
+    }
+
     /// G0, G1.
     pub(super) fn linear_move(&mut self, command: &Command<'_>) -> Outcome {
         self.take_feedrate(command);

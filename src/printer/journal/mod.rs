@@ -89,6 +89,12 @@ impl Track {
         })
     }
 
+    /// Lines of the prelude among those up to `number`.
+    #[must_use]
+    pub fn n_prelude_lines(&self, number: u64) -> u64 {
+        (number + 1).saturating_sub(self.first_number).min(self.prelude.len() as u64)
+    }
+
     /// Lines of the job among those up to `number`, before this session included.
     #[must_use]
     pub fn n_job_lines(&self, number: u64) -> u64 {
@@ -112,6 +118,9 @@ pub struct Progress {
     pub n_acked: u64,
     /// Lines certainly executed.
     pub n_certain: u64,
+    /// Lines of the host's own before the job's that are certainly executed.
+    #[serde(default)]
+    pub n_prelude: u64,
     /// Lines that may have been begun, at most, so long ago: all that were sent, where the firmware does not say what it holds.
     pub n_begun: u64,
     /// See above, s.
@@ -346,6 +355,7 @@ impl Fold {
                     n_sent: n,
                     n_acked: n,
                     n_certain: n,
+                    n_prelude: 0,
                     n_begun: n,
                     begun_s: 0.0,
                     ..self.progress

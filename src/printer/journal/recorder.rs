@@ -18,6 +18,8 @@ pub struct Recorder {
     track: Track,
     modal: Modal,
     tail: Tail,
+    /// The track's own lines before the job's.
+    prelude: Tail,
     began: Instant,
     written: Option<(Instant, Progress)>,
     temperatures: Progress,
@@ -29,7 +31,9 @@ impl Recorder {
     #[must_use]
     pub fn new(track: Track, modal: Modal, tail: Tail, now: Instant) -> Self {
         let dialect = modal.dialect();
-        Self { track, modal, tail, began: now, written: None, temperatures: Progress::default(), dialect }
+        let prelude = prelude_of(&track, &modal);
+        let temperatures = Progress::default();
+        Self { track, modal, tail, prelude, began: now, written: None, temperatures, dialect }
     }
 
     /// One for a job from its beginning.
@@ -43,6 +47,18 @@ impl Recorder {
     #[must_use]
     pub fn on(self, track: Track, now: Instant) -> Self {
         Self { temperatures: self.temperatures, ..Self::new(track, self.modal, self.tail, now) }
+    }
+
+    /// The same lines done, from now on along a track with other lines of the host's own.
+    pub fn follow(&mut self, track: Track, now: Instant) {
+        self.prelude = prelude_of(&track, &self.modal);
+        (self.track, self.began, self.written) = (track, now, None);
+    }
+
+    /// The state behind the lines of the job that were given.
+    #[must_use]
+    pub const fn modal(&self) -> &Modal {
+        &self.modal
     }
 
     /// How the session's lines are numbered.
@@ -67,6 +83,10 @@ impl Recorder {
     pub fn progress(&self, now: Instant, core: protocol::Progress) -> Progress {
         let n_acked = self.track.n_job_lines(core.n_acked);
         let n_sent = self.track.n_job_lines(core.n_sent);
+        let queue = Queue::of(self.dialect, core.ahead);
+        let n_prelude = self.prelude.n_certain(self.track.n_prelude_lines(core.n_acked), queue);
+        // The prelude stands behind these.
+        let n_least = if n_prelude > 0 { self.track.n_before } else { 0 };
         let held = core.ahead.held.filter(|held| held.n_moves > 0);
         let n_begun = held.map_or(n_sent, |held| self.tail.n_begun(n_acked, held.n_moves));
         let begun_s = held.map_or(0.0, |held| now.since(held.at).as_secs_f64());
@@ -75,7 +95,8 @@ impl Recorder {
             number: core.n_sent,
             n_sent,
             n_acked,
-            n_certain: self.tail.n_certain(n_acked, Queue::of(self.dialect, core.ahead)),
+            n_certain: self.tail.n_certain(n_acked, queue).max(n_least),
+            n_prelude,
             n_begun,
             begun_s: (begun_s * 1e3).ceil() / 1e3,
             ..self.temperatures
@@ -102,4 +123,12 @@ impl Recorder {
     pub fn not_written(&mut self) {
         self.written = None;
     }
+}
+
+/// What the lines of a prelude do, behind what the job has done.
+fn prelude_of(track: &Track, modal: &Modal) -> Tail {
+    let mut modal = modal.clone();
+    let mut tail = Tail::default();
+    track.prelude.iter().for_each(|line| tail.push(modal.apply(line)));
+    tail
 }

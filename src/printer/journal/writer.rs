@@ -488,6 +488,7 @@ mod tests {
             n_sent: u64::MAX,
             n_acked: u64::MAX,
             n_certain: u64::MAX,
+            n_prelude: u64::MAX,
             n_begun: u64::MAX,
             begun_s: 1e9 + 0.123,
             delay_s: 1e9 + 0.123,

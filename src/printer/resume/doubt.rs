@@ -1,22 +1,53 @@
 //! What may or may not be executed when a print breaks off, and what follows for the place of the nozzle.
 
+use super::Known;
 use crate::printer::journal::Progress;
 use crate::printer::journal::recorder::INTERVAL;
 use crate::printer::replay::Modal;
 use crate::profile::Dialect;
 
-/// What may or may not be executed: from the last certain line to the last one that may have been begun.
-#[derive(Debug)]
-pub(super) struct Doubt {
-    modal: Modal,
+/// How far a session came, in lines of the job and of the host's prelude, in the order in which they are executed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
     n_certain: u64,
     /// Lines that may have been begun, as far as the journal knows.
     n_begun: u64,
+    /// Lines of the prelude that were sent.
+    pub(super) n_prelude: u64,
+}
+
+impl Reach {
+    pub(super) fn of(known: &Known) -> Self {
+        let Known { track, progress, is_behind, .. } = known;
+        let n_before = track.n_before;
+        let n_all = track.prelude.len() as u64;
+        let is_past = progress.n_sent > n_before || *is_behind;
+        let n_prelude = if is_past { n_all } else { track.n_prelude_lines(progress.number) };
+        let n_certain =
+            if progress.n_certain > n_before { n_all } else { progress.n_prelude } + progress.n_certain;
+        // Moves that are held are counted in lines of the job: where these may be before the prelude, all of it may be begun.
+        let n_begun = progress.n_begun.max(n_before) + n_prelude;
+        Self { n_certain, n_begun: n_begun.max(n_certain), n_prelude }
+    }
+}
+
+/// What may or may not be executed: from the last certain line to the last one that may have been begun.
+#[derive(Debug)]
+pub(super) struct Doubt {
+    /// The state behind the job's lines alone.
+    modal: Modal,
+    /// The same, and what the prelude has changed.
+    nozzle: Modal,
+    reach: Reach,
+    /// Lines of the job that are certainly executed.
+    n_done: u64,
+    /// Lines of either kind so far.
+    n_taken: u64,
     /// Time since then: behind these a line is begun only when the moves before it have ended.
     left_s: f64,
-    /// Lines that may have been begun, in all.
+    /// Lines of the job that may have been begun, in all.
     pub(super) n: u64,
-    /// The state behind the last certain line.
+    /// The state behind the last certain line of the job.
     pub(super) at: Option<Modal>,
     /// Lowest and highest place of the nozzle from there on.
     pub(super) low_mm: f64,
@@ -44,11 +75,13 @@ pub(super) fn behind_s(progress: &Progress) -> f64 {
 const TURNED_UP: f64 = 0.67;
 
 impl Doubt {
-    pub(super) const fn new(dialect: Dialect, n_certain: u64, n_begun: u64, since_s: f64) -> Self {
+    pub(super) const fn new(dialect: Dialect, n_done: u64, reach: Reach, since_s: f64) -> Self {
         Self {
             modal: Modal::new(dialect),
-            n_certain,
-            n_begun,
+            nozzle: Modal::new(dialect),
+            reach,
+            n_done,
+            n_taken: 0,
             left_s: since_s,
             n: 0,
             at: None,
@@ -58,32 +91,51 @@ impl Doubt {
         }
     }
 
+    /// The next line of the job.
     pub(super) fn take(&mut self, command: &str) {
-        if self.n >= self.n_begun && self.left_s <= 0.0 {
+        if self.is_over() {
             return;
         }
-        let before = self.modal.at_mm;
-        let effect = self.modal.apply(command);
         self.n += 1;
-        if self.n > self.n_begun {
-            self.left_s -= TURNED_UP * effect.least_s();
-        }
-        if self.n == self.n_certain {
+        self.modal.apply(command);
+        if self.n == self.n_done {
             self.at = Some(self.modal.clone());
         }
-        if self.n >= self.n_certain {
+        self.go(command);
+    }
+
+    /// The next line of the host's own.
+    pub(super) fn take_own(&mut self, command: &str) {
+        if !self.is_over() {
+            self.go(command);
+        }
+    }
+
+    /// Whether no line can have been begun any more.
+    fn is_over(&self) -> bool {
+        self.n_taken >= self.reach.n_begun && self.left_s <= 0.0
+    }
+
+    fn go(&mut self, command: &str) {
+        let before = self.nozzle.at_mm;
+        let effect = self.nozzle.apply(command);
+        self.n_taken += 1;
+        if self.n_taken > self.reach.n_begun {
+            self.left_s -= TURNED_UP * effect.least_s();
+        }
+        if self.n_taken >= self.reach.n_certain {
             self.doubt(before);
         }
     }
 
     fn doubt(&mut self, before: [Option<f64>; 4]) {
-        if let Some(z_mm) = self.modal.at_mm[2] {
+        if let Some(z_mm) = self.nozzle.at_mm[2] {
             self.low_mm = self.low_mm.min(z_mm);
             self.high_mm = self.high_mm.max(z_mm);
         }
-        let way = |axis: usize| self.modal.at_mm[axis].zip(before[axis]).map_or(0.0, |(to, from)| to - from);
+        let way = |axis: usize| self.nozzle.at_mm[axis].zip(before[axis]).map_or(0.0, |(to, from)| to - from);
         let way_mm = way(0).hypot(way(1)).hypot(way(2));
-        if self.n > self.n_certain && way(3) > 0.0 {
+        if self.n_taken > self.reach.n_certain && way(3) > 0.0 {
             self.printed_mm += way_mm;
         }
     }

@@ -19,7 +19,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             return self.recover(Why::Restarted);
         }
         if let Some(exact) = self.within_prelude(position)? {
-            return Ok(match self.is_cold(&exact.modal) {
+            return Ok(match self.has_changed(&exact.modal) {
                 Some(why) => self.recover(why)?,
                 None => Decision::Exact(Box::new(exact)),
             });
@@ -51,40 +51,41 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
     }
 
-    /// Before anything is printed the place says nothing; but heating, homing and modes may be done once more.
-    fn before_the_first_move(&mut self, n_done: u64, end: u64) -> Result<Option<Exact>, job::Error> {
-        const HARMLESS: [&str; 14] = [
-            "M104", "M109", "M140", "M190", "G28", "G90", "G91", "M82", "M83", "G21", "M106", "M107", "M220",
-            "M221",
-        ];
-        let (modal, tail) = self.state_after(n_done)?;
+    fn exact_by_place(&mut self, n_before: u64, modal: Modal, tail: Tail) -> Result<Decision, job::Error> {
+        if let Some(why) = self.has_changed(&modal) {
+            return self.recover(why);
+        }
+        let n_twice = self.known.track.n_twice;
+        let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
+        Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
+    }
+
+    /// What has become of heaters and motors meanwhile.
+    fn has_changed(&self, modal: &Modal) -> Option<Why> {
+        let has_let_go = self.has_let_go(self.known.progress.number);
+        self.is_cold(modal).or_else(|| has_let_go.then_some(Why::MotorsOff))
+    }
+
+    /// Before the first move the place says nothing; but heating, homing and modes may be done once more.
+    fn before_the_first_move(&mut self, n_before: u64, end: u64) -> Result<Option<Exact>, job::Error> {
+        let (modal, tail) = self.state_after(n_before)?;
         let (mut n, mut is_harmless) = (0, true);
         self.job.replay(end.min(self.job.n_lines()), |command| {
             n += 1;
             let word = command.split_ascii_whitespace().next().unwrap_or_default();
-            is_harmless &= n <= n_done || HARMLESS.contains(&word);
+            is_harmless &= n <= n_before || BEFORE_MOVES.contains(&word);
         })?;
         let is_cold = self.is_cold(&modal).is_some();
         Ok((is_harmless && !is_cold && modal.top_mm.is_none() && modal.at_mm[0].is_none()).then(|| {
-            let n_twice = self.known.track.n_twice;
-            let track =
-                Track { first_number: self.first_number(), prelude: Vec::new(), n_before: n_done, n_twice };
-            Exact { place: Place::Job(n_done), track, modal, tail }
+            let Track { n_twice, .. } = self.known.track;
+            let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
+            Exact { place: Place::Job(n_before), track, modal, tail }
         }))
     }
 
     /// What the next line is numbered by, where the firmware counts none.
     const fn first_number(&self) -> u64 {
         if self.profile.firmware.line_numbers { self.known.progress.number + 1 } else { 1 }
-    }
-
-    fn exact_by_place(&mut self, n_before: u64, modal: Modal, tail: Tail) -> Result<Decision, job::Error> {
-        if let Some(why) = self.is_cold(&modal) {
-            return self.recover(why);
-        }
-        let n_twice = self.known.track.n_twice;
-        let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
-        Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
     }
 
     /// The host's own lines of a pause bring the nozzle away and back: behind which of them it is there. Where several are alike, the
@@ -102,8 +103,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             behind = if is_exactly(&at, position) { Some(i + 1) } else { behind };
         }
         Ok(behind.map(|n| {
-            let (first_number, prelude) = (self.first_number(), prelude[n..].to_vec());
-            let track = Track { first_number, prelude, n_before, n_twice };
+            let track = Track {
+                first_number: self.first_number(),
+                prelude: prelude[n..].to_vec(),
+                n_before,
+                n_twice,
+            };
             Exact { place: Place::Prelude(0), track, modal, tail }
         }))
     }
@@ -143,6 +148,12 @@ const HARMLESS: [&str; 32] = [
     "EXCLUDE_OBJECT_START",
     "EXCLUDE_OBJECT_END",
     "EXCLUDE_OBJECT_DEFINE",
+];
+
+/// What may be done once more before the first move.
+const BEFORE_MOVES: [&str; 15] = [
+    "G21", "G28", "G90", "G91", "M82", "M83", "M104", "M105", "M106", "M107", "M109", "M117", "M140", "M190",
+    "M400",
 ];
 
 /// Macros, changes of filament and whatever else is not known may not.

@@ -1,11 +1,12 @@
 //! Going on after a reset: behind the last line that was certainly executed, where that is safe.
 
-use super::doubt::{Doubt, behind_s};
+use super::doubt::{Doubt, Reach, behind_s};
 use super::restore::restoring;
 use super::{COOLED_K, Decision, Known, MOTOR_STEP_MM, Plan, Recovery, Refusal, Why};
 use crate::printer::job;
+use crate::printer::journal::Track;
 use crate::printer::replay::Modal;
-use crate::profile::ResumePoint;
+use crate::profile::{Dialect, ResumePoint};
 use std::io::{BufRead, Seek};
 
 /// A bed that has cooled by more than this holds no part, K.
@@ -31,10 +32,23 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let n_lines = self.job.n_lines();
         let n_done = progress.n_certain;
         let n_sent = progress.n_sent.max(n_done).min(n_lines) + self.unrecorded();
-        let n_begun = progress.n_begun.max(n_done).min(n_lines);
         let since_s = progress.begun_s + if self.known.is_behind { behind_s(progress) } else { 0.0 };
-        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, n_begun, since_s);
-        self.job.replay(n_sent, |command| doubt.take(command))?;
+        let reach = Reach::of(self.known);
+        let Track { prelude, n_before, .. } = &self.known.track;
+        let own = &prelude[..usize::try_from(reach.n_prelude).unwrap_or(usize::MAX).min(prelude.len())];
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, reach, since_s);
+        let take_own = |doubt: &mut Doubt| own.iter().for_each(|line| doubt.take_own(line));
+        if *n_before == 0 {
+            take_own(&mut doubt);
+        }
+        let mut n = 0;
+        self.job.replay(n_sent, |command| {
+            doubt.take(command);
+            n += 1;
+            if n == *n_before {
+                take_own(&mut doubt);
+            }
+        })?;
         Ok(doubt)
     }
 
@@ -42,9 +56,11 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let n_done = self.known.progress.n_certain;
         let n_twice = doubt.n - n_done;
         let modal = doubt.at.take().ok_or(Refusal::NothingPrinted { why })?;
-        let point = self.point(why, &modal)?;
+        let mut point = self.point(why, &modal)?;
         let cooled_k = self.cooled_k(why, point.bed_c)?;
-        self.check_height(why, point.xyz_mm[2], &doubt, n_twice)?;
+        point.nozzle_z_mm = self.height(why, point.xyz_mm[2], &doubt, n_twice)?;
+        // Never down before X and Y are found.
+        point.clear_z_mm = point.clear_z_mm.max(point.nozzle_z_mm);
         let mut commands = self.profile.recovery_gcode(&point);
         commands.extend(restoring(&modal));
         Ok(Recovery {
@@ -76,7 +92,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
         let clear_z_mm = top_mm.max(z) + CLEARANCE_MM;
         let bed_c = modal.bed_c.unwrap_or(0.0);
-        Ok(ResumePoint { xyz_mm: [x, y, z], clear_z_mm, hotend_c, bed_c })
+        Ok(ResumePoint { xyz_mm: [x, y, z], nozzle_z_mm: z, clear_z_mm, hotend_c, bed_c })
     }
 
     /// How far the bed has cooled, where that matters; refused where the part cannot hold any more.
@@ -88,24 +104,39 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         }
     }
 
-    /// Refuses where the nozzle may be at another height than the job is behind its last certain line.
-    fn check_height(&self, why: Why, z_mm: f64, doubt: &Doubt, n_lines: u64) -> Result<(), Refusal> {
+    /// The height at which the nozzle stands, mm: that of the part, or where it waits in a pause. Refused where it may be at another
+    /// one.
+    fn height(&self, why: Why, z_mm: f64, doubt: &Doubt, n_lines: u64) -> Result<f64, Refusal> {
+        let is_one = doubt.high_mm - doubt.low_mm <= SAME_MM;
+        let is_near = |told_mm: f64, mm: f64| (told_mm - mm).abs() <= MOTOR_STEP_MM;
         let [low_mm, high_mm] = match self.told_height().filter(|_| why != Why::Restarted) {
-            Some(told_mm) if (told_mm - z_mm).abs() <= MOTOR_STEP_MM => [z_mm, z_mm],
+            Some(told_mm) if is_near(told_mm, z_mm) => [z_mm, z_mm],
+            Some(told_mm) if is_one && is_near(told_mm, doubt.low_mm) => [doubt.low_mm; 2],
             // Somebody has moved it, or it has gone on further than is known.
             Some(told_mm) => [told_mm.min(z_mm), told_mm.max(z_mm)],
             None => [doubt.low_mm, doubt.high_mm],
         };
-        if high_mm - low_mm > SAME_MM && !self.homes_z() {
-            return Err(Refusal::HeightUnknown { why, low_mm, high_mm, n_lines });
+        let is_known = high_mm - low_mm <= SAME_MM && (is_near(low_mm, z_mm) || self.tells_height());
+        if is_known {
+            Ok(low_mm)
+        } else if self.homes_z() {
+            Ok(z_mm)
+        } else {
+            Err(Refusal::HeightUnknown { why, low_mm: low_mm.min(z_mm), high_mm: high_mm.max(z_mm), n_lines })
         }
-        Ok(())
+    }
+
+    /// Whether the profile's recovery can be told a height of the nozzle that is not the part's. Marlin 1's soft endstops let no axis
+    /// go below where it was when the board started.
+    fn tells_height(&self) -> bool {
+        let goes_lower = self.profile.firmware.dialect != Dialect::Marlin1;
+        goes_lower && self.profile.scripts.recovery.iter().any(|line| line.contains("{resume_nozzle_z_mm}"))
     }
 
     /// Whether the last session was to find the part again and may not have come to it: the nozzle stands anywhere above.
     fn is_within_recovery(&self) -> bool {
         let Known { track, progress, .. } = self.known;
-        let finds_again = track.prelude.iter().any(|line| line.starts_with("G92"));
+        let finds_again = track.prelude.iter().any(|line| line.starts_with("G92") && line.contains('Z'));
         finds_again && progress.n_certain <= track.n_before
     }
 

@@ -3,7 +3,7 @@
 use crate::printer::replay::Modal;
 
 /// Heat and fan as the job left them.
-pub(super) fn warming(modal: &Modal) -> Vec<String> {
+pub(in crate::printer) fn warming(modal: &Modal) -> Vec<String> {
     let heats = |set: &str, celsius: Option<f64>| celsius.filter(|c| *c > 0.0).map(|c| format!("{set} S{c}"));
     let heat =
         [("M140", modal.bed_c), ("M104", modal.hotend_c), ("M190", modal.bed_c), ("M109", modal.hotend_c)];

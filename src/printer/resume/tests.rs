@@ -73,6 +73,18 @@ fn a_printer_that_counts_anew_or_is_elsewhere_or_cold_is_no_exact_case() {
     let mut cold = survey(37, [40.0, 10.0, 0.2]);
     cold.temperatures.hotend = Some(Heater { actual_c: 60.0, target_c: 0.0 });
     assert_eq!(why(decided(&mut job, &known, &cold)), Why::HeatersOff);
+    for (hotend_c, bed_c) in [(210.0, 0.0), (210.0, 40.0), (150.0, 60.0)] {
+        let mut lower = survey(37, [40.0, 10.0, 0.2]);
+        lower.temperatures.hotend = Some(Heater { actual_c: 209.0, target_c: hotend_c });
+        lower.temperatures.bed = Some(Heater { actual_c: 60.0, target_c: bed_c });
+        assert_eq!(why(decided(&mut job, &known, &lower)), Why::HeatersOff, "{hotend_c} {bed_c}");
+        let soon = Known { away_s: Some(60.0), ..known.clone() };
+        let Decision::Exact(exact) = decided(&mut job, &soon, &lower) else { panic!("{hotend_c} {bed_c}") };
+        assert_eq!(exact.track.prelude, ["M140 S60", "M104 S210", "M190 S60", "M109 S210"]);
+    }
+    let mut tuned = survey(37, [40.0, 10.0, 0.2]);
+    tuned.temperatures.hotend = Some(Heater { actual_c: 205.0, target_c: 205.0 });
+    assert!(matches!(decided(&mut job, &known, &tuned), Decision::Exact(_)));
     let mute = Survey { position: None, ..survey(37, [0.0; 3]) };
     assert_eq!(why(decided(&mut job, &known, &mute)), Why::Elsewhere);
 }

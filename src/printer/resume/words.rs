@@ -13,6 +13,9 @@ pub enum Why {
     /// Targets are 0.
     #[error("the heaters were switched off meanwhile, and with them perhaps the motors")]
     HeatersOff,
+    /// Nothing has moved for longer than they hold.
+    #[error("the printer's motors have let go of its axes meanwhile")]
+    MotorsOff,
     /// It is at another place than the job.
     #[error("the printer is at another place than the job was")]
     Elsewhere,

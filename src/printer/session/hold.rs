@@ -10,8 +10,9 @@ use super::super::job;
 use super::super::journal::recorder::Recorder;
 use super::super::journal::{Place, Record, Track};
 use super::super::policy::{self, Action, Trouble};
-use super::super::protocol::{Command, Core, Fault, Instant, State};
+use super::super::protocol::{Command, Core, Fault, Heater, Instant, State, Temperatures};
 use super::super::replay::{Modal, Tail};
+use super::super::resume::warming;
 use super::{End, PrintEvent, Session, Stage};
 use crate::profile::ResumePoint;
 use std::io::{BufRead, Seek};
@@ -100,9 +101,10 @@ impl<R: BufRead + Seek> Session<R> {
         let mut tail = Tail::default();
         self.job.replay(n_done, |command| tail.push(modal.apply(command)))?;
         let Some(at) = place_of(&modal) else { return self.wind_to(n_given) };
-        let away = self.profile.pause_gcode(&at);
+        let away = self.away_gcode(&at);
         let mut back: Vec<_> = self.profile.orphan_gcode().into_iter().collect();
         back.extend(self.profile.resume_gcode(&at));
+        back.extend(self.profile.motors_gcode());
         back.extend(modes_of(&modal));
         let prelude = away.iter().chain(&back).cloned().collect();
         let track = Track { first_number: n_acked + 1, prelude, n_before: n_done, n_twice: self.n_twice };
@@ -115,12 +117,41 @@ impl<R: BufRead + Seek> Session<R> {
         Ok(())
     }
 
-    /// Back to the part first.
+    /// The script, with the motors on for as long as it takes, and then lines of which the first ends only when the nozzle is there, and as many more as may be acknowledged before
+    /// they are executed: then it certainly is, whatever happens in the pause.
+    fn away_gcode(&self, at: &ResumePoint) -> Vec<String> {
+        let n_doubtful = usize::try_from(self.core.progress().ahead.n_lines).unwrap_or(0);
+        let waits = std::iter::repeat_n("M400".to_owned(), 1 + n_doubtful);
+        let motors = self.profile.motors_pause_gcode();
+        self.profile.pause_gcode(at).into_iter().chain(motors).chain(waits).collect()
+    }
+
+    /// Back to the part first; and before that, warm again, where the printer's own time-out has switched its heaters off.
     pub(super) fn resumed(&mut self) {
         self.is_held = false;
-        for line in self.parked.take().unwrap_or_default() {
-            self.command(Command::HostLine(&line));
+        let Some(back) = self.parked.take() else { return };
+        let warming = self.warming();
+        if !warming.is_empty() {
+            let mut track = self.recorder.track().clone();
+            let at = track.prelude.len().saturating_sub(back.len());
+            track.prelude.splice(at..at, warming.iter().cloned());
+            self.records.push_back(Record::Session(track.clone()));
+            self.recorder.follow(track, self.now);
         }
+        for line in warming.iter().chain(&back) {
+            self.command(Command::HostLine(line));
+        }
+    }
+
+    /// What heats nozzle and bed again, where one of them is off that the job wants warm.
+    fn warming(&self) -> Vec<String> {
+        let modal = self.recorder.modal();
+        let is_off = |wanted_c: Option<f64>, heater: Option<Heater>| {
+            wanted_c.is_some_and(|c| c > 0.0) && heater.is_some_and(|heater| heater.target_c <= 0.0)
+        };
+        let Temperatures { hotend, bed } = self.temperatures;
+        let is_cold = is_off(modal.hotend_c, hotend) || is_off(modal.bed_c, bed);
+        if is_cold { warming(modal) } else { Vec::new() }
     }
 }
 
@@ -138,7 +169,8 @@ fn place_of(modal: &Modal) -> Option<ResumePoint> {
     let [Some(x_mm), Some(y_mm), Some(z_mm), Some(_)] = modal.at_mm else { return None };
     let hotend_c = modal.hotend_c.filter(|c| *c > 0.0)?;
     let clear_z_mm = modal.top_mm?.max(z_mm) + CLEARANCE_MM;
-    Some(ResumePoint { xyz_mm: [x_mm, y_mm, z_mm], clear_z_mm, hotend_c, bed_c: modal.bed_c.unwrap_or(0.0) })
+    let xyz_mm = [x_mm, y_mm, z_mm];
+    Some(ResumePoint { xyz_mm, nozzle_z_mm: z_mm, clear_z_mm, hotend_c, bed_c: modal.bed_c.unwrap_or(0.0) })
 }
 
 /// What the scripts of a pause may have changed, as the job left it.

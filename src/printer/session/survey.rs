@@ -35,12 +35,16 @@ impl<R: BufRead + Seek> Session<R> {
             Ok(Decision::Exact(exact)) => self.go_on(*exact),
             Ok(Decision::Recover(recovery)) => self.recover(recovery, manner),
             Ok(Decision::Refuse(refusal)) => self.refuse(refusal, manner),
-            Err(error) => self.over(End::Job(error)),
+            Err(error) => self.lose_job(error),
         }
     }
 
     fn go_on(&mut self, exact: Exact) {
         let n_done = exact.n_done();
+        if let Err(error) = self.wind_to(n_done) {
+            self.lose_job(error);
+            return;
+        }
         let Exact { place, track, modal, tail } = exact;
         self.records.push_back(Record::Session(track.clone()));
         let prelude = track.prelude.clone();
@@ -49,10 +53,6 @@ impl<R: BufRead + Seek> Session<R> {
         self.stage = Stage::Printing;
         self.parked = None;
         self.events.push_back(PrintEvent::WentOn { n_lines_done: n_done });
-        if let Err(error) = self.wind_to(n_done) {
-            self.over(End::Job(error));
-            return;
-        }
         self.command(Command::GoOn);
         if let Place::Prelude(n) = place {
             prelude.iter().skip(n).for_each(|line| self.command(Command::HostLine(line)));
@@ -74,7 +74,7 @@ impl<R: BufRead + Seek> Session<R> {
         let Recovery { n_done, n_twice, commands, modal, .. } = recovery;
         self.n_twice += n_twice;
         if let Err(error) = self.wind_to(n_done) {
-            self.over(End::Job(error));
+            self.lose_job(error);
             return;
         }
         let tail = Tail::after(n_done);
@@ -101,6 +101,11 @@ impl<R: BufRead + Seek> Session<R> {
             _ => Fault::LostPlace { why: text },
         };
         self.core.give_up(self.now, fault);
+    }
+
+    /// There is nothing any more that could be printed: no part is kept warm for it.
+    fn lose_job(&mut self, error: job::Error) {
+        self.switch_off(End::Job(error.into()));
     }
 
     /// Puts the job behind its first lines.

@@ -211,6 +211,21 @@ fn moves_before_homing_are_refused_where_the_firmware_refuses_them() {
 }
 
 #[test]
+fn a_place_that_is_told_homes_the_axis_where_the_firmware_says_so() {
+    for (profile, is_refused) in [("reprapfirmware", false), ("klipper", true)] {
+        let mut printer = printer_of(profile);
+        ask(&mut printer, "G92 Z5\nG1 Z6 F600\nM400\n");
+        let summary = printer.summary();
+        assert_eq!(
+            (summary.moves == 0, summary.unhomed_refusals == 1),
+            (is_refused, is_refused),
+            "{profile}"
+        );
+        assert!(summary.unsafe_states.is_empty(), "{profile}: {:?}", summary.unsafe_states);
+    }
+}
+
+#[test]
 fn urgent_orders_pass_the_queue_where_the_firmware_lets_them() {
     for (profile, is_stopped) in [
         ("marlin", true),

@@ -3,6 +3,7 @@
 use super::super::super::control::Control;
 use super::super::*;
 use super::rig::{Rig, Setup, clean, is_same};
+use std::sync::atomic::Ordering;
 
 const ALL: [&str; 8] =
     ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];
@@ -98,6 +99,20 @@ fn a_pause_may_take_the_night_and_a_host_that_dies_in_it_leaves_no_heat() {
         assert!(rig.printer.summary().hotend_c[1] > 0.0, "{profile}: not at once");
         rig.drain(200.0);
         assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}: the host is gone");
+    }
+}
+
+#[test]
+fn a_pause_longer_than_motors_hold_leaves_no_trace() {
+    for profile in ALL {
+        let setup = long(profile);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        wait(&mut rig, 3600.0);
+        ask(&mut rig, Control::GoOn);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid, &expected), "{profile}");
     }
 }
 
@@ -357,4 +372,69 @@ fn only_words_about_pauses_tell_who_parks() {
     assert_eq!(parks_itself("prompt_begin Ready?"), None);
     assert_eq!(parks_itself("notification 12 %"), None);
     assert_eq!(parks_itself("resumed"), Some(false));
+}
+
+#[test]
+fn a_job_that_is_gone_when_the_cable_is_back_leaves_no_heat() {
+    for profile in ALL {
+        let mut rig = Rig::new(Setup::new(profile, 3, 48).with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+        rig.is_job_gone.store(true, Ordering::Relaxed);
+        let end = rig.run();
+        let End::Job(lost) = &end else { panic!("{profile}: {end:?}") };
+        assert!(matches!(lost.heat, Heat::Off(_)), "{profile}: {lost}");
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+        assert!(matches!(rig.log().end, Some(Ending::Faulted(_))), "{profile}");
+    }
+}
+
+#[test]
+fn a_cancel_that_does_not_end_well_stays_one() {
+    for profile in ALL {
+        let mut rig = paused(long(profile), 60);
+        ask(&mut rig, Control::GoOn);
+        assert!(rig.run_until(|rig| rig.laid.len() >= 70), "{profile}");
+        ask(&mut rig, Control::Stop);
+        let n_sent = rig.session.core.progress().n_sent;
+        let mut out = Vec::new();
+        rig.session.transmit(&mut out);
+        assert!(out.windows(4).any(|word| word == b"M410"), "{profile}");
+        assert!(rig.session.core.progress().n_sent > n_sent, "{profile}");
+        rig.is_unplugged = true;
+        let end = rig.run();
+        assert!(matches!(end, End::Faulted(Fault::LinkLost)), "{profile}: {end:?}");
+        let log = rig.log();
+        assert_eq!(log.end, Some(Ending::Cancelled), "{profile}");
+        assert!(log.progress.number <= n_sent, "{profile}: none of the lines behind the job is counted");
+    }
+}
+
+#[test]
+fn a_reset_in_a_pause_is_recovered_from_without_a_trace() {
+    for profile in ["marlin", "reprapfirmware", "smoothie", "repetier"] {
+        let setup = Setup::new(profile, 2, 120);
+        let expected = clean(&setup);
+        let mut rig = paused(setup, 60);
+        wait(&mut rig, 300.0);
+        rig.printer.switch_off_and_on();
+        assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)), "{profile}");
+        let n_before = rig.laid.len();
+        rig.resume(0.0, true);
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+        assert!(is_same(&rig.laid[n_before..], &expected[n_before..]), "{profile} {n_before}");
+    }
+}
+
+#[test]
+fn a_nozzle_that_waits_where_the_firmware_cannot_go_lower_is_no_place_to_go_on_from() {
+    for profile in ["marlin1", "prusa-mk3s"] {
+        let mut rig = paused(Setup::new(profile, 2, 120), 60);
+        wait(&mut rig, 300.0);
+        rig.printer.switch_off_and_on();
+        assert!(matches!(rig.run(), End::Faulted(Fault::FirmwareReset)), "{profile}");
+        rig.resume(0.0, true);
+        let end = rig.run();
+        assert!(matches!(end, End::Refused(Refusal::HeightUnknown { .. })), "{profile}: {end:?}");
+    }
 }

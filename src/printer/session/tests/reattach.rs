@@ -2,6 +2,7 @@
 
 use super::super::*;
 use super::rig::{Rig, Setup, clean, is_same};
+use crate::printer::resume::Why;
 
 const ALL: [&str; 8] =
     ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];
@@ -89,6 +90,8 @@ fn a_reset_is_recovered_from_by_every_firmware_that_can() {
     for profile in ["marlin", "marlin1", "reprapfirmware", "repetier", "smoothie"] {
         let setup = Setup::new(profile, 2, 120);
         let expected = clean(&setup);
+        let mut whole = Rig::new(setup.clone());
+        assert!(matches!(whole.run(), End::Finished), "{profile}");
         let mut rig = Rig::new(setup);
         assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
         rig.printer.switch_off_and_on();
@@ -104,5 +107,62 @@ fn a_reset_is_recovered_from_by_every_firmware_that_can() {
             from <= n_before && is_same(&again[1..], &expected[from + 1..]),
             "{profile}: {from} {n_before}"
         );
+        // The filament is at the tip: what was primed aside is all that the script takes.
+        let primed_mm = unlaid_mm(&rig) - unlaid_mm(&whole);
+        assert!((primed_mm - PRIMED_MM).abs() < 0.5, "{profile}: {primed_mm} mm primed");
     }
+}
+
+/// What the recovery of the built-in profiles primes aside, mm.
+const PRIMED_MM: f64 = 8.0;
+
+/// Filament that was pulled in and is in no bead, mm.
+fn unlaid_mm(rig: &Rig) -> f64 {
+    let laid_mm3: f64 = rig.laid.iter().map(|bead| bead.2).sum();
+    let radius_mm = rig.setup.profile.machine.filament_mm / 2.0;
+    rig.printer.summary().filament_mm - laid_mm3 / (std::f64::consts::PI * radius_mm * radius_mm)
+}
+
+#[test]
+fn heaters_that_somebody_has_switched_off_are_heated_again_by_his_word_alone() {
+    for profile in ["marlin", "marlin1", "prusa-mk3s", "repetier"] {
+        for order in ["M104 S0\n", "M140 S0\n"] {
+            let setup = Setup::new(profile, 3, 48);
+            let expected = clean(&setup);
+            let mut rig = Rig::new(setup.with("disconnect:line=80,for-s=20"));
+            assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })), "{profile}");
+            rig.drain(30.0);
+            rig.printer.receive(format!("\n{order}").as_bytes());
+            rig.drain(5.0);
+            rig.reconnect();
+            let end = rig.run();
+            assert!(matches!(end, End::Faulted(Fault::LostPlace { .. })), "{profile}: {end:?}");
+            assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+            let known = Known { away_s: Some(30.0), ..rig.known(0.0) };
+            rig.resume_by(known, false);
+            let end = rig.run();
+            assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+            assert!(is_same(&rig.laid, &expected), "{profile} {order}");
+        }
+    }
+}
+
+#[test]
+fn a_place_is_not_believed_after_the_motors_have_let_go() {
+    let mut rig = Rig::new(Setup::new("reprapfirmware", 2, 120));
+    assert!(rig.run_until(|rig| rig.laid.len() >= 60));
+    rig.is_dead = true;
+    rig.drain(7200.0);
+    let known = Known { away_s: Some(7200.0), ..rig.known(7200.0) };
+    rig.resume_by(known.clone(), false);
+    let end = rig.run();
+    let End::NeedsConsent(recovery) = &end else { panic!("{end:?}") };
+    assert_eq!(recovery.why, Why::MotorsOff);
+    let n_before = rig.laid.len();
+    let expected = clean(&rig.setup);
+    rig.resume_by(known, true);
+    assert!(matches!(rig.run(), End::Finished));
+    let again = &rig.laid[n_before..];
+    let from = expected.len() - again.len();
+    assert!(from <= n_before && is_same(&again[1..], &expected[from + 1..]), "{from} {n_before}");
 }

@@ -5,8 +5,10 @@ use crate::printer::journal::{JobId, Log, Machine, encode, header};
 use hil_sim::event::Event as SimEvent;
 use hil_sim::printer::{Options, Printer};
 use std::fmt::Write as _;
-use std::io::Cursor;
+use std::io::{self, Cursor};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// More steps than any of these prints takes.
 const MAX_STEPS: usize = 3_000_000;
@@ -31,6 +33,45 @@ pub(super) fn rings(profile: &Profile, n_layers: u32, n_sides: u32, mm_min: u32)
     }
     text.push('\n');
     text + &profile.end_gcode(0.2 * f64::from(n_layers)).join("\n")
+}
+
+/// A job's file, which may be gone.
+#[derive(Debug)]
+pub(super) struct Text {
+    text: Cursor<Vec<u8>>,
+    is_gone: Arc<AtomicBool>,
+}
+
+impl Text {
+    fn check(&self) -> io::Result<()> {
+        let is_gone = self.is_gone.load(Ordering::Relaxed);
+        if is_gone { Err(io::ErrorKind::NotFound.into()) } else { Ok(()) }
+    }
+}
+
+impl io::Read for Text {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        self.check()?;
+        self.text.read(out)
+    }
+}
+
+impl BufRead for Text {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.check()?;
+        self.text.fill_buf()
+    }
+
+    fn consume(&mut self, n_bytes: usize) {
+        self.text.consume(n_bytes);
+    }
+}
+
+impl Seek for Text {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.check()?;
+        self.text.seek(to)
+    }
 }
 
 /// How a print of these tests is set up.
@@ -60,8 +101,13 @@ impl Setup {
         self
     }
 
-    pub(super) fn job(&self) -> Job<Cursor<Vec<u8>>> {
-        Job::from_text(self.job.as_str(), "rings.gcode", &self.profile.firmware).unwrap()
+    pub(super) fn job(&self) -> Job<Text> {
+        let text = Text { text: Cursor::new(self.job.clone().into_bytes()), is_gone: Arc::default() };
+        self.job_of(text)
+    }
+
+    fn job_of(&self, text: Text) -> Job<Text> {
+        Job::try_new(text, "rings.gcode", &self.profile.firmware).unwrap()
     }
 
     fn printer(&self) -> Printer {
@@ -74,7 +120,7 @@ impl Setup {
 #[derive(Debug)]
 pub(super) struct Rig {
     pub(super) setup: Setup,
-    pub(super) session: Session<Cursor<Vec<u8>>>,
+    pub(super) session: Session<Text>,
     pub(super) printer: Printer,
     /// The journal's bytes, and when each record was written.
     pub(super) journal: Vec<u8>,
@@ -92,6 +138,8 @@ pub(super) struct Rig {
     pub(super) is_garbled: bool,
     /// There is no printer: what is sent comes back.
     pub(super) is_echo: bool,
+    /// The job's file is gone.
+    pub(super) is_job_gone: Arc<AtomicBool>,
     /// The cable is out.
     pub(super) is_unplugged: bool,
     /// All that was written.
@@ -105,7 +153,10 @@ impl Rig {
     pub(super) fn new(setup: Setup) -> Self {
         let mut printer = setup.printer();
         printer.host_arrived();
-        let session = Session::new(setup.job(), &setup.profile, Start::Fresh, Instant::default());
+        let is_job_gone = Arc::<AtomicBool>::default();
+        let text =
+            Text { text: Cursor::new(setup.job.clone().into_bytes()), is_gone: Arc::clone(&is_job_gone) };
+        let session = Session::new(setup.job_of(text), &setup.profile, Start::Fresh, Instant::default());
         let mut rig = Self {
             journal: header(),
             session,
@@ -119,6 +170,7 @@ impl Rig {
             is_deaf: false,
             is_garbled: false,
             is_echo: false,
+            is_job_gone,
             is_unplugged: false,
             sent: Vec::new(),
             dies_at: None,
@@ -291,6 +343,11 @@ impl Rig {
             }
         }
         Known::from(&Log::parse(&bytes, Path::new("rings.gcode.journal")).unwrap())
+    }
+
+    /// What the journal comes to when all of it is on the disk.
+    pub(super) fn log(&self) -> Log {
+        Log::parse(&self.journal, Path::new("rings.gcode.journal")).unwrap()
     }
 
     /// Moves that nobody waits for are finished, as time passes without a host.
