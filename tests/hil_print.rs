@@ -140,6 +140,24 @@ async fn a_clean_print_deposits_every_segment_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn every_firmware_is_known_by_its_answer() {
+    for profile in profile::builtin_names() {
+        let options = Options {
+            program: std::env::current_exe().unwrap(),
+            leading_args: ["simulator_process", "--exact", "--nocapture", "--"].map(Into::into).to_vec(),
+            profile: profile.to_owned(),
+            ..Options::default()
+        };
+        let simulator = Simulator::start(&options).await.unwrap();
+        let firmware = profile::builtin(profile).unwrap().firmware;
+        let link = serial::open(simulator.port(), &firmware, None).await.unwrap();
+        let found = lumenfab::printer::ask::detect(link).await.unwrap();
+        let known = found.profile.map(|name| profile::builtin(name).unwrap().firmware.dialect);
+        assert_eq!(known, Some(firmware.dialect), "{profile}: {}", found.firmware);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn every_profile_is_printed_over_a_port_on_its_own_firmware() {
     for profile in profile::builtin_names() {
         let (result, _, beads) = Case { profile, n_layers: 3, ..Case::clean() }.print().await;

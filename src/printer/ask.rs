@@ -6,7 +6,7 @@
 use super::Error;
 use super::driver::Clock;
 use super::link::Link;
-use super::protocol::{Command, Core, Event, Fault, Heat, LineSplitter, Question, State, Temperatures};
+use super::protocol::{Command, Core, Event, Fault, Heat, LineSplitter, Reply, State, Temperatures, parse};
 use crate::profile::{Dialect, Profile};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
@@ -15,6 +15,11 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 const TICK: Duration = Duration::from_millis(20);
 /// The longest that an answer is waited for.
 const LIMIT: Duration = Duration::from_secs(60);
+/// The question, with what makes half a line before it void in every firmware.
+const WHICH_FIRMWARE: &[u8] = b"99?X?\nM115\n";
+/// How often it is asked, and how long an answer may take: a board that was reset by the opening is up after the second.
+const N_ASKED: usize = 4;
+const ANSWERED_WITHIN: Duration = Duration::from_secs(2);
 
 /// What a printer says of itself.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -25,24 +30,45 @@ pub struct Found {
     pub profile: Option<&'static str>,
 }
 
-/// Asks which firmware it is. The profile says how to speak meanwhile; its line numbers are not used.
+/// Asks which firmware it is, in words that each of them understands.
 ///
 /// # Errors
-/// [`Error::Open`]; [`Error::Fault`] where nothing answers.
-pub async fn detect<L: Link>(mut link: L, profile: &Profile) -> Result<Found, Error> {
+/// [`Error::Open`], [`Error::PortVanished`]; [`Error::Nobody`] where nothing answers.
+pub async fn detect<L: Link>(mut link: L) -> Result<Found, Error> {
     let port = link.name().to_owned();
-    let stream = link.open().await?;
-    let mut desk = Desk::new(profile, port);
-    let mut firmware = None;
-    desk.ask(stream, &[Question::Firmware], |event| {
-        if let Event::Firmware(text) = event {
-            firmware.get_or_insert_with(|| text.clone());
+    let mut stream = link.open().await?;
+    let mut splitter = LineSplitter::default();
+    for _ in 0..N_ASKED {
+        let gone = |_| Error::PortVanished { port: port.clone() };
+        stream.write_all(WHICH_FIRMWARE).await.map_err(gone)?;
+        let answer = firmware_told(&mut stream, &mut splitter);
+        match tokio::time::timeout(ANSWERED_WITHIN, answer).await {
+            Ok(Some(firmware)) => {
+                let profile = dialect_of(&firmware).map(profile_name);
+                return Ok(Found { firmware, profile });
+            }
+            Ok(None) => return Err(Error::PortVanished { port }),
+            Err(_elapsed) => {}
         }
-    })
-    .await?;
-    let firmware = firmware.unwrap_or_default();
-    let profile = dialect_of(&firmware).map(profile_name);
-    Ok(Found { firmware, profile })
+    }
+    Err(Error::Nobody { port })
+}
+
+/// What it says to M115; `None` where the port goes away.
+async fn firmware_told(stream: &mut (impl AsyncRead + Unpin), splitter: &mut LineSplitter) -> Option<String> {
+    let mut buffer = vec![0; 4096];
+    loop {
+        let n = stream.read(&mut buffer).await.ok().filter(|n| *n > 0)?;
+        let mut told = None;
+        splitter.feed(&buffer[..n], |line| {
+            if let Reply::Firmware(text) = parse(line) {
+                told.get_or_insert_with(|| text.to_owned());
+            }
+        });
+        if told.is_some() {
+            return told;
+        }
+    }
 }
 
 /// Switches the heaters off: sends the profile's safe script until the printer tells twice that the targets are 0; if it tells that
@@ -77,29 +103,6 @@ impl Desk {
         let mut profile = profile.clone();
         profile.firmware.line_numbers = false;
         Self { core: Core::new(&profile), port, clock: Clock::start() }
-    }
-
-    async fn ask(
-        &mut self,
-        stream: impl AsyncRead + AsyncWrite + Unpin,
-        questions: &[Question],
-        mut hear: impl FnMut(&Event),
-    ) -> Result<(), Error> {
-        self.command(Command::Inquire { beyond: 0 });
-        let mut questions = questions.iter();
-        self.converse(stream, |desk, event| {
-            hear(event);
-            match event {
-                Event::Faulted(fault) => return Some(Err(desk.fault(fault.clone()))),
-                Event::Found(_) | Event::Answered => match questions.next() {
-                    Some(question) => desk.command(Command::Ask(*question)),
-                    None => return Some(Ok(())),
-                },
-                _ => {}
-            }
-            None
-        })
-        .await
     }
 
     async fn switch_off(

@@ -101,6 +101,12 @@ pub enum Error {
         /// The port.
         port: String,
     },
+    /// Nothing says which firmware it is.
+    #[error("port {port}: nothing answers M115; {}", NOBODY)]
+    Nobody {
+        /// The port.
+        port: String,
+    },
     /// The print was given up.
     #[error("printer on {port}: {fault}; {heat}; {}", next_step_after(fault, heat))]
     Fault {
@@ -179,6 +185,7 @@ impl Error {
             Self::OtherJob { .. } => "printer.other_job",
             Self::NeedsConsent { .. } => "printer.resume_needs_consent",
             Self::NotResumable(refusal) | Self::Refused { refusal, .. } => refusal.code(),
+            Self::Nobody { .. } => "printer.nobody",
             Self::PortVanished { .. } => "printer.port_vanished",
             Self::Fault { fault, .. } => fault.code(),
             Self::StillHeating { .. } => "printer.still_heating",
@@ -204,6 +211,7 @@ impl Error {
             Self::Journal(_) | Self::OtherJob { .. } => "print the job from its beginning",
             Self::NeedsConsent { .. } => "look at the part; then resume with --after-reset, or print anew",
             Self::NotResumable(_) | Self::Refused { .. } => "take the part off the bed and print anew",
+            Self::Nobody { .. } => NOBODY,
             Self::PortVanished { .. } => Fault::LinkLost.next_step(),
             Self::Fault { fault, heat, .. } => next_step_after(fault, heat),
             Self::StillHeating { .. } => "switch the printer off",
@@ -238,6 +246,10 @@ const fn next_step_after_stop(heat: &Heat) -> &'static str {
         Heat::Unknown(_) => "switch the printer off if it is hot",
     }
 }
+
+/// What to do where nothing answers at all.
+const NOBODY: &str = "check that this is the printer's port, that it is on, and its rate (--baud); where it has stopped for \
+                      good (M112, an error on its display) reset it or switch it off and on";
 
 const fn next_step_of(problem: &PortProblem) -> &'static str {
     match problem {

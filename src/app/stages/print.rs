@@ -263,8 +263,8 @@ pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
         let mut last = None;
         for rate in rates {
             let link = serial::open(Path::new(port), &paper::undisturbed(&profile), Some(rate)).await?;
-            match ask::detect(link, &profile).await {
-                Err(error) if error.code() == "printer.no_answer" => last = Some(error),
+            match ask::detect(link).await {
+                Err(error @ printer::Error::Nobody { .. }) => last = Some(error),
                 found => return Ok(found?),
             }
         }
