@@ -29,11 +29,6 @@ impl Debts {
         self.0.push_back(owed);
     }
 
-    /// Whether nothing is owed.
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// The firmware has answered a later question: what is still owed was lost.
     pub(super) fn forget(&mut self) {
         self.0.clear();

@@ -17,13 +17,13 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Where it does not answer, it is asked ever more rarely, up to so many doublings.
 const MAX_DOUBLINGS: u32 = 6;
 
+/// The same for the firmware's time-out.
+const MAX_RENEWAL_DOUBLINGS: u32 = 4;
+
 /// How often the firmware's time-out for hosts that are gone is set anew in a pause: a few times may be lost.
 pub(super) fn renewal(hold_s: f64) -> Duration {
     Duration::try_from_secs_f64(hold_s / 6.0).unwrap_or(ALIVE_INTERVAL)
 }
-
-/// See [`Core::renew_guard`].
-const MAX_RENEWAL_DOUBLINGS: u32 = 4;
 
 /// A line within which the firmware says that it waits for the user.
 #[derive(Debug, Clone, Copy)]
@@ -116,10 +116,8 @@ impl Core {
     /// When that is due; ever more rarely where nothing is answered: what takes nothing now would be overrun.
     fn guard_due(&self) -> Option<super::Instant> {
         let (_, every) = self.config.guard.as_ref()?;
-        Some(
-            self.guard.set
-                + *every * (1 << self.guard.n_unanswered.saturating_sub(1).min(MAX_RENEWAL_DOUBLINGS)),
-        )
+        let n_doublings = self.guard.n_unanswered.saturating_sub(1).min(MAX_RENEWAL_DOUBLINGS);
+        Some(self.guard.set + *every * (1 << n_doublings))
     }
 
     pub(super) fn on_busy(&mut self, what: &str) {
