@@ -168,7 +168,8 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     fn has_let_go(&self, last: u64) -> bool {
         let track = &self.known.track;
         let n_own = usize::try_from(track.n_prelude_lines(last)).unwrap_or(usize::MAX);
-        let set = track.prelude.iter().take(n_own).filter_map(|line| line.strip_prefix("M84 S")?.parse().ok());
+        let set =
+            track.prelude.iter().take(n_own).filter_map(|line| line.strip_prefix("M84 S")?.parse().ok());
         let hold_s = set.last().unwrap_or(self.profile.firmware.orphan_hold_s);
         self.profile.motors_gcode().is_some() && self.known.away_s.is_some_and(|away_s| away_s > hold_s)
     }

@@ -23,7 +23,8 @@ impl Reach {
         let n_all = track.prelude.len() as u64;
         let is_past = progress.n_sent > n_before || *is_behind;
         let n_prelude = if is_past { n_all } else { track.n_prelude_lines(progress.number) };
-        let n_certain = if progress.n_certain > n_before { n_all } else { progress.n_prelude } + progress.n_certain;
+        let n_certain =
+            if progress.n_certain > n_before { n_all } else { progress.n_prelude } + progress.n_certain;
         // Moves that are held are counted in lines of the job: where these may be before the prelude, all of it may be begun.
         let n_begun = progress.n_begun.max(n_before) + n_prelude;
         Self { n_certain, n_begun: n_begun.max(n_certain), n_prelude }

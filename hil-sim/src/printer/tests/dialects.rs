@@ -216,7 +216,11 @@ fn a_place_that_is_told_homes_the_axis_where_the_firmware_says_so() {
         let mut printer = printer_of(profile);
         ask(&mut printer, "G92 Z5\nG1 Z6 F600\nM400\n");
         let summary = printer.summary();
-        assert_eq!((summary.moves == 0, summary.unhomed_refusals == 1), (is_refused, is_refused), "{profile}");
+        assert_eq!(
+            (summary.moves == 0, summary.unhomed_refusals == 1),
+            (is_refused, is_refused),
+            "{profile}"
+        );
         assert!(summary.unsafe_states.is_empty(), "{profile}: {:?}", summary.unsafe_states);
     }
 }

@@ -1,8 +1,8 @@
 //! Exact going on: nothing twice, nothing missing.
 
 use super::super::*;
-use crate::printer::resume::Why;
 use super::rig::{Rig, Setup, clean, is_same};
+use crate::printer::resume::Why;
 
 const ALL: [&str; 8] =
     ["marlin", "marlin1", "klipper", "reprapfirmware", "repetier", "smoothie", "reference", "prusa-mk3s"];

@@ -156,8 +156,7 @@ impl Rig {
         let is_job_gone = Arc::<AtomicBool>::default();
         let text =
             Text { text: Cursor::new(setup.job.clone().into_bytes()), is_gone: Arc::clone(&is_job_gone) };
-        let session =
-            Session::new(setup.job_of(text), &setup.profile, Start::Fresh, Instant::default());
+        let session = Session::new(setup.job_of(text), &setup.profile, Start::Fresh, Instant::default());
         let mut rig = Self {
             journal: header(),
             session,
