@@ -3,7 +3,8 @@
 //! In a pause the nozzle waits away from the part, where the profile says how (`scripts.pause`). The lines that bring it there, and back
 //! (`scripts.resume`, then the modes, the filament's place and the speed of the job), are a track of their own in the journal, behind
 //! the last line of the job that the printer has taken: so a pause, too, can be gone on with after a cable was pulled or the host
-//! died. That it goes on is in the journal before the first line back is sent: until then the nozzle certainly waits where it is. The job's lines that were given to the core and never sent are read again when it goes on.
+//! died. That it goes on is in the journal before the first line back is sent: until then the nozzle certainly waits where it is.
+//! The job's lines that were given to the core and never sent are read again when it goes on.
 
 use super::super::control::Control;
 use super::super::job;
