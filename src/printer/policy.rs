@@ -41,7 +41,7 @@ pub enum Trouble {
     PortBack,
     /// The printer has said where it is, and it is exactly where the print was.
     PlaceFound,
-    /// The printer has said where it is, and the print cannot go on exactly.
+    /// The printer has said where it is, and the print cannot go on exactly, or its heaters were switched off meanwhile.
     PlaceLost,
     /// Noise, but no answer: the wrong baud rate.
     Garbage,

@@ -26,6 +26,7 @@ use super::journal::{Log, Place, Progress, Track};
 use super::protocol::{Heater, Position, Temperatures};
 use super::replay::{Modal, Tail};
 use crate::profile::Profile;
+use doubt::Reach;
 use std::io::{BufRead, Seek};
 
 /// Lines that may have been sent since the journal's last record, where its end is missing, at most: what the fastest link
@@ -115,7 +116,10 @@ pub fn decide<R: BufRead + Seek>(
     known: &Known,
     survey: &Survey,
 ) -> Result<Decision, job::Error> {
-    let mut plan = Plan { job, profile, known, survey };
+    let reach = Reach::of(known);
+    // Where it goes on, the pause is over.
+    let known = &Known { track: known.track.clone().gone_on(), ..known.clone() };
+    let mut plan = Plan { job, profile, known, reach, survey };
     match survey.last {
         Some(last) => plan.numbered(last),
         None => plan.unnumbered(),
@@ -126,6 +130,7 @@ struct Plan<'a, R> {
     job: &'a mut Job<R>,
     profile: &'a Profile,
     known: &'a Known,
+    reach: Reach,
     survey: &'a Survey,
 }
 
@@ -183,7 +188,8 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             Place::Job(_) => Vec::new(),
         };
         let prelude = restore::warming(&modal).into_iter().chain(left).collect();
-        let track = Track { first_number: last + 1, prelude, n_before, n_twice: track.n_twice };
+        let track =
+            Track { first_number: last + 1, prelude, n_before, n_twice: track.n_twice, ..Track::default() };
         Decision::Exact(Box::new(Exact { place: Place::Prelude(0), track, modal, tail }))
     }
 

@@ -480,7 +480,7 @@ impl<R: BufRead + Seek> Session<R> {
         self.stage = Stage::Printing;
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
-        let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice };
+        let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice, ..Track::default() };
         self.records.push_back(Record::Session(track.clone()));
         let dialect = self.profile.firmware.dialect;
         let fresh = Recorder::fresh(dialect, track.clone(), self.now);

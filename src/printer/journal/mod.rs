@@ -65,6 +65,9 @@ pub struct Track {
     pub n_before: u64,
     /// Lines that may have been executed twice in all sessions so far, at most.
     pub n_twice: u64,
+    /// Lines of the host's own that end a pause: neither they nor the job's are sent before a session without these begins.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub back: Vec<String>,
 }
 
 /// A place in a session.
@@ -87,6 +90,13 @@ impl Track {
             None => Place::Prelude(usize::try_from(n_done).unwrap_or(usize::MAX)),
             Some(n_of_job) => Place::Job(self.n_before + n_of_job),
         })
+    }
+
+    /// The same, the pause being over.
+    #[must_use]
+    pub fn gone_on(mut self) -> Self {
+        self.prelude.append(&mut self.back);
+        self
     }
 
     /// Lines of the prelude among those up to `number`.

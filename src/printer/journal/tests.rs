@@ -9,7 +9,13 @@ pub(super) fn first_records() -> Vec<Record> {
             port: "/dev/ttyUSB0".into(),
             device: None,
         }),
-        Record::Session(Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0, n_twice: 0 }),
+        Record::Session(Track {
+            first_number: 1,
+            prelude: vec!["M155 S2".into()],
+            n_before: 0,
+            n_twice: 0,
+            ..Track::default()
+        }),
     ]
 }
 
@@ -78,6 +84,7 @@ fn numbers_on_the_wire_lead_back_to_lines_of_the_job() {
         prelude: vec!["M155 S2".into(), "M85 S9".into()],
         n_before: 40,
         n_twice: 0,
+        ..Track::default()
     };
     assert_eq!(track.place(9), None);
     assert_eq!(track.place(10), Some(Place::Prelude(0)));

@@ -14,6 +14,8 @@ pub(super) struct Reach {
     n_begun: u64,
     /// Lines of the prelude that were sent.
     pub(super) n_prelude: u64,
+    /// In a pause: none of the job's lines was sent behind these.
+    pub(super) is_waiting: bool,
 }
 
 impl Reach {
@@ -27,7 +29,7 @@ impl Reach {
             if progress.n_certain > n_before { n_all } else { progress.n_prelude } + progress.n_certain;
         // Moves that are held are counted in lines of the job: where these may be before the prelude, all of it may be begun.
         let n_begun = progress.n_begun.max(n_before) + n_prelude;
-        Self { n_certain, n_begun: n_begun.max(n_certain), n_prelude }
+        Self { n_certain, n_begun: n_begun.max(n_certain), n_prelude, is_waiting: !track.back.is_empty() }
     }
 }
 

@@ -56,7 +56,13 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             return self.recover(why);
         }
         let n_twice = self.known.track.n_twice;
-        let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
+        let track = Track {
+            first_number: self.first_number(),
+            prelude: Vec::new(),
+            n_before,
+            n_twice,
+            ..Track::default()
+        };
         Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
     }
 
@@ -78,7 +84,13 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let is_cold = self.is_cold(&modal).is_some();
         Ok((is_harmless && !is_cold && modal.top_mm.is_none() && modal.at_mm[0].is_none()).then(|| {
             let Track { n_twice, .. } = self.known.track;
-            let track = Track { first_number: self.first_number(), prelude: Vec::new(), n_before, n_twice };
+            let track = Track {
+                first_number: self.first_number(),
+                prelude: Vec::new(),
+                n_before,
+                n_twice,
+                ..Track::default()
+            };
             Exact { place: Place::Job(n_before), track, modal, tail }
         }))
     }
@@ -108,6 +120,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
                 prelude: prelude[n..].to_vec(),
                 n_before,
                 n_twice,
+                ..Track::default()
             };
             Exact { place: Place::Prelude(0), track, modal, tail }
         }))

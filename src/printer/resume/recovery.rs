@@ -1,6 +1,6 @@
 //! Going on after a reset: behind the last line that was certainly executed, where that is safe.
 
-use super::doubt::{Doubt, Reach, behind_s};
+use super::doubt::{Doubt, behind_s};
 use super::restore::restoring;
 use super::{COOLED_K, Decision, Known, MOTOR_STEP_MM, Plan, Recovery, Refusal, Why};
 use crate::printer::job;
@@ -31,9 +31,10 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let progress = &self.known.progress;
         let n_lines = self.job.n_lines();
         let n_done = progress.n_certain;
-        let n_sent = progress.n_sent.max(n_done).min(n_lines) + self.unrecorded();
+        let reach = self.reach;
+        let unrecorded = if reach.is_waiting { 0 } else { self.unrecorded() };
+        let n_sent = progress.n_sent.max(n_done).min(n_lines) + unrecorded;
         let since_s = progress.begun_s + if self.known.is_behind { behind_s(progress) } else { 0.0 };
-        let reach = Reach::of(self.known);
         let Track { prelude, n_before, .. } = &self.known.track;
         let own = &prelude[..usize::try_from(reach.n_prelude).unwrap_or(usize::MAX).min(prelude.len())];
         let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, reach, since_s);

@@ -18,7 +18,13 @@ fn job(n_beads: u32, tail: &str) -> Job<Cursor<Vec<u8>>> {
 }
 
 fn known(n_sent: u64, n_acked: u64, n_certain: u64) -> Known {
-    let track = Track { first_number: 1, prelude: vec!["M155 S2".into()], n_before: 0, n_twice: 0 };
+    let track = Track {
+        first_number: 1,
+        prelude: vec!["M155 S2".into()],
+        n_before: 0,
+        n_twice: 0,
+        ..Track::default()
+    };
     let progress =
         Progress { number: n_sent + 1, n_sent, n_acked, n_certain, n_begun: n_sent, ..Progress::default() };
     Known { track, progress, is_behind: false, away_s: None }
@@ -105,7 +111,7 @@ fn a_nozzle_that_somebody_has_lifted_is_no_place_to_go_on_from() {
     assert_eq!(why(decided(&mut job, &known, &survey(0, [0.0, 0.0, 10.2]))), Why::Restarted);
     // The last attempt was on its way back to the part.
     let prelude = vec!["M190 S60".into(), "G92 Z5.2".into(), "G1 Z0.2".into()];
-    let track = Track { first_number: 1, prelude, n_before: 30, n_twice: 0 };
+    let track = Track { first_number: 1, prelude, n_before: 30, n_twice: 0, ..Track::default() };
     let progress =
         Progress { number: 2, n_sent: 30, n_acked: 30, n_certain: 30, n_begun: 30, ..Progress::default() };
     let away = Known { track: track.clone(), progress, is_behind: false, away_s: None };

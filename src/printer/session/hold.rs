@@ -3,7 +3,8 @@
 //! In a pause the nozzle waits away from the part, where the profile says how (`scripts.pause`). The lines that bring it there, and back
 //! (`scripts.resume`, then the modes, the filament's place and the speed of the job), are a track of their own in the journal, behind
 //! the last line of the job that the printer has taken: so a pause, too, can be gone on with after a cable was pulled or the host
-//! died. The job's lines that were given to the core and never sent are read again when it goes on.
+//! died. That it goes on is in the journal before the first line back is sent: until then the nozzle certainly waits where it is.
+//! The job's lines that were given to the core and never sent are read again when it goes on.
 
 use super::super::control::Control;
 use super::super::job;
@@ -106,8 +107,9 @@ impl<R: BufRead + Seek> Session<R> {
         back.extend(self.profile.resume_gcode(&at));
         back.extend(self.profile.motors_gcode());
         back.extend(modes_of(&modal));
-        let prelude = away.iter().chain(&back).cloned().collect();
-        let track = Track { first_number: n_acked + 1, prelude, n_before: n_done, n_twice: self.n_twice };
+        let (first_number, n_twice) = (n_acked + 1, self.n_twice);
+        let track =
+            Track { first_number, prelude: away.clone(), n_before: n_done, n_twice, back: back.clone() };
         self.records.push_back(Record::Session(track.clone()));
         self.recorder = Recorder::new(track, modal, tail, self.now);
         self.recorder.hear(self.temperatures);
@@ -130,17 +132,11 @@ impl<R: BufRead + Seek> Session<R> {
     pub(super) fn resumed(&mut self) {
         self.is_held = false;
         let Some(back) = self.parked.take() else { return };
-        let warming = self.warming();
-        if !warming.is_empty() {
-            let mut track = self.recorder.track().clone();
-            let at = track.prelude.len().saturating_sub(back.len());
-            track.prelude.splice(at..at, warming.iter().cloned());
-            self.records.push_back(Record::Session(track.clone()));
-            self.recorder.follow(track, self.now);
-        }
-        for line in warming.iter().chain(&back) {
-            self.command(Command::HostLine(line));
-        }
+        let back: Vec<_> = self.warming().into_iter().chain(back).collect();
+        let track = Track { back: back.clone(), ..self.recorder.track().clone() }.gone_on();
+        self.records.push_back(Record::Session(track.clone()));
+        self.recorder.follow(track, self.now);
+        back.iter().for_each(|line| self.command(Command::HostLine(line)));
     }
 
     /// What heats nozzle and bed again, where one of them is off that the job wants warm.

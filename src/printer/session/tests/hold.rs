@@ -427,6 +427,24 @@ fn a_reset_in_a_pause_is_recovered_from_without_a_trace() {
 }
 
 #[test]
+fn a_power_cut_in_a_pause_that_takes_the_host_as_well_is_recovered_from() {
+    for profile in ["marlin", "reprapfirmware", "smoothie", "repetier"] {
+        for lost_s in [0.0, 0.9] {
+            let setup = Setup::new(profile, 2, 120);
+            let expected = clean(&setup);
+            let mut rig = paused(setup, 60);
+            rig.printer.switch_off_and_on();
+            rig.drain(10.0);
+            let n_before = rig.laid.len();
+            rig.resume(10.0 + lost_s, true);
+            let end = rig.run();
+            assert!(matches!(end, End::Finished), "{profile}: {end:?}");
+            assert!(is_same(&rig.laid[n_before..], &expected[n_before..]), "{profile} {n_before}");
+        }
+    }
+}
+
+#[test]
 fn a_nozzle_that_waits_where_the_firmware_cannot_go_lower_is_no_place_to_go_on_from() {
     for profile in ["marlin1", "prusa-mk3s"] {
         let mut rig = paused(Setup::new(profile, 2, 120), 60);
