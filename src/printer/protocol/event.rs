@@ -17,8 +17,6 @@ pub enum Event {
     Found(Option<u64>),
     /// What was asked is answered: where it is.
     Position(Position),
-    /// What was asked is answered: which firmware it is.
-    Firmware(String),
     /// The answer to what was asked is complete.
     Answered,
     /// The firmware's long command goes on; its own word.

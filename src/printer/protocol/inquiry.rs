@@ -15,8 +15,6 @@ pub enum Question {
     Position,
     /// How warm it is: M105.
     Temperatures,
-    /// Which firmware it is: M115.
-    Firmware,
 }
 
 impl Question {
@@ -24,7 +22,6 @@ impl Question {
         match self {
             Self::Position => "M114\n",
             Self::Temperatures => "M105\n",
-            Self::Firmware => "M115\n",
         }
     }
 }
@@ -151,10 +148,6 @@ impl Core {
                 self.events.push_back(Event::Position(position));
                 self.told(inquiry, question == Question::Position);
             }
-            Reply::Firmware(text) => {
-                self.events.push_back(Event::Firmware(text.to_owned()));
-                self.told(inquiry, question == Question::Firmware);
-            }
             Reply::Temperatures(temperatures) => {
                 self.events.push_back(Event::Temperatures(temperatures));
                 self.told(inquiry, question == Question::Temperatures);
@@ -178,7 +171,6 @@ impl Core {
         let tells = match inquiry.question {
             Question::Temperatures => ok.temperatures.is_some(),
             Question::Position => ok.position.is_some(),
-            Question::Firmware => false,
         };
         self.conclude(Inquiry { is_told: inquiry.is_told || tells, is_acked: true, ..inquiry });
     }
