@@ -292,6 +292,12 @@ fn missing_planes_are_passed_over_only_where_that_is_asked_for() {
     let answer = place.json(0, &["segment", "--ct", "ct", &seed, "--allow-gaps", "--out", "case"]);
     let warnings = answer["stages"][0]["warnings"].as_array().unwrap();
     assert!(warnings.iter().any(|w| w["code"] == "ct.missing_planes"), "{answer}");
+    // What is kept tells what it told.
+    let kept = place.json(0, &["segment", "case"]);
+    assert_eq!(done_and_kept(&kept), (vec![], vec!["segment"]));
+    for key in ["summary", "warnings"] {
+        assert_eq!(kept["stages"][0][key], answer["stages"][0][key], "{kept}");
+    }
 }
 
 #[test]
@@ -401,6 +407,8 @@ fn a_leak_leaves_a_case_to_correct_and_a_picture_of_the_place() {
     assert!(picture.starts_with(b"\x89PNG"));
     let none = place.refused(2, &["solid", "case"]);
     assert!(none.contains("lumenfab segment"), "{none}");
+    let refused = place.json(1, &["segment", "case"]);
+    assert_eq!(refused["code"], "segment.leak", "{refused}");
     // The case is this patient's already.
     place.phantom("other", &Params { seed: 9, noise_hu: 30.0, ..small() });
     let other = place.refused(2, &["segment", "case", "--ct", "other", "--out", "case"]);

@@ -3,9 +3,10 @@
 //! | entry | made by | what it is |
 //! |---|---|---|
 //! | `case.toml` | the first stage | all parameters, defaults filled in; neither a name nor a source path |
-//! | `stages.toml` | every stage | the hashes (BLAKE3) of what each stage was made from and of what it made |
+//! | `stages.toml` | every stage | the hashes (BLAKE3) of what each stage was made from and of what it made; its summary and warnings |
 //! | `volume.bin` | segment | the CT around the lumen, for the report's pictures ([`super::volume_file`]) |
 //! | `segmentation.json` | segment | window, polarity and planes that the lumen was found with |
+//! | `contours.png` | segment | some planes of the CT with their contours, to look at |
 //! | `leak.png` | segment | where the region left the vessel, instead of all others of segment |
 //! | `sections.json` | segment | contours per CT plane |
 //! | `planes/` | solid | pictures of the planes, where their contours make no solid |
@@ -22,22 +23,26 @@
 //! renamed there with its first stage done: a first stage that fails leaves nothing behind, unless the region leaked, which is
 //! to be corrected in `case.toml`. One process works on a case at a time (a lock on `stages.lock`).
 
+mod draft;
+#[cfg(test)]
+mod tests;
+
 use super::atomic::{self, FileError, failed};
 use super::event::Stage;
 use super::seal::{self, KeyFile};
 use super::settings::{CaseFile, Settings};
+use crate::ct::Warning;
+use draft::{Draft, is_unfinished, lock};
 use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
-use std::fs::{self, File, TryLockError};
-use std::os::unix::fs::PermissionsExt;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// The file that makes a directory a case.
 pub const CASE_FILE: &str = "case.toml";
 pub(super) const MANIFEST_FILE: &str = "stages.toml";
-const LOCK_FILE: &str = "stages.lock";
 /// The result that operators are told to correct by hand.
 pub(crate) const CONTOURS_FILE: &str = "sections.json";
 /// Begins the name of everything that is not finished.
@@ -131,81 +136,27 @@ fn stale(changed: &[String]) -> String {
 /// The things a stage is made from: a name for each, and its hash.
 pub type MadeFrom = BTreeMap<&'static str, String>;
 
-/// What a stage was made from and what it made, by name.
+/// What a stage was made from and what it made, by name, and what it told.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Record {
     made_from: BTreeMap<String, String>,
     made: BTreeMap<String, String>,
+    #[serde(default)]
+    told: Told,
+}
+
+/// What a stage told the operator once it was done; told again where it is kept.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Told {
+    /// What came out, one line.
+    #[serde(default)]
+    pub summary: String,
+    /// What was odd.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 type Manifest = BTreeMap<Stage, Record>;
-
-/// A new case while it is put together; removed with all that is in it unless it is published.
-#[derive(Debug)]
-struct Draft {
-    dir: TempDir,
-    /// Tells it from one whose process was killed.
-    lock: File,
-    /// After `dir`, so that they are empty when their turn comes.
-    parents: NewParents,
-}
-
-impl Draft {
-    fn beside(place: &Path) -> Result<Self, CaseError> {
-        let parent = atomic::parent(place);
-        let parents = NewParents::above(place);
-        fs::create_dir_all(parent).map_err(failed("create", parent))?;
-        // Private to its owner: it holds a patient's images, though not the patient's name.
-        let dir = tempfile::Builder::new()
-            .prefix(UNFINISHED)
-            .permissions(fs::Permissions::from_mode(0o700))
-            .tempdir_in(parent)
-            .map_err(failed("create a directory in", parent))?;
-        let lock = lock(dir.path())?;
-        Ok(Self { dir, lock, parents })
-    }
-}
-
-/// Directories that were made for a case, the deepest first; removed again where the case never came into being.
-#[derive(Debug)]
-struct NewParents(Vec<PathBuf>);
-
-impl NewParents {
-    /// Those that are missing now.
-    fn above(place: &Path) -> Self {
-        Self(atomic::parent(place).ancestors().take_while(|p| !p.exists()).map(Path::to_owned).collect())
-    }
-
-    fn keep(mut self) {
-        self.0.clear();
-    }
-}
-
-impl Drop for NewParents {
-    fn drop(&mut self) {
-        for dir in &self.0 {
-            // One that somebody else has put something into meanwhile stays.
-            if let Err(e) = fs::remove_dir(dir) {
-                tracing::debug!("an empty directory stays: {e}");
-            }
-        }
-    }
-}
-
-/// Removes what processes that were killed left of new cases: drafts that nobody has locked.
-fn sweep_drafts(parent: &Path) {
-    let is_draft = |p: &PathBuf| is_unfinished(p) && p.join(LOCK_FILE).is_file();
-    for draft in atomic::entries(parent).unwrap_or_default().into_iter().filter(is_draft) {
-        // Somebody else's, or at work: it is left alone.
-        if let Err(e) = lock(&draft).and_then(|_lock| Ok(atomic::remove(&draft)?)) {
-            tracing::debug!("an unfinished case stays: {e}");
-        }
-    }
-}
-
-fn is_unfinished(path: &Path) -> bool {
-    path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(UNFINISHED))
-}
 
 /// A case directory, locked for this process.
 #[derive(Debug)]
@@ -247,7 +198,7 @@ impl Case {
             return Err(CaseError::Occupied(dir.to_owned()));
         }
         let draft = Some(OnceCell::new());
-        sweep_drafts(atomic::parent(dir));
+        draft::sweep(atomic::parent(dir));
         Ok(Self {
             dir: dir.to_owned(),
             draft,
@@ -394,16 +345,29 @@ impl Case {
         Ok(Staging(made.map_err(failed("create a directory in", base))?))
     }
 
+    /// What a stage told when it was done.
+    #[must_use]
+    pub fn told(&self, stage: Stage) -> Told {
+        self.manifest.get(&stage).map(|record| record.told.clone()).unwrap_or_default()
+    }
+
     /// Makes what a stage wrote part of the case, under the same names; the first stage brings the case into being.
     ///
     /// # Errors
     /// [`FileError`] where a disk is full or a directory cannot be written.
-    pub fn commit(&mut self, stage: Stage, made_from: &MadeFrom, staging: Staging) -> Result<(), CaseError> {
+    pub fn commit(
+        &mut self,
+        stage: Stage,
+        made_from: &MadeFrom,
+        staging: Staging,
+        told: Told,
+    ) -> Result<(), CaseError> {
         atomic::sync_tree(staging.path())?;
         let base = self.base()?.to_owned();
         let mut record = Record {
             made_from: made_from.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect(),
             made: BTreeMap::new(),
+            told,
         };
         // Until the new outputs are all in place, the stage counts as not done.
         let previous = self.manifest.remove(&stage).unwrap_or_default();
@@ -445,7 +409,7 @@ impl Case {
         if self.draft.is_some() {
             let made_from = refused.made_from.iter().filter(|(name, _)| **name != PARAMETERS);
             let made_from = made_from.map(|(name, hash)| ((*name).to_owned(), hash.clone())).collect();
-            self.manifest.insert(refused.stage, Record { made_from, made: BTreeMap::new() });
+            self.manifest.insert(refused.stage, Record { made_from, ..Record::default() });
             self.write_settings(&base)?;
             self.has_new_settings = false;
             self.write_manifest(&base)?;
@@ -484,7 +448,7 @@ impl Case {
     }
 
     fn write_manifest(&self, base: &Path) -> Result<(), CaseError> {
-        let text = toml::to_string(&self.manifest).expect("a map of strings can be written as TOML");
+        let text = toml::to_string(&self.manifest).expect("maps and texts can be written as TOML");
         Ok(atomic::write(&base.join(MANIFEST_FILE), text.as_bytes())?)
     }
 }
@@ -550,25 +514,6 @@ fn is_vacant(dir: &Path) -> Result<bool, FileError> {
     }
 }
 
-fn is_read_only(error: &std::io::Error) -> bool {
-    matches!(error.kind(), std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem)
-}
-
-fn lock(dir: &Path) -> Result<File, CaseError> {
-    let path = dir.join(LOCK_FILE);
-    let file = match File::options().create(true).truncate(false).write(true).open(&path) {
-        // A case that may only be read, as one in an archive, is read; what is to be written says so itself.
-        Err(e) if is_read_only(&e) => File::open(&path),
-        opened => opened,
-    };
-    let file = file.map_err(failed("open", &path))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(CaseError::InUse(dir.to_owned())),
-        Err(TryLockError::Error(e)) => Err(failed("lock", &path)(e).into()),
-    }
-}
-
 fn read_settings(path: &Path) -> Result<(String, Settings), CaseError> {
     let corrupt = |problem| CaseError::Corrupt { path: path.to_owned(), problem };
     let file = CaseFile::from_toml(&atomic::read_text(path)?).map_err(corrupt)?;
@@ -597,167 +542,4 @@ fn replace(new: &Path, place: &Path) -> Result<(), FileError> {
     fs::rename(place, &aside).map_err(failed("replace", place))?;
     fs::rename(new, place).map_err(failed("create", place))?;
     atomic::remove(&aside)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn settings() -> Settings {
-        Settings::try_from(CaseFile::default()).unwrap()
-    }
-
-    fn made_from(hash: &str) -> MadeFrom {
-        MadeFrom::from([("ct", hash.to_owned()), ("parameters", "p".into())])
-    }
-
-    fn do_stage(case: &mut Case, hash: &str, files: &[(&str, &str)]) {
-        let staging = case.staging().unwrap();
-        for (name, text) in files {
-            staging.write(name, text.as_bytes()).unwrap();
-        }
-        case.commit(Stage::Segment, &made_from(hash), staging).unwrap();
-    }
-
-    fn new_case(dir: &Path) -> Case {
-        Case::create(dir, "id-1".into(), settings()).unwrap()
-    }
-
-    #[test]
-    fn a_new_case_comes_into_being_with_its_first_stage() {
-        let root = tempfile::tempdir().unwrap();
-        let dir = root.path().join("deep/case");
-        let mut case = new_case(&dir);
-        assert!(!root.path().join("deep").exists());
-        do_stage(&mut case, "1", &[("sections.json", "{}")]);
-        assert_eq!(case.outdated(Stage::Segment, &made_from("1")).unwrap(), None);
-        drop(case);
-        let case = Case::open(&dir).unwrap();
-        assert_eq!((case.id(), case.settings()), ("id-1", &settings()));
-        assert_eq!(case.outdated(Stage::Segment, &made_from("1")).unwrap(), None);
-        let names: Vec<_> = fs::read_dir(&dir).unwrap().map(|e| e.unwrap().file_name()).collect();
-        assert_eq!(names.len(), 4, "{names:?}");
-        assert_eq!(atomic::entries(&root.path().join("deep")).unwrap(), [dir]);
-    }
-
-    #[test]
-    fn a_first_stage_that_fails_leaves_nothing_behind() {
-        let root = tempfile::tempdir().unwrap();
-        let case = new_case(&root.path().join("deep/down/case"));
-        let staging = case.staging().unwrap();
-        staging.write("sections.json", b"{").unwrap();
-        drop(staging);
-        drop(case);
-        assert!(atomic::entries(root.path()).unwrap().is_empty());
-    }
-
-    #[test]
-    fn a_stage_is_outdated_when_what_it_was_made_from_or_what_it_made_changes() {
-        let root = tempfile::tempdir().unwrap();
-        let mut case = new_case(&root.path().join("case"));
-        assert_eq!(case.outdated(Stage::Segment, &made_from("1")).unwrap(), Some(vec![]));
-        do_stage(&mut case, "1", &[("sections.json", "{}"), ("volume.bin", "v")]);
-        assert_eq!(case.outdated(Stage::Segment, &made_from("2")).unwrap(), Some(vec!["ct".into()]));
-        fs::remove_file(case.path("volume.bin")).unwrap();
-        let reasons = case.outdated(Stage::Segment, &made_from("1")).unwrap().unwrap();
-        assert_eq!(reasons, ["volume.bin"]);
-    }
-
-    #[test]
-    fn a_result_that_was_changed_by_hand_is_not_made_again() {
-        let root = tempfile::tempdir().unwrap();
-        let mut case = new_case(&root.path().join("case"));
-        do_stage(&mut case, "1", &[("sections.json", "{}"), ("volume.bin", "v")]);
-        fs::write(case.path("sections.json"), "{ }").unwrap();
-        let message = case.outdated(Stage::Segment, &made_from("2")).unwrap_err().to_string();
-        assert!(message.contains("/case/sections.json was changed by hand"), "{message}");
-        assert!(message.contains("run `lumenfab solid --sections /"), "{message}");
-    }
-
-    #[test]
-    fn parameters_are_written_down_when_a_stage_had_use_for_them() {
-        let root = tempfile::tempdir().unwrap();
-        let dir = root.path().join("case");
-        do_stage(&mut new_case(&dir), "1", &[("a", "1")]);
-        let other = Settings { port: "/dev/ttyUSB0".into(), ..settings() };
-        let mut case = Case::open(&dir).unwrap();
-        case.set_settings(other.clone());
-        drop(case);
-        let mut case = Case::open(&dir).unwrap();
-        assert_eq!(case.settings(), &settings());
-        case.set_settings(other.clone());
-        case.keep_settings().unwrap();
-        drop(case);
-        assert_eq!(Case::open(&dir).unwrap().settings(), &other);
-    }
-
-    #[test]
-    fn drafts_of_killed_processes_are_swept_and_those_of_others_stay() {
-        let root = tempfile::tempdir().unwrap();
-        let killed = root.path().join(".lumenfab-killed");
-        fs::create_dir(&killed).unwrap();
-        fs::write(killed.join(LOCK_FILE), "").unwrap();
-        let working = new_case(&root.path().join("one"));
-        let staging = working.staging().unwrap();
-        drop(new_case(&root.path().join("two")));
-        assert!(staging.path().exists() && !killed.exists());
-    }
-
-    #[test]
-    fn what_a_stage_made_is_replaced_and_what_it_no_longer_makes_is_removed() {
-        let root = tempfile::tempdir().unwrap();
-        let mut case = new_case(&root.path().join("case"));
-        do_stage(&mut case, "1", &[("a", "1"), ("b", "1")]);
-        for text in ["1", "2"] {
-            let staging = case.staging().unwrap();
-            fs::create_dir(staging.path().join("record")).unwrap();
-            fs::write(staging.path().join("record/x"), text).unwrap();
-            case.commit(Stage::Segment, &made_from(text), staging).unwrap();
-            assert_eq!(atomic::read_text(&case.path("record/x")).unwrap(), text);
-        }
-        assert!(!case.path("a").exists() && !case.path("b").exists());
-    }
-
-    #[test]
-    fn other_directories_are_left_alone() {
-        let root = tempfile::tempdir().unwrap();
-        let dir = root.path().join("thesis");
-        fs::create_dir(&dir).unwrap();
-        assert!(matches!(Case::open(&dir), Err(CaseError::Missing(_))));
-        fs::write(dir.join("chapter1.tex"), "").unwrap();
-        assert!(matches!(Case::open(&dir), Err(CaseError::NotACase(_))));
-        assert!(matches!(Case::create(&dir, "i".into(), settings()), Err(CaseError::Occupied(_))));
-        let file = dir.join("chapter1.tex");
-        assert!(matches!(Case::create(&file, "i".into(), settings()), Err(CaseError::Occupied(_))));
-    }
-
-    #[test]
-    fn two_processes_do_not_work_on_one_case_and_leftovers_are_swept() {
-        let root = tempfile::tempdir().unwrap();
-        let dir = root.path().join("case");
-        let mut case = new_case(&dir);
-        do_stage(&mut case, "1", &[("a", "1")]);
-        assert!(matches!(Case::open(&dir), Err(CaseError::InUse(_))));
-        drop(case);
-        fs::create_dir(dir.join(".lumenfab-killed")).unwrap();
-        Case::open(&dir).unwrap();
-        assert!(!dir.join(".lumenfab-killed").exists());
-    }
-
-    #[test]
-    fn a_damaged_case_file_is_named_with_its_line() {
-        let root = tempfile::tempdir().unwrap();
-        fs::write(root.path().join(CASE_FILE), "format = 1\nwall = 3\n").unwrap();
-        let message = Case::open(root.path()).unwrap_err().to_string();
-        assert!(message.contains("case.toml: line 2: unknown field `wall`"), "{message}");
-    }
-
-    #[test]
-    fn a_missing_output_says_which_stage_to_run() {
-        let root = tempfile::tempdir().unwrap();
-        let mut case = new_case(&root.path().join("case"));
-        do_stage(&mut case, "1", &[("a", "1")]);
-        let message = case.output(Stage::Slice, "job.gcode").unwrap_err().to_string();
-        assert!(message.contains("has no job.gcode yet: run `lumenfab slice "), "{message}");
-    }
 }

@@ -176,8 +176,8 @@ impl Error {
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
                 | Self::Report(report::Error::Cancelled(_))
-                | Self::Printer(printer::Error::Cancelled | printer::Error::Left { .. })
-        )
+                | Self::Printer(printer::Error::Left { .. })
+        ) || matches!(self, Self::Printer(printer::Error::Cancelled { heat }) if heat.is_safe())
     }
 
     /// The message without the paths of inputs (CT, segmentation, case file, contours) and the names of structures, which may hold a
@@ -229,6 +229,21 @@ impl Error {
         }
     }
 
+    /// The fault's stable name for programs, where the stage that found it gives it one.
+    #[must_use]
+    pub const fn code(&self) -> Option<&'static str> {
+        match self {
+            Self::Ct(e) => Some(e.code()),
+            Self::Phantom(e) => Some(e.code()),
+            Self::Segment(e) => Some(e.code()),
+            Self::Leaked { leak, .. } => Some(leak.code()),
+            Self::Ready(e) => Some(e.code()),
+            Self::Sections(e) => Some(e.code()),
+            Self::Printer(e) => Some(e.code()),
+            _ => None,
+        }
+    }
+
     /// An interruption in one word; every other error as it is.
     pub(crate) fn or_interrupted(self) -> Self {
         if self.is_interruption() { Self::Interrupted(progress::Cancelled) } else { self }
@@ -242,7 +257,11 @@ impl Error {
             Self::Ct(e) if e.is_choice() => 2,
             Self::Ready(e) if e.is_choice() => 2,
             Self::Segment(e) if e.is_choice() => 2,
-            Self::Phantom(phantom::Error::OutOfRange { .. } | phantom::Error::TooLarge { .. }) => 2,
+            Self::Phantom(
+                phantom::Error::OutOfRange { .. }
+                | phantom::Error::TooLarge { .. }
+                | phantom::Error::WithoutVessel { .. },
+            ) => 2,
             Self::Setting(_)
             | Self::CaseFile { .. }
             | Self::CtMissing(_)
@@ -274,7 +293,8 @@ mod tests {
 
     #[test]
     fn only_an_interruption_is_one() {
-        let cancelled = Error::Printer(printer::Error::Cancelled);
+        let heat = printer::protocol::Heat::Obeyed;
+        let cancelled = Error::Printer(printer::Error::Cancelled { heat });
         assert_eq!(cancelled.exit_code(), 130);
         assert!(matches!(cancelled.or_interrupted(), Error::Interrupted(_)));
         assert_eq!(Error::Slice(progress::Cancelled.into()).exit_code(), 130);

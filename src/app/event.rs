@@ -98,7 +98,7 @@ pub struct StageOutcome {
     pub because_of: Vec<String>,
     /// How long it took, s.
     pub elapsed_s: f64,
-    /// What came out, one line; empty where the stage was not done.
+    /// What came out, one line; where the stage was kept, what came out when it was done.
     pub summary: String,
     /// What was odd.
     pub warnings: Vec<Warning>,

@@ -309,7 +309,7 @@ mod tests {
             case.seal_with(place.key());
             let staging = case.staging().unwrap();
             staging.write("sections.json", b"contours").unwrap();
-            case.commit(Stage::Segment, &case::MadeFrom::new(), staging).unwrap();
+            case.commit(Stage::Segment, &case::MadeFrom::new(), staging, case::Told::default()).unwrap();
             place
         }
 

@@ -1,7 +1,7 @@
 //! Work on one case: its stages, each done only when something it is made from has changed.
 
 use super::atomic;
-use super::case::{Case, CaseError, MadeFrom, Staging};
+use super::case::{Case, CaseError, MadeFrom, Staging, Told};
 use super::error::Error;
 use super::event::{Event, EventSink, Stage, StageOutcome};
 use super::settings::{CaseFile, SeriesKey, Settings, Source, SourceName};
@@ -274,7 +274,8 @@ impl<'a> Session<'a> {
     pub(crate) fn skip(&mut self, stage: Stage) -> Result<(), Error> {
         self.case.keep_settings()?;
         self.remember_ct();
-        let (because_of, summary, warnings) = (Vec::new(), String::new(), Vec::new());
+        let Told { summary, warnings } = self.case.told(stage);
+        let because_of = Vec::new();
         self.ended(StageOutcome { stage, done: false, because_of, elapsed_s: 0.0, summary, warnings });
         Ok(())
     }
@@ -297,10 +298,11 @@ impl<'a> Session<'a> {
         if stage != Stage::Print {
             task.check()?;
         }
-        self.case.commit(stage, made_from, made.staging)?;
+        let told = Told { summary: made.summary, warnings: made.warnings };
+        self.case.commit(stage, made_from, made.staging, told.clone())?;
         self.remember_ct();
         let elapsed_s = clock.elapsed_s();
-        let (summary, warnings) = (made.summary, made.warnings);
+        let Told { summary, warnings } = told;
         self.ended(StageOutcome { stage, done: true, because_of, elapsed_s, summary, warnings });
         Ok(())
     }

@@ -15,7 +15,7 @@ pub use values::*;
 use crate::phantom;
 use crate::ready::Label;
 use crate::sections::Boundary;
-use crate::segment::{Corrections, Polarity};
+use crate::segment::{Corrections, OnLeak, Polarity};
 use crate::solid::Correspondence;
 use crate::topology::Decisions;
 use serde::Serialize;
@@ -64,6 +64,9 @@ pub struct SegmentSettings {
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
     pub polarity: Polarity,
+    /// What is done where the region leaves the vessel.
+    #[serde(skip_serializing_if = "OnLeak::is_default")]
+    pub on_leak: OnLeak,
     /// Which grey value the boundary is.
     pub boundary: Boundary,
     /// Heights along the stack's normal that are used; `None`: all.

@@ -9,7 +9,7 @@ use crate::model::Axis;
 use crate::phantom::{self, Contrast, Kind};
 use crate::ready::Label;
 use crate::sections::Boundary;
-use crate::segment::Polarity;
+use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Args, Parser, Subcommand};
@@ -153,6 +153,10 @@ pub(crate) struct CtArgs {
     /// [default: auto]
     #[arg(long, value_parser = named([("bright", Polarity::Bright), ("dark", Polarity::Dark), ("auto", Polarity::Auto)]))]
     pub(crate) polarity: Option<Polarity>,
+    /// What is done where the lumen runs into something else: refuse, with the place and a picture; or cut, as auto does: the
+    /// vessel ends there, with a warning [default: refuse]
+    #[arg(long, value_parser = named([("refuse", OnLeak::Refuse), ("cut", OnLeak::Cut)]))]
+    pub(crate) on_leak: Option<OnLeak>,
     /// Which grey value the boundary is. model: the likeliest cause of the image; half-maximum: half-way between lumen
     /// and wall; snake: the steepest fall, by a closed active contour, to compare with (less exact than half-maximum on
     /// the phantoms); window-edge: the end of the window that faces the wall; auto: where a window is given its edge,
@@ -514,6 +518,7 @@ impl CtArgs {
             seed_mm: (!self.seed_mm.is_empty()).then(|| Seeds(self.seed_mm.clone())),
             window_hu: self.window_hu,
             polarity: self.polarity,
+            on_leak: self.on_leak,
             boundary: self.boundary,
             z_mm: self.z_mm,
             ..CaseFile::default()

@@ -81,6 +81,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
         Ok(jobs) => jobs,
         Err(line) => return face.usage_error(&line),
     };
+    let _keys = listen(face, context);
     let several = jobs.len() > 1;
     let (mut documents, mut rows) = (Vec::new(), Vec::new());
     let mut text = String::new();
@@ -434,6 +435,7 @@ fn make_phantom(args: &PhantomArgs, face: &Face, context: &Context<'_>) -> Resul
         ..phantom::Params::default()
     };
     let task = Task::new(&|_, _| {}, context.cancel.clone());
+    params.check_vessel()?;
     phantom::series::write(&args.out, &params, &task)?;
     let seed = phantom::default_seed(&params);
     let document = json!({

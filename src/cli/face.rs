@@ -134,7 +134,8 @@ impl Face {
 
 /// An error as a document: it may be kept or sent on, so the paths of a CT are left out; the line on stderr has them.
 pub(super) fn error_document(error: &Error) -> serde_json::Value {
-    serde_json::json!({"error": one_line(&error.text_without_sources()), "exit_code": error.exit_code()})
+    let text = one_line(&error.text_without_sources());
+    serde_json::json!({"error": text, "code": error.code(), "exit_code": error.exit_code()})
 }
 
 /// How a stage ended, as a line.
@@ -142,7 +143,8 @@ fn stage_line(outcome: &StageOutcome) -> String {
     if outcome.done {
         format!("{:<8} {:>7.2} s  {}", outcome.stage, outcome.elapsed_s, outcome.summary)
     } else {
-        format!("{:<8} {:>9}  nothing it is made from has changed", outcome.stage, "kept")
+        let summary = if outcome.summary.is_empty() { "as it was" } else { &outcome.summary };
+        format!("{:<8} {:>9}  {summary} (nothing it is made from has changed)", outcome.stage, "kept")
     }
 }
 

@@ -12,10 +12,15 @@ use rustix::termios::{
 use std::io::{IsTerminal, stdin};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::{self, JoinHandle};
+use std::thread;
+use std::time::Duration;
 
 /// What the operator is told.
-pub(super) const HELP: &str = "keys: p pause, c go on, x cancel, ! stop at once, 0 to 9 answer the printer";
+pub(super) const HELP: &str =
+    "keys while it prints: p pause, c go on, x cancel, ! stop at once, 0 to 9 answer the printer";
+
+/// Between two looks at a terminal that has no key, or is gone: that one answers at once, again and again.
+const REST: Duration = Duration::from_millis(100);
 
 /// How the terminal was.
 static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
@@ -24,7 +29,6 @@ static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
 #[derive(Debug)]
 pub(super) struct Keys {
     is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Keys {
@@ -42,19 +46,16 @@ impl Keys {
                 read_key().and_then(meaning).into_iter().for_each(|control| controls.ask(control));
             }
         };
-        let thread = thread::Builder::new().name("keys".into()).spawn(work).ok();
         // Without a thread there is nobody to listen, but still a terminal to put back.
-        Some(Self { is_over, thread })
+        drop(thread::Builder::new().name("keys".into()).spawn(work));
+        Some(Self { is_over })
     }
 }
 
 impl Drop for Keys {
     fn drop(&mut self) {
+        // The thread is not waited for: where the terminal was put back meanwhile, it waits for a whole line.
         self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // It has no word of its own to say.
-            thread.join().ok();
-        }
         restore();
     }
 }
@@ -84,10 +85,8 @@ fn read_key() -> Option<u8> {
     let mut key = [0];
     match rustix::io::read(stdin(), &mut key) {
         Ok(1) => Some(key[0]),
-        Ok(_) => None,
-        // A terminal that is gone answers at once, again and again.
-        Err(_) => {
-            thread::park_timeout(std::time::Duration::from_millis(100));
+        Ok(_) | Err(_) => {
+            thread::park_timeout(REST);
             None
         }
     }

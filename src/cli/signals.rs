@@ -1,5 +1,5 @@
 //! Ctrl-C and the signals of a service manager ask the work to stop; a second one stops it at once. SIGUSR1 pauses a print, SIGUSR2
-//! lets it go on.
+//! lets it go on. A terminal that is gone (SIGHUP) stops nothing: a print goes on unattended.
 
 use crate::printer::control::{Control, Controls};
 use crate::progress::CancelToken;
@@ -40,7 +40,7 @@ async fn watch(token: &CancelToken, controls: &Controls) -> std::io::Result<()> 
             _ = go_on.recv() => { controls.ask(Control::GoOn); continue; }
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
-            _ = hangup.recv() => {}
+            _ = hangup.recv() => continue,
         }
         if token.is_cancelled() {
             super::keys::restore();

@@ -212,6 +212,40 @@ impl std::fmt::Display for Error {
 }
 
 impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::NotAFolder(_) => "ct.not_a_folder",
+            Self::Read { .. } => "ct.read",
+            Self::Empty(_) => "ct.empty",
+            Self::NoDicom { .. } => "ct.no_dicom",
+            Self::NoImages(_) => "ct.no_images",
+            Self::Damaged { .. } => "ct.damaged",
+            Self::Undecodable { .. } => "ct.undecodable",
+            Self::DirectoryWithoutFiles { .. } => "ct.directory_without_files",
+            Self::Truncated { .. } => "ct.truncated",
+            Self::MissingAttribute { .. } => "ct.missing_attribute",
+            Self::BadAttribute { .. } => "ct.bad_attribute",
+            Self::UnsupportedImage { .. } => "ct.unsupported_image",
+            Self::UnsupportedSyntax { .. } => "ct.unsupported_syntax",
+            Self::SeveralSeries { .. } => "ct.several_series",
+            Self::NoSuchSeries { .. } => "ct.no_such_series",
+            Self::NoSeriesOfUid { .. } => "ct.no_series_of_uid",
+            Self::SeriesGone { .. } => "ct.series_gone",
+            Self::OddImage { .. } => "ct.odd_image",
+            Self::TooFewPlanes(_) => "ct.too_few_planes",
+            Self::ConflictingPlanes { .. } => "ct.conflicting_planes",
+            Self::MissingPlanes { .. } => "ct.missing_planes",
+            Self::GantryTilt { .. } => "ct.gantry_tilt",
+            Self::ShiftedPlane { .. } => "ct.shifted_plane",
+            Self::TooLarge { .. } => "ct.too_large",
+            Self::Image { fault, .. } => fault.code(),
+            Self::SeveralVolumes { .. } => "ct.several_volumes",
+            Self::Cancelled(_) => "ct.cancelled",
+        }
+    }
+
     /// Whether another choice of series mends it, and nothing is wrong with the files.
     #[must_use]
     pub const fn is_choice(&self) -> bool {

@@ -19,7 +19,11 @@ enum Plane {
 
 impl Plane {
     fn of(values: Cow<'_, [f32]>) -> Self {
-        let mut whole = Vec::with_capacity(values.len());
+        let mut whole = Vec::new();
+        if whole.try_reserve_exact(values.len()).is_err() {
+            // What there is takes no more memory as it is.
+            return Self::Broken(values.into_owned().into_boxed_slice());
+        }
         for &value in values.as_ref() {
             #[expect(clippy::cast_possible_truncation, reason = "compared with the value itself")]
             let rounded = value as i16;

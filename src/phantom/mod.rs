@@ -167,6 +167,19 @@ impl Params {
             .collect()
     }
 
+    /// Refuses an image that shows nothing of the vessel.
+    ///
+    /// # Errors
+    /// [`Error::WithoutVessel`].
+    pub fn check_vessel(&self) -> Result<(), Error> {
+        if shows_vessel(self) {
+            return Ok(());
+        }
+        let (from_mm, n) = (self.first_plane_z_mm, self.n_planes.saturating_sub(1));
+        let to_mm = from_mm + n as f64 * self.plane_step_mm;
+        Err(Error::WithoutVessel { from_mm, to_mm, side_mm: self.n_pixels as f64 * self.pixel_mm })
+    }
+
     /// Checks every field against its range.
     ///
     /// # Errors
@@ -217,11 +230,36 @@ fn to_nanometre(mm: f64) -> f64 {
     (mm * 1e6).round() / 1e6
 }
 
-/// A point in the lumen of the phantom, on one of its planes: where segmentation may start. LPS, mm.
+/// The heights that the vessels are drawn for, mm.
+const DRAWN_Z_MM: [f64; 2] = [0.0, 138.0];
+
+/// A point in the lumen of the phantom, on one of its planes: where segmentation may start. LPS, mm. It is the one at a quarter of
+/// the planes, or the nearest to that in the image; where the image shows no vessel ([`shows_vessel`]), it lies outside.
 #[must_use]
 pub fn default_seed(params: &Params) -> Point3 {
-    let z = params.first_plane_z_mm + (params.n_planes / 4) as f64 * params.plane_step_mm;
-    Vessel::new(params.kind).inner_point_at(to_nanometre(z))
+    let quarter = params.n_planes / 4;
+    let in_image = (0..params.n_planes).filter(|&k| lies_in_image(params, inner_point(params, k)));
+    let nearest = in_image.min_by_key(|k| k.abs_diff(quarter));
+    inner_point(params, nearest.unwrap_or(quarter))
+}
+
+/// Whether the image shows the vessel at all.
+#[must_use]
+pub fn shows_vessel(params: &Params) -> bool {
+    lies_in_image(params, default_seed(params))
+}
+
+fn inner_point(params: &Params, plane: usize) -> Point3 {
+    let z_mm = params.first_plane_z_mm + plane as f64 * params.plane_step_mm;
+    Vessel::new(params.kind).inner_point_at(to_nanometre(z_mm))
+}
+
+fn lies_in_image(params: &Params, p: Point3) -> bool {
+    let half_mm = 0.5 * params.n_pixels as f64 * params.pixel_mm;
+    let from_middle = p.xy() - Vessel::new(params.kind).middle;
+    from_middle.x.abs() < half_mm
+        && from_middle.y.abs() < half_mm
+        && (DRAWN_Z_MM[0]..=DRAWN_Z_MM[1]).contains(&p.z)
 }
 
 /// Why no phantom was made.
@@ -249,6 +287,18 @@ pub enum Error {
         /// Most that are made.
         most: usize,
     },
+    /// The image lies beside the vessel, or ends before it.
+    #[error(
+        "the phantom's planes, from z {from_mm} to {to_mm} mm and {side_mm} mm wide, show nothing of the vessel, which lies between z 0 and 138 mm: choose more or larger pixels, or planes there"
+    )]
+    WithoutVessel {
+        /// Height of the first plane, mm.
+        from_mm: f64,
+        /// Height of the last plane, mm.
+        to_mm: f64,
+        /// Width of the image, mm.
+        side_mm: f64,
+    },
     /// The system gives no memory for them.
     #[error("there is no memory for the {n_voxels} voxels of the phantom: choose fewer pixels or planes")]
     NoMemory {
@@ -275,6 +325,24 @@ pub enum Error {
     /// The work was interrupted; nothing was left behind.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::OutOfRange { .. } => "phantom.out_of_range",
+            Self::TooLarge { .. } => "phantom.too_large",
+            Self::WithoutVessel { .. } => "phantom.without_vessel",
+            Self::NoMemory { .. } => "phantom.no_memory",
+            Self::Tilted(_) => "phantom.tilted",
+            Self::UnknownKind(_) => "phantom.unknown_kind",
+            Self::NotEmpty(_) => "phantom.not_empty",
+            Self::Write { .. } => "phantom.write",
+            Self::Cancelled(_) => "phantom.cancelled",
+        }
+    }
 }
 
 #[cfg(test)]

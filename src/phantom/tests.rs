@@ -28,6 +28,29 @@ fn smooth_area_mm2(region: &crate::geom::Region) -> f64 {
 }
 
 #[test]
+fn the_seed_lies_in_the_lumen_of_the_image_or_the_image_is_refused() {
+    for kind in Kind::ALL {
+        let inside = |params: &Params| {
+            let seed = default_seed(params);
+            let on_plane = params.plane_z_mm().iter().any(|z| (z - seed.z).abs() < 1e-6);
+            on_plane && lies_in_image(params, seed) && Vessel::new(kind).value(seed) < 0.0
+        };
+        let usual = Params { kind, ..Params::default() };
+        assert!(inside(&usual) && default_seed(&usual).z == 33.0, "{kind:?}");
+        let sparse = Params { plane_step_mm: 50.0, n_planes: 100, ..usual.clone() };
+        assert!(inside(&sparse) && sparse.check_vessel().is_ok(), "{kind:?}: {:?}", default_seed(&sparse));
+        let beyond = Params { first_plane_z_mm: 200.0, ..usual };
+        let refused = beyond.check_vessel().unwrap_err().to_string();
+        assert!(
+            refused.contains("from z 200 to 335 mm and 102.4 mm wide, show nothing of the vessel"),
+            "{refused}"
+        );
+    }
+    let narrow = Params { n_pixels: 8, ..Params::default() };
+    assert!(narrow.check_vessel().is_ok() == lies_in_image(&narrow, default_seed(&narrow)));
+}
+
+#[test]
 fn tube_sections_are_circles_of_the_given_radius() {
     let vessel = Vessel::new(Kind::Tube);
     for z in [-1.5, 0.0, 17.3, 50.0, 90.0, 138.0] {

@@ -1,7 +1,7 @@
 //! Asking a printer that is not printing, and switching its heaters off: for `profiles detect` and `safe-off`.
 //!
 //! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed: exactly after
-//! `detect`; after `safe-off` by recovery moves alone, for what has cooled has let go of its place.
+//! `detect`; after `safe-off` too, once it is warm again, where it still is in its place.
 
 use super::Error;
 use super::driver::Clock;
@@ -60,7 +60,7 @@ pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Tempera
         Heat::Off(told) => return Ok(told),
         Heat::On(_) => return Err(Error::StillHeating { port }),
         Heat::Halted => Fault::Halted { text: "it says that it has stopped for good".to_owned() },
-        Heat::Unknown(_) => Fault::NoAnswer { is_garbled: false },
+        Heat::Obeyed | Heat::Unknown(_) => Fault::NoAnswer { is_garbled: false },
     };
     Err(Error::Fault { port, fault, heat })
 }

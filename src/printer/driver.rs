@@ -2,8 +2,8 @@
 //!
 //! One task, one loop. Bytes are written in as few calls as the core's window allows; events go out over a bounded
 //! channel, and a listener that is slow loses progress and temperatures, never a fault, and never holds up the
-//! print. The journal is another thread's, and nothing here ever waits for it but by looking now and then whether it is done. The task reads the job from its file as it goes; that is the page cache's business,
-//! not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
+//! print. The journal is another thread's, and nothing here ever waits for it but by looking now and then whether it is
+//! done. The task reads the job from its file as it goes; that is the page cache's business, not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
 
 use super::Error;
 use super::control::Controls;
@@ -86,7 +86,7 @@ pub async fn print<R: BufRead + Seek, L: Link>(
 /// Prints, or goes on with a print, and waits until the printer says that all of it is executed.
 ///
 /// # Errors
-/// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`] once heaters-off is confirmed, [`Error::Job`]
+/// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`], which tells whether heaters-off was confirmed, [`Error::Job`]
 /// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`],
 /// nothing having been sent, and [`Error::Refused`], the heaters having been switched off.
 pub async fn run<R: BufRead + Seek, L: Link>(
@@ -112,7 +112,7 @@ pub async fn run<R: BufRead + Seek, L: Link>(
             Ok(Printed { n_lines, n_twice, stats, elapsed: driver.clock.elapsed() })
         }
         End::Job(error) => Err(error.into()),
-        End::Cancelled => Err(Error::Cancelled),
+        End::Cancelled | End::CancelUnconfirmed => Err(Error::Cancelled { heat }),
         End::Left => Err(Error::Left { port, heat }),
         End::Faulted(Fault::LinkLost) => Err(Error::PortVanished { port }),
         End::Faulted(fault) => Err(Error::Fault { port, fault, heat }),
@@ -129,6 +129,7 @@ struct Driver<'a, R> {
     out: Vec<u8>,
     n_written: usize,
     n_ticks: u32,
+    ticked: Instant,
     events: &'a mpsc::Sender<PrintEvent>,
     pending: VecDeque<PrintEvent>,
     cancel: &'a CancelToken,
@@ -156,6 +157,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         Self {
             session,
             journal,
+            ticked: clock.now(),
             clock,
             out: Vec::new(),
             n_written: 0,
@@ -207,6 +209,10 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let mut buffer = vec![0; 16 * 1024];
         while !self.session.wants_port() {
+            // Where a port is flooded there is always something to read, and the runtime never gets to its timers.
+            if self.clock.now().since(self.ticked) > TICK * 2 {
+                self.tick();
+            }
             self.exchange();
             if self.session.is_over() {
                 self.say_last_words(&mut writer).await;
@@ -214,6 +220,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
             }
             tokio::select! {
                 biased;
+                _ = ticks.tick() => self.tick(),
                 written = writer.write(&self.out[self.n_written..]), if !self.out.is_empty() => match written {
                     Ok(n) if n > 0 => self.wrote(n),
                     _ => self.lost(),
@@ -222,7 +229,6 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
                     Ok(n) if n > 0 => self.session.handle_bytes(self.clock.now(), &buffer[..n]),
                     _ => self.lost(),
                 },
-                _ = ticks.tick() => self.tick(),
             }
         }
     }
@@ -317,6 +323,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
 
     fn tick(&mut self) {
         let now = self.clock.now();
+        self.ticked = now;
         self.n_ticks = self.n_ticks.wrapping_add(1);
         if self.session.poll_timeout().is_some_and(|due| due <= now) {
             self.session.handle_timeout(now);

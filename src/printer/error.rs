@@ -115,8 +115,11 @@ pub enum Error {
         port: String,
     },
     /// Given up on request.
-    #[error("the print was cancelled; the heaters are off")]
-    Cancelled,
+    #[error("the print was cancelled; {heat}; {}", next_step_after_stop(heat))]
+    Cancelled {
+        /// What is known of the printer's heaters.
+        heat: Heat,
+    },
     /// The last print of this job broke off, and its part may be on the bed.
     #[error(
         "the last print of {job} broke off behind line {n_done} of {n_lines}: go on with `lumenfab resume {job}`, or free the bed \
@@ -175,7 +178,8 @@ impl Error {
             Self::PortVanished { .. } => "printer.port_vanished",
             Self::Fault { fault, .. } => fault.code(),
             Self::StillHeating { .. } => "printer.still_heating",
-            Self::Cancelled => "printer.cancelled",
+            Self::Cancelled { heat } if heat.is_safe() => "printer.cancelled",
+            Self::Cancelled { .. } => "printer.cancel_unconfirmed",
             Self::Unfinished { .. } => "printer.unfinished",
             Self::Left { .. } => "printer.left",
             Self::OtherMachine { .. } => "printer.other_machine",
@@ -197,7 +201,7 @@ impl Error {
             Self::PortVanished { .. } => Fault::LinkLost.next_step(),
             Self::Fault { fault, heat, .. } => next_step_after(fault, heat),
             Self::StillHeating { .. } => "switch the printer off",
-            Self::Cancelled => "take the part off the bed before the next print",
+            Self::Cancelled { heat } => next_step_after_stop(heat),
             Self::Unfinished { .. } => "go on with `lumenfab resume`, or free the bed and print with --anew",
             Self::Left { .. } => {
                 "switch the heaters off with `lumenfab safe-off`, or go on with `lumenfab resume`"
@@ -211,12 +215,21 @@ impl Error {
 /// Heat without an owner goes before everything else.
 fn next_step_after(fault: &Fault, heat: &Heat) -> &'static str {
     match heat {
-        Heat::Off(_) | Heat::Halted => fault.next_step(),
+        Heat::Off(_) | Heat::Obeyed | Heat::Halted => fault.next_step(),
         Heat::On(_) => "switch the printer off",
         Heat::Unknown(_) => match fault {
             Fault::NoAnswer { .. } | Fault::NoLineNumbers | Fault::Echo => fault.next_step(),
             _ => "switch the printer off if it is hot, then look what is wrong with it and its cable",
         },
+    }
+}
+
+const fn next_step_after_stop(heat: &Heat) -> &'static str {
+    match heat {
+        Heat::Off(_) | Heat::Obeyed => "take the part off the bed before the next print",
+        Heat::Halted => "reset the printer, and take the part off the bed before the next print",
+        Heat::On(_) => "switch the printer off",
+        Heat::Unknown(_) => "switch the printer off if it is hot",
     }
 }
 

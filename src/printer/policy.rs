@@ -60,8 +60,8 @@ pub enum Trouble {
 /// What is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
-    /// The print is given up; heaters-off is sent until the printer confirms it, ten seconds at most; the operator is told whether it
-    /// has.
+    /// The print is given up; heaters-off is sent until the printer confirms it, ten seconds at most (half a minute where no fault
+    /// ended it, and what is under way may take a while); the operator is told whether it has.
     GiveUp,
     /// It is stopped for good (M112) until it says so, and the print is given up as above.
     StopAtOnce,

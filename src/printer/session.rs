@@ -64,6 +64,8 @@ pub enum End {
     Finished,
     /// Given up on request; heaters-off is confirmed.
     Cancelled,
+    /// Given up on request; [`Session::heat`] tells that the heaters are on, or that nobody knows.
+    CancelUnconfirmed,
     /// Given up on request before anything was sent: the printer is as it was.
     Left,
     /// Given up; what is known of the heaters then tells [`Session::heat`].
@@ -450,17 +452,24 @@ impl<R: BufRead + Seek> Session<R> {
                 }
             }
             Event::Finished => self.over(End::Finished),
-            Event::Cancelled => self.over(End::Cancelled),
+            Event::Cancelled => {
+                self.heat = Heat::Obeyed;
+                self.over(End::Cancelled);
+            }
             Event::Faulted(fault) => self.pending = Some(End::Faulted(fault.clone())),
             Event::Secured(heat) => {
                 self.heat = heat.clone();
-                if let Some(end) = self.pending.take() {
-                    self.over(end);
+                match self.pending.take() {
+                    Some(End::Cancelled) if !heat.is_safe() => self.over(End::CancelUnconfirmed),
+                    Some(end) => self.over(end),
+                    None => {}
                 }
             }
             Event::Paused => self.paused(),
             Event::Resumed => self.resumed(),
-            Event::Action(action) => self.parks_itself = action.starts_with("paused"),
+            Event::Action(action) => {
+                self.parks_itself = hold::parks_itself(action).unwrap_or(self.parks_itself);
+            }
             _ => {}
         }
     }
@@ -541,6 +550,7 @@ fn ending(end: &End) -> Option<Ending> {
     match end {
         End::Finished => Some(Ending::Finished),
         End::Cancelled => Some(Ending::Cancelled),
+        End::CancelUnconfirmed => Some(Ending::Faulted("printer.cancel_unconfirmed".to_owned())),
         End::Faulted(fault) => Some(Ending::Faulted(fault.code().to_owned())),
         End::Job(lost) => Some(Ending::Faulted(lost.source.code().to_owned())),
         End::NeedsConsent(_) | End::Refused(_) | End::Left => None,

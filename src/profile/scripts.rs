@@ -115,8 +115,8 @@ impl Profile {
         script.iter().map(filled).collect()
     }
 
-    /// What makes the firmware itself switch the heaters off when nobody has spoken to it for `orphan_hold_s`; nothing where
-    /// it has no such time-out.
+    /// What makes the firmware itself switch the heaters off when nothing has moved, and this was not said, for `orphan_hold_s`;
+    /// nothing where it has no such time-out.
     #[must_use]
     pub fn orphan_gcode(&self) -> Option<String> {
         let hold_s = self.firmware.orphan_hold_s.ceil();
@@ -151,16 +151,9 @@ impl Profile {
     /// What takes [`Self::orphan_gcode`] back at the end of a job.
     #[must_use]
     pub fn orphan_end_gcode(&self) -> Option<String> {
-        // Klipper's own time-out stays: a printer that is done goes off as well.
-        self.orphan_pause_gcode().filter(|_| self.firmware.dialect != Dialect::Klipper)
-    }
-
-    /// What takes it back while the operator has paused the print.
-    #[must_use]
-    pub fn orphan_pause_gcode(&self) -> Option<String> {
         self.orphan_gcode()?;
-        let is_klipper = self.firmware.dialect == Dialect::Klipper;
-        Some(if is_klipper { "SET_IDLE_TIMEOUT TIMEOUT=604800" } else { "M85 S0" }.to_owned())
+        // Klipper's own time-out stays: a printer that is done goes off as well.
+        (self.firmware.dialect != Dialect::Klipper).then(|| "M85 S0".to_owned())
     }
 
     fn fill(&self, script: &[String], top_mm: f64) -> Vec<String> {

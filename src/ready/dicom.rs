@@ -3,11 +3,11 @@
 use super::{Error, Label, Ready, rtstruct, seg};
 use crate::ct::FrameOfReference;
 use crate::ct::axes::orthonormal;
-use crate::ct::reader::has_dicom_mark;
+use crate::ct::reader::is_dicom;
 use crate::geom::{Point3, Vector3};
 use crate::progress::Task;
 use dicom_core::Tag;
-use dicom_dictionary_std::uids;
+use dicom_dictionary_std::{tags, uids};
 use dicom_object::InMemDicomObject;
 use std::path::{Path, PathBuf};
 
@@ -15,13 +15,16 @@ use std::path::{Path, PathBuf};
 pub(super) fn load(path: &Path, label: Option<&Label>, task: &Task<'_>) -> Result<Ready, Error> {
     let unreadable = |source| crate::ct::Error::Read { path: path.to_owned(), source };
     // A pipe or a device may never end.
-    if !path.is_file() || !has_dicom_mark(path).map_err(unreadable)? {
+    if !path.is_file() || !is_dicom(path).map_err(unreadable)? {
         return Err(Error::Foreign(path.to_owned()));
     }
     let place = Place(path);
     let object = crate::ct::reader::open_whole(path)?;
     task.check()?;
-    match object.meta().media_storage_sop_class_uid().trim_end_matches(['\0', ' ']) {
+    // A file without preamble states it in its data set alone.
+    let class = text(&object, tags::SOP_CLASS_UID);
+    let stated = object.meta().media_storage_sop_class_uid();
+    match class.as_deref().unwrap_or(stated).trim_end_matches(['\0', ' ']) {
         uids::SEGMENTATION_STORAGE => seg::ready(place, &object, label, task),
         uids::RT_STRUCTURE_SET_STORAGE => rtstruct::ready(place, &object, label, task),
         _ => Err(Error::Foreign(path.to_owned())),

@@ -104,6 +104,27 @@ pub enum Error {
 }
 
 impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Image(error) => error.code(),
+            Self::Foreign(_) => "ready.foreign",
+            Self::Nothing(_) => "ready.nothing",
+            Self::SeveralLabels { .. } => "ready.several_labels",
+            Self::NoSuchLabel { .. } => "ready.no_such_label",
+            Self::NoLabelMap { .. } => "ready.no_label_map",
+            Self::Dicom { .. } => "ready.dicom",
+            Self::Inclined { .. } => "ready.inclined",
+            Self::OffPlane { .. } => "ready.off_plane",
+            Self::SamePlane { .. } => "ready.same_plane",
+            Self::OtherFrame => "ready.other_frame",
+            Self::Elsewhere { .. } => "ready.elsewhere",
+            Self::OutsideZRange { .. } => "ready.outside_z_range",
+            Self::Cancelled(_) => "ready.cancelled",
+        }
+    }
+
     /// Whether another choice of structure, series or heights mends it, and nothing is wrong with the files.
     #[must_use]
     pub const fn is_choice(&self) -> bool {

@@ -12,7 +12,7 @@ use crate::sections::ready::{Drawn, DrawnStack};
 /// Normals that differ by less are parallel: over 100 mm that is 0.02 mm.
 const PARALLEL_DEG: f64 = 0.01;
 /// Planes nearer than this are one: what headers of one decimal may be off, mm.
-const SAME_PLANE_MM: f64 = 0.051;
+pub(super) const SAME_PLANE_MM: f64 = 0.051;
 /// Code of the warning that nothing says whether segmentation and CT belong together.
 const FRAME_UNKNOWN: &str = "segment.frame_unknown";
 

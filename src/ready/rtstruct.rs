@@ -4,6 +4,7 @@
 //! hole and back along the same line, opens. Planes need not be transaxial: they have the normal of their contours.
 
 use super::dicom::{Place, frame_of_reference, items, numbers, text, whole};
+use super::place::SAME_PLANE_MM;
 use super::{Error, Label, Ready, Reference, Structure, chosen, seg};
 use crate::ct::{FrameOfReference, SAME_PLACE_MM};
 use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
@@ -20,6 +21,8 @@ const PARALLEL_DEG: f64 = 1.0;
 const LARGE_MM2: f64 = 20.0;
 /// A normal this near to the body's axis is that axis.
 const TRANSAXIAL_DEG: f64 = 0.02;
+/// Planes usually this many times farther apart than what rounding moves are planes of their own.
+const FAR_APART: f64 = 10.0;
 /// Coordinates beyond this are not believed, and would leave the grid of the boolean operations, mm.
 const FARTHEST_MM: f64 = 5000.0;
 
@@ -170,9 +173,57 @@ fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) ->
         flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
     }
     flat.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let one = |group: &[(f64, Contour)]| {
-        let contours: Vec<Contour> = group.iter().map(|(_, c)| c.clone()).collect();
-        Drawn { z_mm: group[0].0, contours: Region::from_even_odd(&contours).contours }
-    };
-    Ok(flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(one).collect())
+    let same: Vec<Group> = flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(Group::of).collect();
+    let one =
+        |group: Group| Drawn { z_mm: group.z_mm, contours: Region::from_even_odd(&group.contours).contours };
+    Ok(with_holes(same).into_iter().map(one).collect())
+}
+
+/// Contours of one height.
+struct Group {
+    z_mm: f64,
+    contours: Vec<Contour>,
+}
+
+impl Group {
+    fn of(contours: &[(f64, Contour)]) -> Self {
+        Self { z_mm: contours[0].0, contours: contours.iter().map(|(_, c)| c.clone()).collect() }
+    }
+
+    /// Whether all of these contours are holes in those of the other one: each lies wholly inside one of them, and none meets any.
+    fn is_within(&self, outer: &Self) -> bool {
+        let inside = |c: &Contour, o: &Contour| c.points.iter().filter(|&&p| o.contains(p)).count();
+        let is_hole = |c: &Contour| {
+            let n_inside: Vec<usize> = outer.contours.iter().map(|o| inside(c, o)).collect();
+            let is_clear = n_inside.iter().all(|&n| n == 0 || n == c.len())
+                && outer.contours.iter().all(|o| inside(o, c) == 0);
+            is_clear && n_inside.contains(&c.len())
+        };
+        self.contours.iter().all(is_hole)
+    }
+}
+
+/// Takes holes that rounding has moved off their outlines' plane back into it. Where planes lie that near each other anyway, or
+/// contours are no holes, nothing is moved: two outlines of one shape would cancel each other.
+fn with_holes(groups: Vec<Group>) -> Vec<Group> {
+    let apart = groups.windows(2).map(|g| g[1].z_mm - g[0].z_mm);
+    let mut steps: Vec<f64> = apart.filter(|&step| step > SAME_PLANE_MM).collect();
+    steps.sort_by(f64::total_cmp);
+    if steps.get(steps.len() / 2).is_none_or(|&usual| usual < FAR_APART * SAME_PLANE_MM) {
+        return groups;
+    }
+    let mut planes: Vec<Group> = Vec::new();
+    for group in groups {
+        let near = planes.last_mut().filter(|last| group.z_mm - last.z_mm <= SAME_PLANE_MM);
+        match near {
+            Some(last) if group.is_within(last) => last.contours.extend(group.contours),
+            // The outline's height counts.
+            Some(last) if last.is_within(&group) => {
+                last.z_mm = group.z_mm;
+                last.contours.extend(group.contours);
+            }
+            _ => planes.push(group),
+        }
+    }
+    planes
 }

@@ -18,7 +18,7 @@ use super::consistency::{self, Loop, Origin, Plane};
 use super::detached;
 use super::fit::{Fitted, Stack, WindowOffset};
 use super::warnings::SectionWarnings;
-use super::{PlaneSections, SectionStack, base};
+use super::{PlaneSections, SectionStack, base, spikes};
 use crate::ct::{Volume, Warning};
 use crate::geom::Point2;
 use crate::progress::{Cancelled, Task};
@@ -129,6 +129,20 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
 }
 
+impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::BadTolerance(_) => "sections.bad_tolerance",
+            Self::BadPointCount { .. } => "sections.bad_point_count",
+            Self::MaskOutsideVolume { .. } => "sections.mask_outside_volume",
+            Self::TooFewPlanes { .. } => "sections.too_few_planes",
+            Self::Cancelled(_) => "sections.cancelled",
+        }
+    }
+}
+
 /// Extracts the contours of all planes of the segmentation.
 ///
 /// Accuracy: on an edge blurred by a Gaussian, far below a tenth of a pixel without noise; noise of a tenth of
@@ -158,6 +172,7 @@ pub fn extract(
         }
         sections.push(PlaneSections { z_mm: plane.z_mm, contours });
     }
+    spikes::tell(&sections, &volume.patient_from_stack, &mut warnings);
     let stack = SectionStack { planes: sections, patient_from_stack: volume.patient_from_stack };
     let warnings = warnings.into_warnings().into_iter().chain(biased).collect();
     Ok(Extracted { stack, warnings })

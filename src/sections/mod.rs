@@ -16,8 +16,10 @@ mod model;
 mod modelled;
 mod outline;
 mod parting;
+pub mod picture;
 pub mod ready;
 mod refine;
+mod spikes;
 #[cfg(test)]
 mod tests;
 mod warnings;

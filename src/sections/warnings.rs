@@ -1,6 +1,7 @@
 //! What was changed on the way to the contours, gathered so that the operator gets one line per kind.
 
 use crate::ct::Warning;
+use crate::geom::Point3;
 
 /// Places that a warning names: who has more to look at looks at the pictures.
 const MOST_NAMED: usize = 8;
@@ -19,11 +20,12 @@ enum Kind {
     Unsplit,
     NotFitted,
     Parted,
+    Sudden,
     Gap,
 }
 
 impl Kind {
-    const ALL: [Self; 13] = [
+    const ALL: [Self; 14] = [
         Self::Fragment,
         Self::Pinhole,
         Self::Hole,
@@ -36,6 +38,7 @@ impl Kind {
         Self::Unsplit,
         Self::NotFitted,
         Self::Parted,
+        Self::Sudden,
         Self::Gap,
     ];
 
@@ -72,6 +75,10 @@ impl Kind {
             Self::Parted => (
                 "sections.parted",
                 "contours that the level between lumen and wall shows as one were told apart by the model of the image",
+            ),
+            Self::Sudden => (
+                "sections.sudden_change",
+                "contours that reach far beyond those below and above, as where the lumen runs into something beside it (look at them; keep what is none out with [[segment.block]] in the case file, or draw the contour with [[segment.contour]])",
             ),
             Self::Gap => ("sections.gap", "no contour was left; the vessel is interrupted there"),
         }
@@ -141,6 +148,12 @@ impl SectionWarnings {
 
     pub(super) fn parted(&mut self, z_mm: f64, n: usize) {
         self.count(Kind::Parted, z_mm, n);
+    }
+
+    /// How far, mm, and where (LPS).
+    pub(super) fn sudden(&mut self, z_mm: f64, reach_mm: f64, at: Point3) {
+        let what = format!("{reach_mm:.2} mm, at ({:.3}, {:.3}, {:.3})", at.x, at.y, at.z);
+        self.0.push((Kind::Sudden, z_mm, what));
     }
 
     pub(super) fn gap(&mut self, z_mm: f64) {

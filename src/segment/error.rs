@@ -91,7 +91,8 @@ pub enum Error {
     },
     /// What was grown is no vessel but what surrounds it.
     #[error(
-        "the region grown from seed {seed} covers {area_mm2:.0} mm2, {share_percent:.0} % of the image, in plane {plane} (z {z_mm:.3} mm): that is no vessel but what surrounds it; put the seed inside the lumen, or say --polarity bright or dark"
+        "the region grown from seed {seed} covers {area_mm2:.0} mm2, {share_percent:.0} % of the image, in plane {plane} (z {z_mm:.3} mm): that is no vessel but what surrounds it; {}",
+        if *polarity_given { "put the seed inside the lumen" } else { "put the seed inside the lumen, or say --polarity bright or dark" }
     )]
     Background {
         /// The first seed.
@@ -104,6 +105,12 @@ pub enum Error {
         share_percent: f64,
         /// Its section there, mm2.
         area_mm2: f64,
+        /// Whether it was said that the lumen is bright, or dark.
+        polarity_given: bool,
+        /// The voxel of that plane at the seed's column and row.
+        at: [usize; 3],
+        /// What the region fills in this plane.
+        region: Box<Mask>,
     },
     /// No voxel of the planes lies in the window.
     #[error(
@@ -174,6 +181,18 @@ pub enum Error {
         /// How many planes were searched.
         planes: usize,
     },
+    /// What was found by itself is too small to have a boundary.
+    #[error(
+        "what was found at {seed} is {across:.1} pixels wide, a vessel found by itself {least} at least: take an image of smaller pixels, or give its seed with --seed-mm all the same"
+    )]
+    TooFewPixels {
+        /// A point in it.
+        seed: Place,
+        /// How many pixels it has across.
+        across: f64,
+        /// How many are wanted.
+        least: f64,
+    },
     /// A correction does not fit the image.
     #[error(transparent)]
     Correction(#[from] Fault),
@@ -213,6 +232,34 @@ pub enum Error {
 }
 
 impl Error {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::NoSeed => "segment.no_seed",
+            Self::BadWindow { .. } => "segment.bad_window",
+            Self::BadZRange { .. } => "segment.bad_z_range",
+            Self::SeedOutsideVolume { .. } => "segment.seed_outside_volume",
+            Self::SeedOutsideZRange { .. } => "segment.seed_outside_z_range",
+            Self::SeedOutsideWindow { .. } => "segment.seed_outside_window",
+            Self::SeedBlocked { .. } => "segment.seed_blocked",
+            Self::SeedOutsideDrawn { .. } => "segment.seed_outside_drawn",
+            Self::Background { .. } => "segment.background",
+            Self::WindowSelectsNothing { .. } => "segment.window_selects_nothing",
+            Self::NoContrast { .. } => "segment.no_contrast",
+            Self::OtherPolarity { .. } => "segment.other_polarity",
+            Self::TooNoisy { .. } => "segment.too_noisy",
+            Self::Leaks(_) => "segment.leak",
+            Self::NoCandidate { .. } => "segment.no_candidate",
+            Self::TooFewPixels { .. } => "segment.too_few_pixels",
+            Self::Correction(_) => "segment.bad_correction",
+            Self::NoPlaneInRange { .. } => "segment.no_plane_in_range",
+            Self::TooFewPlanes { .. } => "segment.too_few_planes",
+            Self::RegionTooFlat { .. } => "segment.region_too_flat",
+            Self::Cancelled(_) => "segment.cancelled",
+        }
+    }
+
     /// Whether what was asked for is at fault, whatever the grey values are: seeds and heights that lie elsewhere, empty ranges,
     /// corrections that cannot be used.
     #[must_use]
@@ -258,19 +305,42 @@ pub struct Leak {
     pub into: Option<(Beyond, f64)>,
     /// What the region fills in this plane.
     pub region: Mask,
+    /// Whether the vessel could end there: the seeds lie on its side.
+    pub can_be_cut: bool,
+    /// Half-way between the levels around the seeds, HU, where another window was given.
+    pub better_window_hu: Option<[f64; 2]>,
 }
 
 impl std::fmt::Display for Leak {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { voxel: [_, _, plane], z_mm, place, window_hu: [lo, hi], .. } = self;
-        match &self.into {
+        write!(f, "the region leaks ")?;
+        if self.into.is_none() {
+            write!(f, "to the image border ")?;
+        }
+        write!(f, "in plane {plane} (z {z_mm:.3} mm) at {place} ")?;
+        if let Some((into, neck_mm)) = &self.into {
+            write!(f, "into {into}, through a passage {neck_mm:.1} mm wide ")?;
+        }
+        write!(f, "(window {lo:.0} to {hi:.0} HU): ")?;
+        match self.better_window_hu {
+            Some([lo, hi]) => write!(
+                f,
+                "try --window-hu={lo:.0},{hi:.0}, half-way between lumen and wall around the seed, or another --z-mm, "
+            )?,
+            None => write!(f, "give a narrower --window-hu or --z-mm, ")?,
+        }
+        if self.can_be_cut {
+            write!(f, "end the vessel there with --on-leak cut, ")?;
+        }
+        match self.into {
             None => write!(
                 f,
-                "the region leaks to the image border in plane {plane} (z {z_mm:.3} mm) at {place} (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, move the seed, or keep the region out of there with [[segment.block]] in the case file"
+                "move the seed, or keep the region out of there with [[segment.block]] in the case file"
             ),
-            Some((into, neck_mm)) => write!(
+            Some(_) => write!(
                 f,
-                "the region leaks in plane {plane} (z {z_mm:.3} mm) at {place} into {into}, through a passage {neck_mm:.1} mm wide (window {lo:.0} to {hi:.0} HU): give a narrower --window-hu or --z-mm, keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
+                "keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
             ),
         }
     }

@@ -5,7 +5,7 @@
 //! half-way between the level of the lumen and that of the wall around it, followed along the vessel from the seed
 //! (`levels`, `follow`). A lumen may be brighter or darker than its wall; for a dark one the air around the
 //! specimen is kept out (`grow`). What was grown is looked at before it counts as lumen: where it leaves the vessel,
-//! it is refused with the place named, or, where nobody attends, cut off there with a warning (`guard`). The
+//! it is refused with the place named, or, where nobody attends or the operator asks for it, cut off there with a warning (`guard`, `lumen`). The
 //! operator's corrections are data ([`corrections`]). Without any seed, vessels are looked for ([`candidates`]).
 //!
 //! What it does not do: it does not close gaps in a wall.
@@ -37,6 +37,7 @@ mod grow;
 mod guard;
 mod levels;
 mod lobes;
+mod lumen;
 pub mod mask;
 mod noise;
 pub mod picture;
@@ -45,6 +46,7 @@ mod plausible;
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
+mod windows;
 
 pub use candidates::{Candidate, Found, find_unattended};
 pub use corrections::Corrections;
@@ -57,12 +59,12 @@ use crate::ct::{Volume, Warning};
 use crate::geom::{Contour, Point3};
 use crate::progress::Task;
 use corrections::Rules;
-use grow::{Grown, Slab, Voxel};
-use guard::Site;
-use noise::Noise;
+use grow::{Slab, Voxel};
+use lumen::{Growth, Lumen};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use windows::Chosen;
 
 /// Whether the lumen is brighter or darker than its wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -103,6 +105,14 @@ pub enum OnLeak {
     Refuse,
     /// The vessel ends there, with a warning: nobody attends.
     Cut,
+}
+
+impl OnLeak {
+    /// Whether it is what happens where nothing is said.
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// Where the window came from.
@@ -188,24 +198,21 @@ fn segment_in(
     refuse_corrected_seeds(volume, params, &rules, &seeds)?;
     task.report(0, 4);
     let Chosen { windows_hu, planes, source, smooth, mut warnings } =
-        choose_windows(volume, params, &rules, &asked, &seeds, task)?;
+        windows::choose(volume, params, &rules, &asked, &seeds, task)?;
     let image = smooth.as_ref().map_or(volume, |s| &s.image);
     let slab = Slab { volume: image, planes, windows_hu, rules: &rules };
-    let seeds = checked_seeds(&slab, params, &seeds, source)?;
+    let seeds = lumen::checked_seeds(&slab, params, &seeds, source)?;
     task.report(1, 4);
-    let mut lumen = grow_lumen(&slab, params, &seeds, source, task)?;
-    task.report(2, 4);
-    warnings.append(&mut lumen.warnings);
-    let (grown, cut) =
-        without_leaks(&slab, params, &seeds, lumen.grown, lumen.air.as_ref(), lumen.polarity, task)?;
-    warnings.extend(cut);
+    let Lumen { grown, polarity, warnings: told } =
+        Growth { slab: &slab, params, seeds: &seeds, source }.lumen(task)?;
+    warnings.extend(told);
     let mask = grown.into_mask(volume.dims);
     let covered = mask.planes();
     if covered.len() < 2 {
         let z_mm = volume.plane_z_mm[covered.start];
         return Err(Error::RegionTooFlat { found: covered.len(), z_mm });
     }
-    warnings.extend(plausible::check(volume, &mask, params.seeds_patient_mm[0])?);
+    warnings.extend(plausible::check(volume, &mask, params)?);
     warnings.extend(range_not_reached(volume, &asked, &covered));
     task.report(4, 4);
     Ok(Segmentation {
@@ -214,7 +221,7 @@ fn segment_in(
         mask,
         window_source: source,
         smoothing_mm: smooth.as_ref().map_or(0.0, |s| s.sigma_mm),
-        polarity: lumen.polarity,
+        polarity,
         seeds: [seeds, slab.drawn()].concat(),
         drawn: rules
             .drawn
@@ -317,246 +324,6 @@ fn extent_patient(volume: &Volume) -> (Point3, Point3) {
         hi = hi.coords.sup(&p.coords).into();
     }
     (lo, hi)
-}
-
-struct Chosen {
-    windows_hu: Vec<[f64; 2]>,
-    /// The planes that are used.
-    planes: Range<usize>,
-    source: WindowSource,
-    /// What the region is grown in, where the image is too noisy.
-    smooth: Option<Smooth>,
-    warnings: Vec<Warning>,
-}
-
-/// A smoothed copy of the image.
-struct Smooth {
-    image: Volume,
-    sigma_mm: f64,
-}
-
-impl Smooth {
-    fn of(volume: &Volume, sigma_mm: f64, task: &Task<'_>) -> Result<Option<Self>, Error> {
-        if sigma_mm <= 0.0 {
-            return Ok(None);
-        }
-        Ok(Some(Self { image: noise::smoothed(volume, sigma_mm, task)?, sigma_mm }))
-    }
-}
-
-fn choose_windows(
-    volume: &Volume,
-    params: &Params,
-    rules: &Rules,
-    asked: &Range<usize>,
-    seeds: &[Voxel],
-    task: &Task<'_>,
-) -> Result<Chosen, Error> {
-    let corrected = |k: usize, found: [f64; 2]| rules.window_hu(k).unwrap_or(found);
-    check_polarity(volume, params, seeds)?;
-    if let Some(window_hu) = params.window_hu {
-        let windows_hu = asked.clone().map(|k| corrected(k, window_hu)).collect();
-        return Ok(Chosen {
-            windows_hu,
-            planes: asked.clone(),
-            source: WindowSource::Given,
-            smooth: None,
-            warnings: Vec::new(),
-        });
-    }
-    let seed = params.seeds_patient_mm[0];
-    let levels = levels::find(volume, seeds, params.polarity).ok_or_else(|| Error::NoContrast {
-        seed: Place(seed),
-        reach_mm: levels::REACH_MM,
-        least_hu: levels::least_step_hu(volume, seeds),
-    })?;
-    let noise = Noise::around(volume, seeds, levels).looked_at_closer(volume, seeds[0], params.polarity);
-    let mut warnings: Vec<Warning> = noise.check(seed)?.into_iter().collect();
-    let smooth = Smooth::of(volume, noise.smoothing_mm(volume, seeds), task)?;
-    let image = smooth.as_ref().map_or(volume, |s| &s.image);
-    let followed = follow::follow(image, asked, rules, seeds, levels, task)?;
-    // Where somebody attends, or has said which planes, the lumen is looked for in all of them.
-    let may_shorten = params.on_leak == OnLeak::Cut && params.z_mm.is_none() && followed.clear.len() > 1;
-    let planes = if may_shorten { followed.clear.clone() } else { asked.clone() };
-    let windows_hu =
-        planes.clone().map(|k| corrected(k, followed.levels[k - asked.start].window_hu())).collect();
-    warnings.extend(faded(volume, asked, &planes));
-    Ok(Chosen { windows_hu, planes, source: WindowSource::Found(levels), smooth, warnings })
-}
-
-/// Refuses a polarity that the image around the seeds contradicts: no wall of the kind, and one of the other.
-fn check_polarity(volume: &Volume, params: &Params, seeds: &[Voxel]) -> Result<(), Error> {
-    let (asked, other, found) = match params.polarity {
-        Polarity::Auto => return Ok(()),
-        Polarity::Bright => ("bright", Polarity::Dark, "darker"),
-        Polarity::Dark => ("dark", Polarity::Bright, "brighter"),
-    };
-    if levels::find(volume, seeds, params.polarity).is_some() {
-        return Ok(());
-    }
-    levels::find(volume, seeds, other).map_or(Ok(()), |Levels { lumen_hu, wall_hu }| {
-        Err(Error::OtherPolarity { seed: Place(params.seeds_patient_mm[0]), asked, found, lumen_hu, wall_hu })
-    })
-}
-
-/// Says where the vessel has faded.
-fn faded(volume: &Volume, asked: &Range<usize>, used: &Range<usize>) -> Option<Warning> {
-    let z = |k: usize| format!("z {:.3} mm", volume.plane_z_mm[k]);
-    let below = (used.start > asked.start).then(|| format!("below {}", z(used.start)));
-    let above = (used.end < asked.end).then(|| format!("above {}", z(used.end - 1)));
-    let places: Vec<String> = below.into_iter().chain(above).collect();
-    let text = format!("the vessel's contrast fades {}: it ends there", places.join(" and "));
-    (!places.is_empty()).then(|| Warning::new("segment.faded", text))
-}
-
-/// The seeds as voxels inside the window. With a found window a neighbour may stand in for a seed that noise
-/// has thrown out of it; a given window is taken at its word.
-fn checked_seeds(
-    slab: &Slab<'_>,
-    params: &Params,
-    seeds: &[Voxel],
-    source: WindowSource,
-) -> Result<Vec<Voxel>, Error> {
-    let stand_in = |&seed: &Voxel| match source {
-        WindowSource::Given => slab.selects(seed).then_some(seed),
-        WindowSource::Found(_) => slab.selected_near(seed),
-    };
-    let checked = |(seed, &place): (&Voxel, &Point3)| {
-        let [lo, hi] = slab.window_hu(seed[2]);
-        stand_in(seed).ok_or_else(|| match slab.value_range_unless_selected() {
-            Some([least, most]) => Error::WindowSelectsNothing { lo, hi, least, most },
-            None => Error::SeedOutsideWindow { seed: Place(place), hu: slab.hu(*seed), lo, hi },
-        })
-    };
-    seeds.iter().zip(&params.seeds_patient_mm).map(checked).collect()
-}
-
-/// A grown region before it was looked at.
-struct Lumen {
-    grown: Grown,
-    /// The air around a specimen.
-    air: Option<Grown>,
-    polarity: Polarity,
-    warnings: Vec<Warning>,
-}
-
-fn grow_lumen(
-    slab: &Slab<'_>,
-    params: &Params,
-    seeds: &[Voxel],
-    source: WindowSource,
-    task: &Task<'_>,
-) -> Result<Lumen, Error> {
-    let known = match (params.polarity, source) {
-        (Polarity::Auto, WindowSource::Found(levels)) => levels.polarity(),
-        (polarity, _) => polarity,
-    };
-    let from = [seeds, &slab.drawn()].concat();
-    let grown = grow::grow(slab, &from, None, task)?;
-    let Some(leak) = grown.leak else {
-        let polarity = if known == Polarity::Auto { grow::polarity_at_rim(slab, &grown) } else { known };
-        return Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() });
-    };
-    let around_seed = || levels::find(slab.volume, seeds, Polarity::Auto).map(Levels::polarity);
-    let polarity = if known == Polarity::Auto { around_seed().unwrap_or(known) } else { known };
-    if polarity != Polarity::Dark {
-        // A lumen that is neither brighter nor darker than anything is the background; for a bright one the way to
-        // the border is looked for.
-        return if polarity == Polarity::Bright {
-            Ok(Lumen { grown, air: None, polarity, warnings: Vec::new() })
-        } else {
-            Err(border_error(slab, &grown, leak))
-        };
-    }
-    let air = grow::outside_air(slab, task)?;
-    if seeds.iter().any(|&s| air.holds(slab, s)) {
-        return Err(border_error(slab, &grown, leak));
-    }
-    let grown = grow::grow(slab, &from, Some(&air), task)?;
-    if let Some(leak) = grown.leak {
-        return Err(border_error(slab, &grown, leak));
-    }
-    let text = format!(
-        "the lumen is open to the air around the specimen (reached in plane {}, z {:.3} mm); what is connected to the image border within its plane was taken as outside",
-        leak[2], slab.volume.plane_z_mm[leak[2]]
-    );
-    Ok(Lumen { grown, air: Some(air), polarity, warnings: vec![Warning::new("segment.outside_air", text)] })
-}
-
-/// Refuses a region that leaves the vessel, or cuts off what lies beyond.
-fn without_leaks(
-    slab: &Slab<'_>,
-    params: &Params,
-    seeds: &[Voxel],
-    grown: Grown,
-    air: Option<&Grown>,
-    polarity: Polarity,
-    task: &Task<'_>,
-) -> Result<(Grown, Option<Warning>), Error> {
-    let sign = if polarity == Polarity::Dark { -1.0 } else { 1.0 };
-    let guard::Inspected { leaks, mut removed } = guard::inspect(slab, &grown, seeds, sign);
-    task.check()?;
-    // What lies behind a passage tells more than the border that is reached through it.
-    let tells = |l: &Site| l.into != Beyond::Border;
-    let widest = leaks.iter().max_by(|a, b| tells(a).cmp(&tells(b)).then(a.neck_mm.total_cmp(&b.neck_mm)));
-    let Some(widest) = widest else {
-        return match grown.leak {
-            Some(at) => Err(border_error(slab, &grown, at)),
-            None => Ok((grown, None)),
-        };
-    };
-    if params.on_leak == OnLeak::Refuse || seeds.iter().any(|&s| removed.holds(slab, s)) {
-        return Err(leak_error(slab, &grown, widest));
-    }
-    if let Some(air) = air {
-        removed.add(air);
-    }
-    let kept = grow::grow(slab, &[seeds, &slab.drawn()].concat(), Some(&removed), task)?;
-    if let Some(leak) = kept.leak {
-        return Err(border_error(slab, &kept, leak));
-    }
-    Ok((kept, Some(cut_off(slab, &leaks))))
-}
-
-/// Of many leaks so many are named.
-const NAMED_LEAKS: usize = 6;
-
-fn cut_off(slab: &Slab<'_>, leaks: &[Site]) -> Warning {
-    let place = |leak: &Site| {
-        let (z_mm, place) = place_of(slab, leak.at);
-        format!(
-            "plane {} (z {z_mm:.3} mm) at {place} into {}, {:.1} mm wide",
-            leak.at[2], leak.into, leak.neck_mm
-        )
-    };
-    let mut by_width: Vec<&Site> = leaks.iter().collect();
-    by_width.sort_by(|a, b| b.neck_mm.total_cmp(&a.neck_mm));
-    let mut named: Vec<String> = by_width.iter().take(NAMED_LEAKS).map(|l| place(l)).collect();
-    if leaks.len() > NAMED_LEAKS {
-        named.push(format!("and {} narrower ones", leaks.len() - NAMED_LEAKS));
-    }
-    Warning::new(
-        "segment.leak_cut",
-        format!("the region was cut off where it left the vessel: {}", named.join("; ")),
-    )
-}
-
-fn place_of(slab: &Slab<'_>, [i, j, k]: Voxel) -> (f64, Place) {
-    let in_stack = slab.volume.stack_from_voxel(i as f64, j as f64, k);
-    (in_stack.z, Place(slab.volume.patient_from_stack.apply(in_stack)))
-}
-
-fn leak_error(slab: &Slab<'_>, grown: &Grown, site: &Site) -> Error {
-    let (z_mm, place) = place_of(slab, site.at);
-    let [_, _, k] = site.at;
-    let into = (site.into != Beyond::Border).then_some((site.into, site.neck_mm));
-    let region = grown.mask_of_plane(slab, k);
-    let leak = Leak { voxel: site.at, z_mm, place, window_hu: slab.window_hu(k), into, region };
-    Error::Leaks(Box::new(leak))
-}
-
-fn border_error(slab: &Slab<'_>, grown: &Grown, at: Voxel) -> Error {
-    leak_error(slab, grown, &Site { at, into: Beyond::Border, neck_mm: 0.0 })
 }
 
 fn range_not_reached(volume: &Volume, asked: &Range<usize>, covered: &Range<usize>) -> Option<Warning> {

@@ -1,7 +1,7 @@
-//! A picture (PNG) of the plane in which a region left the vessel: the image in grey, the region red, a ring around the
+//! A picture (PNG) of the plane in which a region left the vessel, or was none: the image in grey, the region red, a ring around the
 //! place. Rows run downward, as radiologists hold images; letters name the patient's sides.
 
-use super::Leak;
+use super::{Error, Leak, Mask};
 use crate::ct::Volume;
 use crate::draw::{self, Ink, px};
 use crate::geom::Vector3;
@@ -17,9 +17,33 @@ const INK: Ink = Ink { line: [255, 255, 255, 255], shade: [0, 0, 0, 170] };
 /// Radius of the ring, and its width, pixels.
 const RING_PX: [f32; 2] = [16.0, 2.5];
 
-/// Draws and encodes; `None` where the picture cannot be held or encoded: it explains an error, and is none itself.
+/// What is drawn: a plane's region, and a place in it.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    voxel: [usize; 3],
+    z_mm: f64,
+    region: &'a Mask,
+}
+
+/// The picture of a region that was refused; `None` for another error, or where the picture cannot be held or encoded: it
+/// explains an error, and is none itself.
 #[must_use]
-pub fn of_leak(volume: &Volume, leak: &Leak) -> Option<Vec<u8>> {
+pub fn of_error(volume: &Volume, error: &Error) -> Option<Vec<u8>> {
+    match error {
+        Error::Leaks(leak) => of_leak(volume, leak),
+        Error::Background { at, z_mm, region, .. } => {
+            drawn(volume, Shown { voxel: *at, z_mm: *z_mm, region })
+        }
+        _ => None,
+    }
+}
+
+fn of_leak(volume: &Volume, leak: &Leak) -> Option<Vec<u8>> {
+    drawn(volume, Shown { voxel: leak.voxel, z_mm: leak.z_mm, region: &leak.region })
+}
+
+/// Draws and encodes.
+fn drawn(volume: &Volume, shown: Shown<'_>) -> Option<Vec<u8>> {
     let [nx, ny, _] = volume.dims;
     let [sx, sy] = volume.pixel_spacing_xy_mm;
     let size_mm = [nx as f64 * sx, ny as f64 * sy];
@@ -27,9 +51,9 @@ pub fn of_leak(volume: &Volume, leak: &Leak) -> Option<Vec<u8>> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     let [width, height] = size_mm.map(|mm| (mm * px_per_mm).round().clamp(1.0, SIDE_PX) as u32);
     let mut canvas = Pixmap::new(width, height)?;
-    paint(&mut canvas, volume, leak);
-    ring(&mut canvas, volume, leak);
-    label(&mut canvas, volume, leak, px_per_mm);
+    paint(&mut canvas, volume, shown);
+    ring(&mut canvas, volume, shown);
+    label(&mut canvas, volume, shown, px_per_mm);
     draw::encode(&canvas).ok()
 }
 
@@ -38,15 +62,15 @@ fn source(at: u32, of: u32, n: usize) -> usize {
     (at as usize * n / of as usize).min(n - 1)
 }
 
-fn paint(canvas: &mut Pixmap, volume: &Volume, leak: &Leak) {
+fn paint(canvas: &mut Pixmap, volume: &Volume, shown: Shown<'_>) {
     let [nx, ny, _] = volume.dims;
-    let [_, _, k] = leak.voxel;
+    let [_, _, k] = shown.voxel;
     let grey = greys(&volume.plane(k));
     let (width, height) = (canvas.width(), canvas.height());
     for (at, pixel) in (0..).zip(canvas.pixels_mut()) {
         let (i, j) = (source(at % width, width, nx), source(at / width, height, ny));
         let value = grey(volume.at(i, j, k));
-        let share = if leak.region.contains(i, j, k) { COVER } else { 0.0 };
+        let share = if shown.region.contains(i, j, k) { COVER } else { 0.0 };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of two bytes")]
         let [r, g, b] = RED.map(|c| (share * c + (1.0 - share) * value).round() as u8);
         if let Some(colour) = PremultipliedColorU8::from_rgba(r, g, b, 255) {
@@ -64,9 +88,9 @@ fn greys(plane: &[f32]) -> impl Fn(f32) -> f64 + use<> {
     move |value| 255.0 * ((f64::from(value) - black) / (white - black).max(1.0)).clamp(0.0, 1.0)
 }
 
-fn ring(canvas: &mut Pixmap, volume: &Volume, leak: &Leak) {
+fn ring(canvas: &mut Pixmap, volume: &Volume, shown: Shown<'_>) {
     let [nx, ny, _] = volume.dims;
-    let [i, j, _] = leak.voxel;
+    let [i, j, _] = shown.voxel;
     let centre = |at: usize, n: usize, of: u32| px((at as f64 + 0.5) / n as f64 * f64::from(of));
     let (x, y) = (centre(i, nx, canvas.width()), centre(j, ny, canvas.height()));
     let [radius, width] = RING_PX;
@@ -76,7 +100,7 @@ fn ring(canvas: &mut Pixmap, volume: &Volume, leak: &Leak) {
     }
 }
 
-fn label(canvas: &mut Pixmap, volume: &Volume, leak: &Leak, px_per_mm: f64) {
+fn label(canvas: &mut Pixmap, volume: &Volume, shown: Shown<'_>, px_per_mm: f64) {
     let (width, height) = (canvas.width() as f32, canvas.height() as f32);
     let letter = |v: Vector3| draw::side_letter(volume.patient_from_stack.rotate(v), ["H", "F"]);
     let half = 0.5 * draw::text_width("L", 3.0);
@@ -89,7 +113,7 @@ fn label(canvas: &mut Pixmap, volume: &Volume, leak: &Leak, px_per_mm: f64) {
     for (side, at) in sides {
         draw::text(canvas, letter(side), at, 3.0, INK);
     }
-    let title = format!("plane {}   z {:.2} mm", leak.voxel[2], leak.z_mm);
+    let title = format!("plane {}   z {:.2} mm", shown.voxel[2], shown.z_mm);
     draw::text(canvas, &title, (12.0, 12.0), 2.0, INK);
     draw::scale_bar(canvas, (16.0, height - 18.0), 0.2 * f64::from(width), px_per_mm, INK);
 }
@@ -112,6 +136,8 @@ mod tests {
             window_hu: [100.0, 400.0],
             into: Some((Beyond::Bulk, 1.0)),
             region: Mask::from_fn(32..48, 20..36, 1..2, |_, _, _| true),
+            can_be_cut: true,
+            better_window_hu: None,
         };
         let png = of_leak(&volume, &leak).unwrap();
         let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();

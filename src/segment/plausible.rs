@@ -8,8 +8,8 @@
 
 use super::error::{Error, Place};
 use super::mask::Mask;
+use super::{Params, Polarity};
 use crate::ct::{Volume, Warning};
-use crate::geom::Point3;
 
 /// Section of the widest aneurysm that is worth a print, 100 mm across.
 const MOST_SECTION_MM2: f64 = 2500.0 * std::f64::consts::PI;
@@ -29,16 +29,35 @@ struct Fullest {
 ///
 /// # Errors
 /// [`Error::Background`].
-pub(super) fn check(volume: &Volume, mask: &Mask, seed: Point3) -> Result<Option<Warning>, Error> {
+pub(super) fn check(volume: &Volume, mask: &Mask, params: &Params) -> Result<Option<Warning>, Error> {
     let Some(Fullest { k, share, area_mm2 }) = fullest(volume, mask) else { return Ok(None) };
-    let (seed, z_mm, share_percent) = (Place(seed), volume.plane_z_mm[k], 100.0 * share);
+    let (seed, z_mm, share_percent) =
+        (Place(params.seeds_patient_mm[0]), volume.plane_z_mm[k], 100.0 * share);
     if share > MOST_SHARE || area_mm2 > MOST_SECTION_MM2 {
-        return Err(Error::Background { seed, plane: k, z_mm, share_percent, area_mm2 });
+        return Err(Error::Background {
+            seed,
+            plane: k,
+            z_mm,
+            share_percent,
+            area_mm2,
+            polarity_given: params.polarity != Polarity::Auto,
+            at: above_seed(volume, seed, k),
+            region: Box::new(Mask::from_fn(mask.columns(), mask.rows(), k..k + 1, |i, j, k| {
+                mask.contains(i, j, k)
+            })),
+        });
     }
     let text = format!(
         "the region covers {share_percent:.0} % of the image in plane {k} (z {z_mm:.3} mm): make sure that seed {seed} lies inside the lumen and not beside it"
     );
     Ok((share > LARGE_SHARE).then(|| Warning::new("segment.large", text)))
+}
+
+/// The voxel of plane k at the seed's column and row.
+fn above_seed(volume: &Volume, Place(seed): Place, k: usize) -> [usize; 3] {
+    let in_stack = volume.patient_from_stack.inverse().apply(seed);
+    let [i, j, _] = volume.voxel_from_stack(in_stack).unwrap_or([0, 0, k]);
+    [i, j, k]
 }
 
 fn fullest(volume: &Volume, mask: &Mask) -> Option<Fullest> {

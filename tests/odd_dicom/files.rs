@@ -52,6 +52,16 @@ fn files() {
             Err("ct/IM0003.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again"),
         ),
         (
+            "no preamble and mark",
+            |f| {
+                let bytes = fs::read(f.file(3)).unwrap();
+                fs::write(f.file(3), &bytes[132..]).unwrap();
+            },
+            Ok(&[
+                "ct.no_preamble: 1 file(s) begin without the preamble and mark of DICOM: they were taken for what their first elements say",
+            ]),
+        ),
+        (
             "empty file with another name",
             |f| fs::write(f.path().join("VERSION"), "").unwrap(),
             Ok(&["ct.not_dicom: 1 file(s) that are not DICOM left out"]),

@@ -182,6 +182,8 @@ impl Printer {
         let at = text.windows(KEY.len()).position(|word| word == KEY);
         if let Some((seconds, _)) = at.and_then(|at| crate::gcode::decimal(&text[at + KEY.len()..])) {
             self.idle.heaters_s = seconds.max(0.0);
+            // Klipper looks again so long after this (`idle_timeout.py`).
+            self.idle.touch(self.now_s);
             self.say(&format!("// idle_timeout: Timeout set to {seconds:.2} s"));
         }
     }

@@ -11,7 +11,7 @@ use super::{
 use crate::phantom;
 use crate::ready::Label;
 use crate::sections::Boundary;
-use crate::segment::{Corrections, Polarity};
+use crate::segment::{Corrections, OnLeak, Polarity};
 use crate::solid::Correspondence;
 use crate::topology::Decisions;
 use serde::{Deserialize, Serialize};
@@ -68,6 +68,8 @@ pub struct CaseFile {
     pub window_hu: Option<[f64; 2]>,
     /// Whether the lumen is brighter or darker than its wall.
     pub polarity: Option<Polarity>,
+    /// What is done where the region leaves the vessel.
+    pub on_leak: Option<OnLeak>,
     /// Which grey value the boundary is.
     pub boundary: Option<Boundary>,
     /// Heights that are used, mm.
@@ -149,6 +151,8 @@ impl CaseFile {
             seed_mm: segment.seeds(),
             window_hu: segment.window_hu,
             polarity: Some(segment.polarity),
+            // Beside a vessel that is found by itself, which always ends there, it would say something else.
+            on_leak: (!segment.on_leak.is_default()).then_some(segment.on_leak),
             boundary: Some(segment.boundary),
             z_mm: segment.z_mm,
             wall_mm,
@@ -183,6 +187,7 @@ impl CaseFile {
             seed_mm: self.seed_mm.or(below.seed_mm),
             window_hu: self.window_hu.or(below.window_hu),
             polarity: self.polarity.or(below.polarity),
+            on_leak: self.on_leak.or(below.on_leak),
             boundary: self.boundary.or(below.boundary),
             z_mm: self.z_mm.or(below.z_mm),
             wall_mm,
@@ -231,6 +236,7 @@ impl CaseFile {
             ("seed_mm", self.seed_mm.as_ref().is_some_and(|seeds| !seeds.0.is_empty())),
             ("window_hu", self.window_hu.is_some()),
             ("polarity", self.polarity.is_some_and(|p| p != Polarity::default())),
+            ("on_leak", self.on_leak.is_some_and(|o| !o.is_default())),
             ("boundary", self.boundary.is_some_and(|b| b != Boundary::default())),
             ("segment", self.segment.as_ref().is_some_and(|c| !c.is_empty())),
         ];
@@ -316,6 +322,16 @@ impl CaseFile {
         if matches!(source, Source::Ct) && seeds.0.is_empty() {
             return Err(fault("none".into()));
         }
+        if auto_seed && self.on_leak == Some(OnLeak::Refuse) {
+            let expected = "cut, or nothing: a vessel that is found by itself ends where it leaks".into();
+            let fault = Fault { found: "refuse beside auto".into(), expected };
+            return Err(SettingError { name: "on_leak".into(), fault });
+        }
+        if self.label.is_some() && !matches!(source, Source::Ready { .. }) {
+            let expected = "the segmentation whose structure it names".into();
+            let fault = Fault { found: "one without a segmentation".into(), expected };
+            return Err(SettingError { name: "label".into(), fault });
+        }
         let checked = |name, range: Option<[f64; 2]>, expected| {
             range.map(|r| ascending(r, expected)).transpose().map_err(in_setting(name))
         };
@@ -329,6 +345,7 @@ impl CaseFile {
             corrections,
             window_hu: checked("window_hu", self.window_hu, WINDOW_EXPECTED)?,
             polarity: self.polarity.unwrap_or_default(),
+            on_leak: self.on_leak.unwrap_or_default(),
             boundary: self.boundary.unwrap_or_default(),
             z_mm: checked("z_mm", self.z_mm, Z_EXPECTED)?,
         })

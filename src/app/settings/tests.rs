@@ -119,6 +119,24 @@ fn seeds_are_points_or_the_word_auto() {
 }
 
 #[test]
+fn what_is_done_about_a_leak_is_kept_and_goes_with_given_seeds_only() {
+    let cut = settings("ct = \"d\"\nseed_mm = [[1, 2, 3]]\non_leak = \"cut\"\n").unwrap();
+    assert_eq!(cut.segment.on_leak, OnLeak::Cut);
+    assert_eq!(settings(&CaseFile::of_case("i", &cut).to_toml()).unwrap(), cut);
+    let refused = settings("ct = \"d\"\nseed_mm = \"auto\"\non_leak = \"refuse\"\n").unwrap_err();
+    assert!(refused.starts_with("on_leak: found refuse beside auto, expected cut"), "{refused}");
+}
+
+#[test]
+fn a_label_is_of_a_segmentation() {
+    let refused = settings("ct = \"d\"\nseed_mm = \"auto\"\nlabel = 2\n").unwrap_err();
+    assert_eq!(
+        refused,
+        "label: found one without a segmentation, expected the segmentation whose structure it names"
+    );
+}
+
+#[test]
 fn corrections_are_kept_as_they_were_written_and_checked() {
     let text = "ct = \"d\"\nseed_mm = [[1, 2, 3]]\n[[segment.block]]\nz_mm = [1, 2]\n[[segment.window]]\nz_mm = [3, 4]\n\
                 window_hu = [100, 300]\n[[segment.contour]]\nz_mm = 5\npoints_mm = [[0, 0], [4, 0], [4, 4]]\n";
@@ -141,6 +159,7 @@ fn nothing_about_growing_is_taken_beside_a_ready_segmentation() {
         ("seed_mm", "seed_mm = \"auto\"\n"),
         ("window_hu", "window_hu = [100, 300]\n"),
         ("polarity", "polarity = \"dark\"\n"),
+        ("on_leak", "on_leak = \"cut\"\n"),
         ("boundary", "boundary = \"snake\"\n"),
         ("segment", "[[segment.block]]\nz_mm = [1, 2]\n"),
     ] {

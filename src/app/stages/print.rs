@@ -491,6 +491,10 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
         Said::Resumed => ("printer.resumed", "goes on".to_owned()),
         Said::Prompt(Some(prompt)) => ("printer.prompt", format!("the printer asks: {prompt}")),
         Said::Prompt(None) => ("printer.prompt_over", "the printer's question is answered".to_owned()),
+        // Nobody is there to be told.
+        Said::Faulted(fault @ protocol::Fault::LinkLost) => {
+            ("printer.given_up", format!("given up: {fault}"))
+        }
         Said::Faulted(fault) => {
             ("printer.given_up", format!("given up: {fault}; the heaters are being switched off"))
         }

@@ -1,4 +1,4 @@
-//! CT to contours: `sections.json`, `segmentation.json`, `volume.bin`.
+//! CT to contours: `sections.json`, `segmentation.json`, `volume.bin`, `contours.png`.
 
 use super::{read_json, to_json};
 use crate::app::atomic::{self, FileError};
@@ -13,7 +13,7 @@ use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
 use crate::sections::{self, PlaneSections, SectionStack};
-use crate::segment::{self, Candidate, Leak, OnLeak, Polarity, Segmentation};
+use crate::segment::{self, Candidate, Polarity, Segmentation};
 use crate::topology;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,8 @@ pub(crate) const SECTIONS_FILE: &str = CONTOURS_FILE;
 const LEAK_FILE: &str = "leak.png";
 /// How the lumen was found.
 pub(crate) const SEGMENTATION_FILE: &str = "segmentation.json";
+/// Contours over the CT, in some planes.
+pub(super) const CONTOURS_PICTURE: &str = "contours.png";
 /// The CT around the lumen.
 pub(crate) const VOLUME_FILE: &str = "volume.bin";
 
@@ -158,8 +160,8 @@ impl Session<'_> {
         let settings = self.settings();
         let seeds_mm = seeds_mm(&settings.segment, &settings.source);
         let lumen = match find_lumen(&volume, &settings.segment, &seeds_mm, task) {
-            Err(segment::Error::Leaks(leak)) => return Err(self.leaked(&volume, leak)),
-            lumen => lumen?,
+            Err(e) => return Err(self.refused(&volume, e)),
+            Ok(lumen) => lumen,
         };
         let found = &lumen.segmentation;
         self.note(Stage::Segment, "drawing its contours");
@@ -176,15 +178,13 @@ impl Session<'_> {
         self.keep(extracted.stack, kept, note)
     }
 
-    /// Keeps the case with a picture of the leak, as far as that can be written.
-    fn leaked(&mut self, volume: &Volume, leak: Box<Leak>) -> Error {
-        let picture = segment::picture::of_leak(volume, &leak);
-        let kept = picture.map(|bytes| self.keep_leak(&bytes));
-        let leak = segment::Error::Leaks(leak);
-        match kept {
+    /// Keeps the case with a picture of a region that is no vessel's or leaves it, as far as that can be written.
+    fn refused(&mut self, volume: &Volume, leak: segment::Error) -> Error {
+        let picture = segment::picture::of_error(volume, &leak);
+        match picture.map(|bytes| self.keep_leak(&bytes)) {
             Some(Ok(())) => Error::Leaked { leak, picture: self.case.path(LEAK_FILE) },
             Some(Err(e)) => {
-                let text = format!("no picture of the leak could be kept: {e}");
+                let text = format!("no picture of the region could be kept: {e}");
                 let warning = Warning::new("app.leak_not_kept", text);
                 (self.context.events)(Event::Warned { stage: Stage::Segment, warning });
                 leak.into()
@@ -251,6 +251,9 @@ impl Session<'_> {
         staging.write(SECTIONS_FILE, document.as_bytes())?;
         staging.write(SEGMENTATION_FILE, &to_json(&note))?;
         staging.write(VOLUME_FILE, &volume_file::to_bytes(&kept))?;
+        if let Some(picture) = sections::picture::of_contours(&kept, &stack) {
+            staging.write(CONTOURS_PICTURE, &picture)?;
+        }
         let n_contours: usize = stack.planes.iter().map(|p| p.contours.len()).sum();
         let [lo, hi] = note.window_hu.unwrap_or_default();
         let summary =
@@ -314,7 +317,7 @@ fn find_lumen(
         polarity: settings.polarity,
         z_mm: settings.z_mm,
         corrections: settings.corrections.clone(),
-        on_leak: OnLeak::Refuse,
+        on_leak: settings.on_leak,
     };
     if !settings.auto_seed {
         let segmentation = segment::segment(volume, &params, task)?;

@@ -129,3 +129,27 @@ pub enum Fault {
     #[error(transparent)]
     Cancelled(#[from] crate::progress::Cancelled),
 }
+
+impl Fault {
+    /// A stable name for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Missing { .. } => "ct.image_missing",
+            Self::Field { .. } => "ct.image_field",
+            Self::HeaderTruncated { .. } => "ct.image_header_truncated",
+            Self::Unsupported { .. } => "ct.image_unsupported",
+            Self::ValuesElsewhere { .. } => "ct.image_values_elsewhere",
+            Self::Truncated { .. } => "ct.image_truncated",
+            Self::TooFewValues { .. } => "ct.image_too_few_values",
+            Self::PackedTooShort { .. } => "ct.image_packed_too_short",
+            Self::Damaged { .. } => "ct.image_damaged",
+            Self::NotANumber { .. } => "ct.image_not_a_number",
+            Self::Sheared { .. } => "ct.image_sheared",
+            Self::TooLarge { .. } => "ct.image_too_large",
+            Self::NotALabel { .. } => "ct.not_a_label",
+            Self::LabelMap { .. } => "ct.label_map",
+            Self::Cancelled(_) => "ct.cancelled",
+        }
+    }
+}

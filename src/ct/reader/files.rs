@@ -5,12 +5,13 @@
 
 use super::super::series::{Header, Series};
 use super::super::{Error, PHANTOM_TRUTH_FILE, Warning};
+use super::beginning::{self, Beginning};
 use super::header::{self, Content};
 use super::{image, in_parallel, left_out, lengths};
 use crate::progress::Task;
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::{self, Read};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// What a folder holds.
@@ -30,14 +31,23 @@ pub(super) struct Folder {
 #[derive(Debug)]
 pub(super) struct Damage {
     pub(super) fault: Error,
+    path: PathBuf,
     /// Its SeriesInstanceUID, where that can be read in spite of it; compared, never shown.
     series: Option<String>,
 }
 
 impl Damage {
-    /// Whether it may be a plane of that series: unless it says that it is one of another series of the folder.
+    /// Whether it may be a plane of that series: unless it says that it is one of another series of the folder, or the images
+    /// beside it, in its own folder, are all of others.
     pub(super) fn concerns(&self, series: &Series, all: &[Series]) -> bool {
-        !self.is_of_one_of(all) || self.series.as_ref().is_some_and(|uid| series.has_uid(uid))
+        if self.is_of_one_of(all) {
+            return self.series.as_ref().is_some_and(|uid| series.has_uid(uid));
+        }
+        self.lies_beside(series) || !all.iter().any(|s| self.lies_beside(s))
+    }
+
+    fn lies_beside(&self, series: &Series) -> bool {
+        series.images.iter().any(|image| image.path.parent() == self.path.parent())
     }
 
     pub(super) fn is_of_one_of(&self, all: &[Series]) -> bool {
@@ -51,6 +61,8 @@ enum Kind {
     /// NIfTI, MetaImage or NRRD.
     Image,
     Dicom(Result<Content, Damage>),
+    /// The same without preamble and mark.
+    Bare(Result<Content, Damage>),
 }
 
 /// Looks at all files that a path means.
@@ -92,7 +104,7 @@ fn scan_folder(folder: &Path, task: &Task<'_>) -> Result<Folder, Error> {
         return Err(Error::NoDicom { path: folder.to_owned(), n_files: files.len(), n_image_files });
     }
     if let (Some(missing), true) = (named.missing, finding.folder.images.is_empty()) {
-        finding.folder.damages.push(Damage { fault: missing, series: None });
+        finding.folder.damages.push(Damage { fault: missing, path: folder.to_owned(), series: None });
     }
     finding.folder.images.sort_by(|a, b| (&a.path, a.frame.number).cmp(&(&b.path, b.frame.number)));
     finding.folder.warnings.extend(named.warning);
@@ -109,6 +121,7 @@ fn look_at_all(files: &[PathBuf], finding: Finding, task: &Task<'_>) -> Result<F
 /// What was found so far.
 struct Finding {
     folder: Folder,
+    n_bare: usize,
     n_foreign: usize,
     n_image_files: usize,
     n_localizers: usize,
@@ -133,6 +146,7 @@ impl Default for Finding {
             Folder { images: Vec::new(), files: Vec::new(), warnings: Vec::new(), damages: Vec::new() };
         Self {
             folder,
+            n_bare: 0,
             n_foreign: 0,
             n_image_files: 0,
             n_localizers: 0,
@@ -146,6 +160,10 @@ impl Default for Finding {
 impl Finding {
     fn with(mut self, path: &Path, kind: Kind) -> Self {
         match kind {
+            Kind::Bare(content) => {
+                self.n_bare += usize::from(content.is_ok());
+                return self.with(path, Kind::Dicom(content));
+            }
             Kind::Dicom(Ok(Content::Images(headers))) => self.folder.images.extend(headers),
             Kind::Dicom(Ok(Content::Localizer)) => self.n_localizers += 1,
             Kind::Dicom(Ok(Content::SecondaryCapture)) => self.n_captures += 1,
@@ -215,6 +233,13 @@ impl Finding {
             self.n_others,
             "DICOM object(s) that are no image planes",
         ));
+        if self.n_bare > 0 {
+            let text = format!(
+                "{} file(s) begin without the preamble and mark of DICOM: they were taken for what their first elements say",
+                self.n_bare
+            );
+            warnings.push(Warning::new("ct.no_preamble", text));
+        }
         warnings.extend(self.folder.warnings);
         Folder { files, warnings, ..self.folder }
     }
@@ -265,24 +290,28 @@ pub(super) fn unreadable(path: &Path, source: io::Error) -> Error {
 }
 
 fn look_at(path: &Path, task: &Task<'_>) -> Kind {
-    let content = match has_dicom_mark(path) {
+    let content = match beginning::of(path) {
         Err(e) => Err(unreadable(path, e)),
-        Ok(true) => header::read(path, task),
+        Ok(Some(Beginning::Marked)) => header::read(path, task),
+        Ok(Some(_)) => return Kind::Bare(told(path, header::read(path, task))),
         // A file that is called DICOM and is not was damaged: it may have been a plane.
-        Ok(false) if is_called_dicom(path) => {
+        Ok(None) if is_called_dicom(path) => {
             Err(Error::Damaged { path: path.to_owned(), what: "the mark DICM is missing" })
         }
-        Ok(false) if image::is_one(path) => return Kind::Image,
-        Ok(false) => return Kind::Foreign,
+        Ok(None) if image::is_one(path) => return Kind::Image,
+        Ok(None) => return Kind::Foreign,
     };
-    Kind::Dicom(content.map_err(|fault| Damage { fault, series: lengths::series_of(path) }))
+    Kind::Dicom(told(path, content))
 }
 
-/// Whether "DICM" stands behind the preamble of 128 bytes (PS3.10 7.1).
-pub(crate) fn has_dicom_mark(path: &Path) -> io::Result<bool> {
-    let mut start = Vec::with_capacity(132);
-    File::open(path)?.take(132).read_to_end(&mut start)?;
-    Ok(start.get(128..) == Some(b"DICM"))
+/// What a file holds, or whose it is in spite of its damage.
+fn told(path: &Path, content: Result<Content, Error>) -> Result<Content, Damage> {
+    content.map_err(|fault| Damage { fault, path: path.to_owned(), series: lengths::series_of(path) })
+}
+
+/// Whether a file begins as DICOM does, with or without its preamble (PS3.10 7.1).
+pub(crate) fn is_dicom(path: &Path) -> io::Result<bool> {
+    Ok(beginning::of(path)?.is_some())
 }
 
 /// The name that PS3.10 8.6 prescribes.

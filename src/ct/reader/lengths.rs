@@ -11,6 +11,7 @@
 //! implicit VR little endian in any file (PS3.5 6.2.2). Their places are told, so that it is not shown them.
 
 use super::super::Error;
+use super::beginning::{self, Beginning};
 use super::files::unreadable;
 use super::header::damaged;
 use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
@@ -22,8 +23,6 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::Path;
 
-/// Preamble and mark.
-const START_BYTES: u64 = 132;
 /// Length of what ends with a delimiter instead.
 const UNDEFINED: u32 = u32::MAX;
 /// Starts an item; ends one of undefined length; ends a sequence of undefined length.
@@ -77,7 +76,7 @@ pub(super) struct Fragment {
     pub(super) begins_image: bool,
 }
 
-/// Checks that every element of a file that carries the DICOM mark lies within it, and finds its pixels.
+/// Checks that every element of a DICOM file lies within it, and finds its pixels.
 ///
 /// # Errors
 /// [`Error::Truncated`] where the pixels run beyond the end, [`Error::Damaged`] where anything else does.
@@ -109,8 +108,13 @@ fn start(path: &Path) -> Result<Start<'_>, Error> {
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
     let length = file.metadata().map_err(|e| unreadable(path, e))?.len();
     let mut walk = Walk::new(path, Input::Plain { reader: BufReader::new(file), length });
-    walk.skip(START_BYTES)?;
-    let encoding = walk.meta_group()?;
+    let beginning = beginning::of(path).map_err(|e| unreadable(path, e))?.unwrap_or(Beginning::Marked);
+    walk.skip(beginning.first_element_at())?;
+    let encoding = match beginning {
+        Beginning::Marked | Beginning::Meta => walk.meta_group()?,
+        Beginning::DataSet { is_explicit: true } => EXPLICIT,
+        Beginning::DataSet { is_explicit: false } => IMPLICIT,
+    };
     let deflated_from = encoding.is_deflated.then_some(walk.position);
     if encoding.is_deflated {
         walk = Walk::new(path, walk.input.inflated());

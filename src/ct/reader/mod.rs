@@ -11,6 +11,7 @@
 //! Cost: one pass over all headers, one over the pixels of the chosen series; both on all cores. Memory: the volume and
 //! one image per thread.
 
+mod beginning;
 mod files;
 mod header;
 mod image;
@@ -22,11 +23,11 @@ mod stacks;
 mod syntax;
 
 pub use super::codec::is_decoding;
-pub(crate) use files::has_dicom_mark;
+pub(crate) use files::is_dicom;
 pub use image::{image_files, load_labels};
 
 use super::grouping::group;
-use super::series::{Header, Series, listing};
+use super::series::{Header, Series, Shape, listing};
 use super::stack::{Gaps, Stack, arrange};
 use super::{
     Error, FrameOfReference, Inspection, Loaded, SeriesChoice, SeriesMark, SeriesName, SeriesReport, Volume,
@@ -37,6 +38,7 @@ use dicom_object::DefaultDicomObject;
 use files::{Folder, scan};
 use pixels::{Findings, Inflated};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -201,7 +203,7 @@ fn examine(series: &Series, task: &Task<'_>) -> Result<(Option<Stack>, Option<Er
 fn check_pixels(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<Findings, Error> {
     let middle = &series.images[stack.images[stack.images.len() / 2]];
     let (_, findings) = stored_plane(middle, stack, &Inflated::default())?;
-    compare_duplicates(series, stack, task)?;
+    compare_duplicates(series, stack, |_| None, task)?;
     Ok(findings)
 }
 
@@ -226,14 +228,17 @@ fn read_volume(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(Volum
     let n_planes = stack.images.len() as u64;
     let (hu, findings) = Voxels::by_plane(stack.images.len(), |k| {
         task.check()?;
-        let mut plane = vec![0.0; columns * rows];
+        let mut plane = blank(columns * rows, dims)?;
         let findings = read_plane(series, stack, k, &inflated, &mut plane)?;
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, n_planes);
         Ok::<_, Error>((plane, findings))
     })?;
     let findings = findings.into_iter().fold(Findings::default(), Findings::and);
     drop(inflated);
-    compare_duplicates(series, stack, task)?;
+    // Planes that were moved onto the grid are not what their files hold.
+    let is_as_stored = stack.shifts.is_empty();
+    let read = |image| stack.images.iter().position(|&i| is_as_stored && i == image).map(|k| hu.plane(k));
+    compare_duplicates(series, stack, read, task)?;
     let volume = Volume {
         dims,
         hu,
@@ -270,26 +275,45 @@ fn stored_plane(
     stack: &Stack,
     inflated: &Inflated<'_>,
 ) -> Result<(Vec<f32>, Findings), Error> {
-    let mut plane = vec![0.0; header.shape.n_pixels()];
+    let Shape { columns, rows, .. } = header.shape;
+    let mut plane = blank(header.shape.n_pixels(), [columns, rows, 1])?;
     let findings = pixels::read_plane(header, inflated, stack.reversed, &mut plane)?;
     Ok((plane, findings))
 }
 
-/// The memory of a volume, asked for in a way that may fail: dimensions come from files.
-/// Refuses what no memory holds before the first plane is read.
+/// Refuses what no memory holds before the first plane is read: dimensions come from files. Planes of whole numbers take two
+/// bytes a voxel; how many are others shows only as they are read.
 fn check_size(dims: [usize; 3]) -> Result<(), Error> {
     let n = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(Error::TooLarge { dims })?;
-    Vec::<f32>::new().try_reserve_exact(n).map_err(|_refused| Error::TooLarge { dims })
+    Vec::<i16>::new().try_reserve_exact(n).map_err(|_refused| Error::TooLarge { dims })
 }
 
-/// Refuses images at one place that are not the same image.
-fn compare_duplicates(series: &Series, stack: &Stack, task: &Task<'_>) -> Result<(), Error> {
+/// A plane of zeros, asked for in a way that may fail.
+fn blank(n_pixels: usize, dims: [usize; 3]) -> Result<Vec<f32>, Error> {
+    let mut plane = Vec::new();
+    plane.try_reserve_exact(n_pixels).map_err(|_refused| Error::TooLarge { dims })?;
+    plane.resize(n_pixels, 0.0);
+    Ok(plane)
+}
+
+/// Refuses images at one place that are not the same image. `read` gives the pixels of an image that was read already.
+fn compare_duplicates<'a>(
+    series: &Series,
+    stack: &Stack,
+    read: impl Fn(usize) -> Option<Cow<'a, [f32]>> + Sync,
+    task: &Task<'_>,
+) -> Result<(), Error> {
     let both = stack.duplicates.iter().flat_map(|&(kept, other)| [kept, other]);
     let inflated = Inflated::of(both.map(|i| &series.images[i]), task)?;
     let pixels = |image: usize| stored_plane(&series.images[image], stack, &inflated).map(|(plane, _)| plane);
-    for &(kept, other) in &stack.duplicates {
+    let differ = |&(kept, other): &(usize, usize)| {
         task.check()?;
-        if pixels(kept)? != pixels(other)? {
+        let kept = read(kept).map_or_else(|| pixels(kept).map(Cow::Owned), Ok)?;
+        Ok::<_, Error>(kept.as_ref() != pixels(other)?)
+    };
+    let found: Vec<Result<bool, Error>> = stack.duplicates.par_iter().map(differ).collect();
+    for (&(kept, other), differ) in stack.duplicates.iter().zip(found) {
+        if differ? {
             let plane = stack.images.iter().position(|&i| i == kept).expect("what is doubled was kept");
             return Err(Error::ConflictingPlanes {
                 first: series.images[kept].path.clone(),

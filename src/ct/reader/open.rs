@@ -1,6 +1,7 @@
 //! Opens a DICOM file with the library, once nothing in it can lead that astray.
 
 use super::super::Error;
+use super::beginning::{self, Beginning};
 use super::files::unreadable;
 use super::header::damaged;
 use super::lengths::{self, Layout};
@@ -11,14 +12,16 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
-/// Reads a file that carries the DICOM mark, up to the outermost element `until` where one is named.
+/// Reads a DICOM file, up to the outermost element `until` where one is named.
 ///
 /// # Errors
 /// [`Error::Damaged`] or [`Error::Truncated`] where an element runs beyond the end or nothing can be parsed.
 pub(super) fn open(path: &Path, until: Option<Tag>) -> Result<(DefaultDicomObject, Layout), Error> {
     let layout = lengths::check(path)?;
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
-    let reader = BufReader::new(Cut { file, position: 0, cuts: layout.cuts.clone(), next: 0 });
+    let beginning = beginning::of(path).map_err(|e| unreadable(path, e))?.unwrap_or(Beginning::Marked);
+    let rest = Cut { file, position: 0, cuts: layout.cuts.clone(), next: 0 };
+    let reader = BufReader::new(io::Cursor::new(beginning.missing()).chain(rest));
     let options = until.into_iter().fold(OpenFileOptions::new(), OpenFileOptions::read_until);
     // The library's own words are left out: they may quote what identifies a patient.
     let object = options.from_reader(reader).ok();

@@ -297,54 +297,68 @@ fn tilt_warning(angle_deg: f64) -> Warning {
 }
 
 fn header_warnings(series: &Series) -> Vec<Warning> {
-    let mut warnings = encoding::warnings(&series.images);
-    let mut warn = |code: &str, text: String| warnings.push(Warning::new(code, text));
+    let told = [intensities(series), rounded_axes(series), inverted(series), origin(series)];
+    let left_out = [
+        (series.n_across, "ct.localizer", "image(s) across the planes (scout views) left out"),
+        (
+            series.n_other_kind,
+            "ct.other_kind",
+            "image(s) of another kind or reconstruction in the series left out",
+        ),
+    ];
+    let left_out = left_out
+        .into_iter()
+        .filter(|(n, ..)| *n > 0)
+        .map(|(n, code, what)| Warning::new(code, format!("{n} {what}")));
+    encoding::warnings(&series.images).into_iter().chain(told.into_iter().flatten()).chain(left_out).collect()
+}
+
+/// Whether the values are Hounsfield units.
+fn intensities(series: &Series) -> Option<Warning> {
     let modality = &series.images[0].modality;
     if modality != "CT" {
-        warn("ct.modality", format!("modality is {modality}, not CT: intensities are not Hounsfield units"));
-    } else if series.images.iter().any(|h| h.rescale.is_none()) {
-        warn(
-            "ct.no_rescale",
-            "images without rescale slope and intercept: stored values were taken as HU".into(),
-        );
+        let text = format!("modality is {modality}, not CT: intensities are not Hounsfield units");
+        return Some(Warning::new("ct.modality", text));
     }
+    series.images.iter().any(|h| h.rescale.is_none()).then(|| {
+        Warning::new(
+            "ct.no_rescale",
+            "images without rescale slope and intercept: stored values were taken as HU",
+        )
+    })
+}
+
+fn rounded_axes(series: &Series) -> Option<Warning> {
     let fault = series.images.iter().map(|h| h.axes_fault).fold(0.0, f64::max);
-    if fault > axes::TOLD {
+    (fault > axes::TOLD).then(|| {
         let text =
             format!("direction cosines are off by {fault:.4}; the nearest right-angled axes were taken");
-        warn("ct.rounded_axes", text);
-    }
-    if series.images.iter().any(|h| h.is_inverted) {
+        Warning::new("ct.rounded_axes", text)
+    })
+}
+
+fn inverted(series: &Series) -> Option<Warning> {
+    series.images.iter().any(|h| h.is_inverted).then(|| {
         let text =
             "the images are meant to be shown inverted (MONOCHROME1); their values were taken as they are";
-        warn("ct.inverted", text.into());
-    }
-    match series.images[0].traits.origin() {
-        Origin::Scan => {}
-        Origin::Reformatted => warn(
+        Warning::new("ct.inverted", text)
+    })
+}
+
+/// Whether the images are what the scanner saw.
+fn origin(series: &Series) -> Option<Warning> {
+    let (code, text) = match series.images[0].traits.origin() {
+        Origin::Scan => return None,
+        Origin::Reformatted => (
             "ct.reformatted",
-            "the planes were computed from another series (MPR): prefer the original where you have it"
-                .into(),
+            "the planes were computed from another series (MPR): prefer the original where you have it",
         ),
-        Origin::Projection => warn(
+        Origin::Projection => (
             "ct.projection",
-            "the images are projections or renderings, not planes: what they show has no true size".into(),
+            "the images are projections or renderings, not planes: what they show has no true size",
         ),
-    }
-    if series.n_across > 0 {
-        warn(
-            "ct.localizer",
-            format!("{} image(s) across the planes (scout views) left out", series.n_across),
-        );
-    }
-    if series.n_other_kind > 0 {
-        let n = series.n_other_kind;
-        warn(
-            "ct.other_kind",
-            format!("{n} image(s) of another kind or reconstruction in the series left out"),
-        );
-    }
-    warnings
+    };
+    Some(Warning::new(code, text))
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 use super::*;
 use crate::printer::link::NamedLink;
+use crate::printer::protocol::Heat;
 use std::io::Cursor;
-use tokio::io::{AsyncBufReadExt, BufReader, DuplexStream};
+use std::pin::Pin;
+use std::task::{Context, Poll};
+use tokio::io::{AsyncBufReadExt, BufReader, DuplexStream, ReadBuf};
 
 /// How a printer of these tests ends.
 #[derive(Clone, Copy, PartialEq)]
@@ -136,7 +139,7 @@ async fn a_dead_firmware_ends_the_print() {
 async fn a_request_to_cancel_is_followed_and_confirmed() {
     let (result, executed, events) =
         printed(Manner::DeadAfter(usize::MAX), 2_000_000, Some(Duration::ZERO)).await;
-    assert!(matches!(result, Err(Error::Cancelled)), "{result:?}");
+    assert!(matches!(result, Err(Error::Cancelled { heat: Heat::Obeyed })), "{result:?}");
     assert!(executed.len() < 1_000_000);
     assert!(executed.contains(&"M140 S0".to_owned()));
     assert!(events.contains(&PrintEvent::Session(Event::Cancelled)));
@@ -195,4 +198,45 @@ async fn a_session_is_in_the_journal_before_its_first_line_is_sent() {
     drop(sender);
     listener.await.unwrap();
     assert!(printer.await.unwrap().1.contains("\"session\""));
+}
+
+/// A port that always has something to read, for so long.
+struct Flood(tokio::time::Instant);
+
+impl AsyncRead for Flood {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        if self.0.elapsed() < Duration::from_secs(2) {
+            buffer.put_slice(b"echo:busy: processing\n");
+        }
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Flood {
+    fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<std::io::Result<usize>> {
+        Poll::Ready(Ok(bytes.len()))
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<std::io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<std::io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+}
+
+#[tokio::test]
+async fn a_flood_of_bytes_does_not_stop_the_clock() {
+    let profile = crate::profile::builtin("marlin").unwrap();
+    let (sender, _events) = mpsc::channel(16);
+    let cancel = CancelToken::default();
+    cancel.cancel();
+    let link = NamedLink::new("x", Flood(tokio::time::Instant::now()));
+    let result = print(job(50, &profile), link, &profile, &sender, &cancel).await;
+    assert!(matches!(result, Err(Error::Left { .. })), "{result:?}");
 }

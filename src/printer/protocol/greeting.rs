@@ -1,6 +1,6 @@
 //! The greeting: both sides agree that the last line was number 0, and the printer proves that it checks numbers.
 
-use super::{BUSY_INTERVAL, Core, Event, Fault, NextOk, Reply, ResendStyle, State, Timer};
+use super::{Core, Event, Fault, NextOk, Reply, ResendStyle, State, Timer};
 use crate::printer::protocol::wire::write_numbered;
 
 /// Where the greeting is.
@@ -68,9 +68,7 @@ impl Core {
             }
             (Reply::Ok(ok), Greeting::AwaitLast(tries)) => self.on_inquiry_ok(ok, tries),
             // It is busy with what somebody else has left it: it answers when that is done.
-            (Reply::Busy(_), _) => {
-                self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response)
-            }
+            (Reply::Busy(what), _) => self.busy_before(what),
             (Reply::Halted(text), _) => self.fail(Fault::Halted { text: text.to_owned() }),
             (Reply::LineRefused { reason, last }, _) => self.refused = Some((reason, last.0)),
             (Reply::Resend(number), Greeting::AwaitProof(tries)) => {
@@ -125,6 +123,7 @@ impl Core {
             if self.config.firmware.counts_lines() { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
         self.n_echoed = 0;
+        self.user_awaited = None;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;
         self.events.push_back(Event::Connected);

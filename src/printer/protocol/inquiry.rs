@@ -5,9 +5,7 @@
 //! first half waits in the firmware, and might be obeyed: what is put behind it makes it a line that no firmware understands.
 
 use super::wire::{VOID, Wire};
-use super::{
-    Acknowledgement, BUSY_INTERVAL, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer,
-};
+use super::{Acknowledgement, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer};
 use crate::profile::Dialect;
 
 /// What a printer can be asked.
@@ -125,6 +123,7 @@ impl Core {
         self.timers.stop_all();
         self.refused = None;
         self.stats.n_unknown_lines = 0;
+        self.user_awaited = None;
         self.state = State::Idle;
         self.events.push_back(Event::Found(last));
     }
@@ -160,9 +159,7 @@ impl Core {
                 self.events.push_back(Event::Temperatures(temperatures));
                 self.told(inquiry, question == Question::Temperatures);
             }
-            Reply::Busy(_) => {
-                self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response);
-            }
+            Reply::Busy(what) => self.busy_before(what),
             Reply::Halted(text) => self.fail(Fault::Halted { text: text.to_owned() }),
             // The board has only just started: what it said before is no longer true.
             Reply::Start => self.inquire(self.wire.highest()),

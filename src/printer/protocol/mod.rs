@@ -34,7 +34,9 @@
 //!
 //! The checksum has eight bits: of damages that hit more than one bit (two lines run together, for one) one in 256
 //! passes it, and the firmware then executes what it has read.
-//! Firmware without line numbers gets one line at a time and no proof; what noise does to those lines is not found out.
+//! Firmware that counts no lines gives no proof. RepRapFirmware gets one line at a time, and a line that it refuses is sent again;
+//! Klipper and whatever else takes lines without numbers have many in flight, behind a link that must not damage them: a line that is
+//! refused there ends the print, and those behind it may be executed.
 //! Memory is bounded: a few hundred lines of history.
 
 mod allowance;
@@ -44,6 +46,7 @@ mod fault;
 mod greeting;
 mod inquiry;
 mod lines;
+mod owed;
 mod patience;
 mod pause;
 mod planner;
@@ -51,6 +54,7 @@ mod prompt;
 mod recovery;
 mod reply;
 mod safety;
+mod slow;
 #[cfg(test)]
 mod tests;
 mod time;
@@ -70,7 +74,8 @@ pub use time::{Instant, Timer};
 
 use super::policy::{self, Action, Trouble};
 use crate::profile::{Dialect, Profile, ResendStyle};
-use pause::Pulse;
+use owed::Debts;
+use pause::{Awaited, Guard, Pulse};
 use planner::Planner;
 use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
@@ -106,8 +111,8 @@ struct Config {
     prelude: Vec<String>,
     postlude: Vec<String>,
     safe: Vec<String>,
-    /// Set and take back the firmware's time-out for hosts that are gone.
-    guard: Option<[String; 2]>,
+    /// What sets the firmware's time-out for hosts that are gone, and how often it is set anew in a pause.
+    guard: Option<(String, Duration)>,
 }
 
 /// The line whose acknowledgement is awaited.
@@ -135,8 +140,7 @@ pub struct Core {
     /// Since when the firmware owes a sign of progress.
     quiet_since: Instant,
     oldest: Option<Oldest>,
-    /// The line within which the firmware says that it waits for the user.
-    user_awaited_at: Option<u64>,
+    user_awaited: Option<Awaited>,
     next_ok: NextOk,
     /// The last line, as a refusal has named it; `Resend` must agree.
     refused: Option<(Refusal, u64)>,
@@ -144,7 +148,7 @@ pub struct Core {
     probe: Option<Probe>,
     /// `ok` with line numbers were seen: one without belongs to none of our lines.
     is_advanced: bool,
-    n_emergencies_owed: u32,
+    owed: Debts,
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
@@ -155,6 +159,7 @@ pub struct Core {
     /// Lines of ours that came back.
     n_echoed: u32,
     pulse: Pulse,
+    guard: Guard,
     prompts: Prompts,
     securing: Securing,
     stats: Stats,
@@ -195,7 +200,7 @@ impl Core {
             prelude: prelude_of(profile),
             postlude: postlude_of(profile),
             safe: profile.safe_gcode(),
-            guard: profile.orphan_gcode().zip(profile.orphan_pause_gcode()).map(|(set, clear)| [set, clear]),
+            guard: profile.orphan_gcode().map(|set| (set, pause::renewal(profile.firmware.orphan_hold_s))),
             firmware,
         };
         Self {
@@ -211,18 +216,19 @@ impl Core {
             heard: Instant::default(),
             quiet_since: Instant::default(),
             oldest: None,
-            user_awaited_at: None,
+            user_awaited: None,
             next_ok: NextOk::default(),
             refused: None,
             rewind: None,
             probe: None,
             is_advanced: false,
-            n_emergencies_owed: 0,
+            owed: Debts::default(),
             n_garbled: 0,
             is_suspect: false,
             inquired_beyond: None,
             n_echoed: 0,
             pulse: Pulse::default(),
+            guard: Guard::default(),
             prompts: Prompts::default(),
             securing: Securing::default(),
             stats: Stats::default(),
@@ -310,8 +316,7 @@ impl Core {
             (Command::Ask(question), State::Idle) => self.put(question, 1),
             (Command::Begin, State::Idle) => self.begin(),
             (Command::GoOn, State::Idle) => {
-                // A host that died in a pause had taken it back.
-                self.guard(true);
+                self.renew_guard();
                 self.state = State::Streaming;
             }
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
@@ -330,6 +335,8 @@ impl Core {
             (Command::Resume, state) if state.is_paused() => self.go_on(),
             // It may wait for the user without having asked for a pause (M0).
             (Command::Resume, State::Streaming | State::Finishing) => self.continue_for_user(),
+            // It may wait within a line of a host that is gone.
+            (Command::Resume, State::Handshake(_) | State::Asking(_)) => self.continue_for_another(),
             (Command::Cancel, State::Cancelling) => {}
             (Command::Cancel, State::Idle | State::Handshake(_) | State::Asking(_)) => {
                 self.state = State::Idle;
@@ -437,10 +444,8 @@ impl Core {
 
     fn cancel(&mut self) {
         self.state = State::Cancelling;
-        for emergency in ["M108\n", "M410\n"] {
-            self.urgent.push_back(emergency.to_owned());
-            self.n_emergencies_owed += 1;
-        }
+        self.say_now("M108");
+        self.say_now("M410");
         self.wire.drop_unsent();
         // The time-out that watched over the heaters would kill a firmware that is done, half an hour later.
         for line in self.config.safe.iter().chain(self.config.postlude.iter().skip(1)) {
@@ -460,6 +465,7 @@ impl Core {
         }
         if matches!(reply, Reply::Ok(_)) {
             self.pulse.n_unanswered = 0;
+            self.guard.n_unanswered = 0;
         }
     }
 
@@ -521,13 +527,13 @@ impl Core {
         match self.state {
             State::Pausing if is_drained && !self.wire.owes_lines() => {
                 self.paused();
-                self.guard(false);
                 self.events.push_back(Event::Paused);
             }
             State::Parking if is_drained && self.wire.unsent() == 0 => self.paused(),
             State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
             _ => {}
         }
+        self.hear_the_user();
         self.track_oldest();
         self.arm();
     }

@@ -1,6 +1,7 @@
 //! How long the core waits for what: each timer of a session, set anew from what is owed.
 
 use super::{BUSY_INTERVAL, Core, Fault, Instant, Oldest, SILENCE_FACTOR, State, Timer};
+use crate::profile::Dialect;
 use std::time::Duration;
 
 /// How much longer than the interval `busy` may take.
@@ -45,12 +46,9 @@ impl Core {
         self.timers.stop(Timer::Pulse);
         let is_slow = self.wire.oldest_is_slow();
         self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
-        let was_heard = self.oldest.is_none_or(|oldest| self.heard > oldest.since);
-        let silence = if is_slow && !was_heard {
-            self.config.slow_command
-        } else {
-            self.config.response * SILENCE_FACTOR
-        };
+        let is_alive = self.is_talkative() && self.oldest.is_none_or(|oldest| self.heard > oldest.since);
+        let silence =
+            if is_slow && !is_alive { self.command_limit() } else { self.config.response * SILENCE_FACTOR };
         self.timers.set(Timer::Silence, self.heard_or_sent() + silence);
         match self.oldest {
             Some(oldest) => self.timers.set(Timer::Command, oldest.since + self.command_limit()),
@@ -61,7 +59,16 @@ impl Core {
     fn command_limit(&self) -> Duration {
         match self.state {
             State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
-            _ => self.config.slow_command,
+            _ => self.config.slow_command + self.wire.oldest_dwell(),
+        }
+    }
+
+    /// Whether the firmware says `busy` in the middle of what takes its time. One word of another (a temperature, "// probe at")
+    /// promises no next one.
+    pub(super) const fn is_talkative(&self) -> bool {
+        match self.config.firmware.dialect {
+            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => true,
+            Dialect::Klipper | Dialect::RepRapFirmware | Dialect::Smoothie => false,
         }
     }
 

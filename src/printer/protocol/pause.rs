@@ -3,10 +3,10 @@
 //! In a pause no more lines are sent; those that were sent once are brought to their end. The host may then send lines of its own
 //! (parking), for which the job's lines that were never sent are given up: they are given again when it goes on. While it lasts the
 //! printer is asked for its temperatures now and then, so that a board that dies in a pause is noticed, and the firmware's
-//! time-out for hosts that are gone, which would end a long pause, is taken back.
+//! time-out for hosts that are gone, which would end a long pause, is set anew: so a host that dies in a pause leaves no heat either.
 
 use super::prompt::Button;
-use super::{BUSY_INTERVAL, Command, Core, Event, Fault, NextOk, SILENCE_FACTOR, State};
+use super::{BUSY_INTERVAL, Command, Core, Event, Fault, SILENCE_FACTOR, State, Timer};
 use crate::printer::policy::{self, Action, Trouble};
 use crate::profile::Dialect;
 use std::time::Duration;
@@ -16,6 +16,32 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Where it does not answer, it is asked ever more rarely, up to so many doublings.
 const MAX_DOUBLINGS: u32 = 6;
+
+/// The same for the firmware's time-out.
+const MAX_RENEWAL_DOUBLINGS: u32 = 4;
+
+/// How often the firmware's time-out for hosts that are gone is set anew in a pause: a few times may be lost.
+pub(super) fn renewal(hold_s: f64) -> Duration {
+    Duration::try_from_secs_f64(hold_s / 6.0).unwrap_or(ALIVE_INTERVAL)
+}
+
+/// A line within which the firmware says that it waits for the user.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Awaited {
+    /// Its number; 0 where it is a line of somebody who is gone.
+    number: u64,
+    /// Whether it was heard since it was told to go on.
+    is_waiting: bool,
+}
+
+/// The firmware's time-out for hosts that are gone.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Guard {
+    /// When it was set last.
+    set: super::Instant,
+    /// How often, since anything was answered.
+    pub(super) n_unanswered: u32,
+}
 
 /// Signs of life in a pause.
 #[derive(Debug, Clone, Copy, Default)]
@@ -30,6 +56,7 @@ impl Core {
     pub(super) fn paused(&mut self) {
         self.state = State::Paused;
         self.pulse = Pulse { asked: self.now, n_unanswered: 0 };
+        self.renew_guard();
     }
 
     /// The job's lines that were never sent are given up; the host's own take their numbers.
@@ -40,9 +67,6 @@ impl Core {
     }
 
     pub(super) fn go_on(&mut self) {
-        if self.state != State::Pausing {
-            self.guard(true);
-        }
         self.state = if self.wire.is_whole() { State::Finishing } else { State::Streaming };
         self.continue_for_user();
         self.events.push_back(Event::Resumed);
@@ -52,11 +76,15 @@ impl Core {
     pub(super) fn pulse_due(&self) -> super::Instant {
         let n_doublings = self.pulse.n_unanswered.saturating_sub(1).min(MAX_DOUBLINGS);
         let ask = self.pulse.asked + ALIVE_INTERVAL * (1 << n_doublings);
-        ask.min(self.heard + self.silence_in_a_pause())
+        let dead = self.heard + self.silence_in_a_pause();
+        self.guard_due().into_iter().chain([ask, dead]).fold(ask, super::Instant::min)
     }
 
     /// Asks for a sign of life, or gives up.
     pub(super) fn feel_pulse(&mut self) {
+        if self.guard_due().is_some_and(|due| due <= self.now) {
+            self.renew_guard();
+        }
         let after = self.now.since(self.heard);
         if after < ALIVE_INTERVAL {
             // It speaks by itself: nothing needs to be asked, and what it cannot take now would overrun it.
@@ -68,26 +96,28 @@ impl Core {
             return;
         }
         self.pulse = Pulse { asked: self.now, n_unanswered: self.pulse.n_unanswered + 1 };
-        self.urgent.push_back("M105\n".to_owned());
-        // Nothing is in flight: the next `ok` is for this.
-        self.next_ok = NextOk::EndsRefusal;
+        self.say_now("M105");
     }
 
     /// Whoever says `busy` cannot be silent and alive. The others may be at something that somebody has begun at the printer: that
     /// takes its time, and a pause is not given up for it.
     fn silence_in_a_pause(&self) -> Duration {
-        match self.config.firmware.dialect {
-            Dialect::Marlin | Dialect::Marlin1 | Dialect::Repetier => self.config.response * SILENCE_FACTOR,
-            Dialect::Klipper | Dialect::RepRapFirmware | Dialect::Smoothie => self.config.slow_command,
+        if self.is_talkative() { self.config.response * SILENCE_FACTOR } else { self.config.slow_command }
+    }
+
+    /// The firmware counts anew from here: a pause may take the night, and a host that dies in it is noticed all the same.
+    pub(super) fn renew_guard(&mut self) {
+        if let Some((set, _)) = self.config.guard.clone() {
+            self.guard = Guard { set: self.now, n_unanswered: self.guard.n_unanswered + 1 };
+            self.say_now(&set);
         }
     }
 
-    /// A pause may take the night: the time-out is for hosts that died. Nothing is in flight, so the next `ok` is for this.
-    pub(super) fn guard(&mut self, is_set: bool) {
-        if let Some([set, clear]) = &self.config.guard {
-            self.urgent.push_back(format!("{}\n", if is_set { set } else { clear }));
-            self.next_ok = NextOk::EndsRefusal;
-        }
+    /// When that is due; ever more rarely where nothing is answered: what takes nothing now would be overrun.
+    fn guard_due(&self) -> Option<super::Instant> {
+        let (_, every) = self.config.guard.as_ref()?;
+        let n_doublings = self.guard.n_unanswered.saturating_sub(1).min(MAX_RENEWAL_DOUBLINGS);
+        Some(self.guard.set + *every * (1 << n_doublings))
     }
 
     pub(super) fn on_busy(&mut self, what: &str) {
@@ -97,18 +127,52 @@ impl Core {
         // Somebody changes filament or reads a prompt: that may take the night.
         oldest.since = self.now;
         let number = oldest.number;
-        if self.state.has_job() && self.user_awaited_at != Some(number) {
+        let is_known = self.user_awaited.is_some_and(|awaited| awaited.number == number);
+        if self.state.has_job() && !is_known {
             // It stands still, within a line, until somebody presses its button or the operator says to go on.
             self.events.push_back(Event::Paused);
         }
-        self.user_awaited_at = Some(number);
+        self.user_awaited = Some(Awaited { number, is_waiting: true });
     }
 
-    /// Tells a firmware that waits for the user within a line to go on; anywhere else the word would end the wait for a
-    /// temperature.
+    /// Tells a firmware that waits for the user within a line to go on; anywhere else the word would end the wait for a temperature.
     pub(super) fn continue_for_user(&mut self) {
-        let awaited = self.user_awaited_at.take();
-        if awaited.is_some() && awaited == self.oldest.map(|oldest| oldest.number) {
+        let oldest = self.oldest.map(|oldest| oldest.number);
+        let Some(awaited) = self.user_awaited.as_mut().filter(|awaited| Some(awaited.number) == oldest)
+        else {
+            return;
+        };
+        if std::mem::take(&mut awaited.is_waiting) {
+            self.say_now("M108");
+        }
+    }
+
+    /// The line within which the user was awaited is done: by the operator's word, or because somebody has pressed the printer's own
+    /// button.
+    pub(super) fn hear_the_user(&mut self) {
+        let is_done = self.user_awaited.is_some_and(|awaited| awaited.number <= self.wire.acked());
+        if !is_done || !self.state.has_job() {
+            return;
+        }
+        self.user_awaited = None;
+        if matches!(self.state, State::Streaming | State::Finishing) {
+            self.events.push_back(Event::Resumed);
+        }
+    }
+
+    /// Before anything is sent: it may be within a line of a host that is gone.
+    pub(super) fn busy_before(&mut self, what: &str) {
+        self.timers.set(Timer::Handshake, self.now + BUSY_INTERVAL + self.config.response);
+        let awaited = Awaited { number: 0, is_waiting: true };
+        if what.contains("user") && self.user_awaited.replace(awaited).is_none() {
+            self.events.push_back(Event::Busy(what.to_owned()));
+            self.events.push_back(Event::Paused);
+        }
+    }
+
+    /// See above. What it answers then tells whether it does.
+    pub(super) fn continue_for_another(&mut self) {
+        if self.user_awaited.as_mut().is_some_and(|awaited| std::mem::take(&mut awaited.is_waiting)) {
             self.urgent.push_back("M108\n".to_owned());
         }
     }
@@ -148,8 +212,7 @@ impl Core {
             Some(_) | None if is_klipper => return,
             _ => format!("M876 S{button_idx}"),
         };
-        self.urgent.push_back(text + "\n");
-        self.n_emergencies_owed += 1;
+        self.say_now(&text);
         self.events.push_back(Event::Prompt(None));
     }
 

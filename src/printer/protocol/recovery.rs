@@ -133,6 +133,9 @@ impl Core {
     }
 
     fn acknowledge(&mut self, ok: Acknowledgement) {
+        if self.is_owed(&ok) {
+            return;
+        }
         if !self.config.firmware.counts_lines() {
             self.acknowledge_unnumbered(ok);
             return;
@@ -174,15 +177,14 @@ impl Core {
         self.refused = None;
         self.next_ok = NextOk::Acknowledges;
         self.quiet_since = self.now;
+        self.owed.forget();
         self.lost_oks();
         self.complete();
     }
 
-    /// An `ok` without number where others have one: of an emergency command, or of a damaged line.
+    /// An `ok` without number where others have one, and none is owed: of a damaged line.
     fn unnumbered_ok(&mut self) {
-        if self.n_emergencies_owed > 0 {
-            self.n_emergencies_owed -= 1;
-        } else if self.wire.in_flight() > 0 {
+        if self.wire.in_flight() > 0 {
             self.stats.n_foreign_commands += 1;
             self.ask_in_doubt();
         }
@@ -193,6 +195,7 @@ impl Core {
         self.quiet_since = self.now;
         if self.probe.is_some() && ok.temperatures.is_some() {
             self.probe = None;
+            self.owed.forget();
             if std::mem::take(&mut self.is_suspect) {
                 self.refused_alone();
             } else {
@@ -296,6 +299,7 @@ impl Core {
     }
 
     fn everything_read(&mut self) {
+        self.owed.forget();
         self.wire.all_read();
         self.rewind = None;
         self.quiet_since = self.now;
@@ -352,6 +356,7 @@ impl Core {
         let is_last = rewind.n_refusals == rewind.n_behind.saturating_add(1);
         if is_damaged || was_asked || is_last || rewind.n_refusals.is_power_of_two() {
             self.wire.rewind(number);
+            self.owed.forget_from(number);
             self.planner.forget();
             self.quiet_since = self.now;
         }

@@ -31,6 +31,8 @@ const PROOF: u32 = 2;
 pub enum Heat {
     /// The firmware tells that their targets are 0.
     Off(Temperatures),
+    /// It has executed heaters-off, line by line, and named the last of these lines.
+    Obeyed,
     /// It has said that it has stopped for good, and switches them off then.
     Halted,
     /// It tells that they are on.
@@ -65,7 +67,7 @@ impl Heat {
     /// Whether nobody has to see to it.
     #[must_use]
     pub const fn is_safe(&self) -> bool {
-        matches!(self, Self::Off(_) | Self::Halted)
+        matches!(self, Self::Off(_) | Self::Obeyed | Self::Halted)
     }
 }
 
@@ -73,6 +75,7 @@ impl fmt::Display for Heat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Off(told) => write!(f, "the heaters are off, and the printer says so ({told})"),
+            Self::Obeyed => write!(f, "the printer has executed heaters-off"),
             Self::Halted => write!(f, "a printer that has stopped switches its heaters off by itself"),
             Self::On(told) => write!(f, "the heaters are on ({told})"),
             Self::Unknown(Some(told)) => {
@@ -145,10 +148,10 @@ impl Core {
 
     /// The line feed ends whatever half line the firmware may hold.
     fn say_off(&mut self, ends_waits: bool) {
+        self.urgent.push_back("\n".to_owned());
         if self.securing.stops && !self.securing.is_halted {
             self.urgent.push_back("M112\n".to_owned());
         }
-        self.urgent.push_back("\n".to_owned());
         if ends_waits {
             // Else heaters-off stands behind a wait that may never end.
             self.urgent.push_back("M108\n".to_owned());
@@ -181,6 +184,8 @@ impl Core {
     pub(super) fn securing_reply(&mut self, reply: Reply<'_>, line: &str) {
         match reply {
             Reply::Halted(_) => self.securing.is_halted = true,
+            // Repetier obeys by starting anew; the next word would stop it again before it can say anything.
+            Reply::Start => self.securing.stops = false,
             // What comes unasked for may tell of before; Repetier's answer has no other form.
             Reply::Temperatures(told) => {
                 let is_answer = self.config.firmware.dialect == Dialect::Repetier;
@@ -228,7 +233,7 @@ impl Core {
             None => Heat::default(),
         };
         if matches!(heat, Heat::On(_)) {
-            self.urgent.push_back("M112\n".to_owned());
+            self.urgent.push_back("\nM112\n".to_owned());
         }
         self.events.push_back(Event::Secured(heat));
     }
@@ -245,7 +250,7 @@ impl Core {
     pub(super) fn stop_at_once(&mut self) {
         if matches!(self.state, State::Faulted(_) | State::SwitchingOff) {
             self.securing.stops = true;
-            self.urgent.push_front("M112\n".to_owned());
+            self.urgent.push_front("\nM112\n".to_owned());
         } else {
             self.fail(Fault::EmergencyStop);
         }

@@ -13,10 +13,12 @@
 //! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
 use super::allowance::Allowance;
+use super::slow::{dwell, is_move, is_slow};
 use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
+use std::time::Duration;
 
 /// Lines kept after their acknowledgement: an `ok` may have been taken for the wrong line, by a few.
 const HISTORY: u64 = 256;
@@ -60,22 +62,6 @@ struct Line {
     is_slow: bool,
     /// A straight move: it takes one place of the planner, and no time where there is one.
     is_move: bool,
-}
-
-/// Commands that may take minutes: homing, levelling, heating, waiting, and whatever asks the operator.
-const SLOW: &[&str] = &[
-    "G4", "G28", "G29", "G30", "G34", "M0", "M1", "M109", "M116", "M190", "M191", "M226", "M303", "M400",
-    "M600", "M701", "M702",
-];
-
-fn is_slow(command: &str) -> bool {
-    let word = command.split_ascii_whitespace().next().unwrap_or_default();
-    // The words of nearly all lines of a job.
-    !is_move(command) && SLOW.contains(&word)
-}
-
-fn is_move(command: &str) -> bool {
-    matches!(command.as_bytes(), [b'G', b'0' | b'1'] | [b'G', b'0' | b'1', b' ', ..])
 }
 
 /// See the module. Numbers count from 1, after `M110 N0`.
@@ -357,6 +343,11 @@ impl Wire {
     /// Whether the oldest line in flight may take minutes.
     pub(super) fn oldest_is_slow(&self) -> bool {
         self.in_flight() > 0 && self.index(self.acked + 1).is_some_and(|i| self.lines[i].is_slow)
+    }
+
+    /// How long the oldest line in flight takes by its own word.
+    pub(super) fn oldest_dwell(&self) -> Duration {
+        self.oldest_command().map_or(Duration::ZERO, dwell)
     }
 
     /// Whether the oldest line in flight ends when something is warm.

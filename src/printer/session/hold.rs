@@ -103,7 +103,8 @@ impl<R: BufRead + Seek> Session<R> {
         self.job.replay(n_done, |command| tail.push(modal.apply(command)))?;
         let Some(at) = place_of(&modal) else { return self.wind_to(n_given) };
         let away = self.away_gcode(&at);
-        let mut back = self.profile.resume_gcode(&at);
+        let mut back: Vec<_> = self.profile.orphan_gcode().into_iter().collect();
+        back.extend(self.profile.resume_gcode(&at));
         back.extend(self.profile.motors_gcode());
         back.extend(modes_of(&modal));
         let (first_number, n_twice) = (n_acked + 1, self.n_twice);
@@ -147,6 +148,15 @@ impl<R: BufRead + Seek> Session<R> {
         let Temperatures { hotend, bed } = self.temperatures;
         let is_cold = is_off(modal.hotend_c, hotend) || is_off(modal.bed_c, bed);
         if is_cold { warming(modal) } else { Vec::new() }
+    }
+}
+
+/// Whether a printer that tells of a pause, or of its end, moves by itself in it; other words say nothing about that.
+pub(super) fn parks_itself(action: &str) -> Option<bool> {
+    match action.split_ascii_whitespace().next().unwrap_or_default() {
+        "paused" => Some(true),
+        "pause" | "resume" | "resumed" | "cancel" => Some(false),
+        _ => None,
     }
 }
 

@@ -137,12 +137,19 @@ pub(super) fn image(shares: &Shares, owners: &[usize], levels: &[Levels]) -> Vec
     (0..owners.len()).map(at).collect()
 }
 
+/// What a plane shows: which part of every pixel is whose, and at what levels.
+#[derive(Clone, Copy)]
+pub(super) struct Shown<'a> {
+    pub(super) view: &'a View,
+    pub(super) shares: &'a Shares,
+    /// The body that every pixel is nearest to.
+    pub(super) owners: &'a [usize],
+    pub(super) levels: &'a [Levels],
+}
+
 /// The equations of every body of a plane. `weight` is one over the noise that a pixel carries.
 pub(super) fn equations(
-    view: &View,
-    shares: &Shares,
-    owners: &[usize],
-    levels: &[Levels],
+    Shown { view, shares, owners, levels }: Shown<'_>,
     residual: &[f64],
     optics: Optics,
     weight: f64,

@@ -314,7 +314,12 @@ impl<'a> State<'a> {
             moves: (0..plane.outlines.len())
                 .map(|i| self.moves(plane, i, courses[i].as_ref(), &blurred))
                 .collect(),
-            equations: levels::equations(view, &shares, &owners, &plane.levels, &residual, optics, weight),
+            equations: levels::equations(
+                levels::Shown { view, shares: &shares, owners: &owners, levels: &plane.levels },
+                &residual,
+                optics,
+                weight,
+            ),
             rough: at_edge(&residual),
             smooth: at_edge(&blurred),
         };

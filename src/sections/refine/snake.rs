@@ -37,6 +37,16 @@ const ATTRACTION_BLURS: f64 = 1.0;
 const N_ITERATIONS: usize = 24;
 /// The filter reaches this many of its standard deviations.
 const FILTER_REACH: f64 = 3.0;
+/// A step goes no farther than this part of the curve's radius: points never meet in the middle.
+const FARTHEST_STEP: f64 = 0.35;
+/// The filter is no wider than this part of the radius: else it would see the opposite side.
+const WIDEST_FILTER: f64 = 0.3;
+/// The fall is steepest no farther from the inner edge than this part of the blur, which is where the iteration contracts.
+const MOST_SHIFT: f64 = 0.5;
+/// A step of the iteration goes this part of the way: it does not swing.
+const DAMPING: f64 = 0.5;
+/// Waves up to the number of points over this are carried: the grid of points shows shorter ones poorly.
+const POINTS_PER_WAVE: usize = 4;
 /// A contour may start from another whose area differs by no more than this factor.
 const LIKE_AREA: f64 = 1.5;
 
@@ -67,9 +77,9 @@ impl Fall {
         let next = |d: f64| {
             let behind = self.wall_mm - d;
             let weight = ((d * d - behind * behind) / (2.0 * blur_mm * blur_mm)).exp();
-            (ratio * behind * weight).clamp(-0.5 * blur_mm, 0.5 * blur_mm)
+            (ratio * behind * weight).clamp(-MOST_SHIFT * blur_mm, MOST_SHIFT * blur_mm)
         };
-        (0..N_ITERATIONS).fold(0.0, |d, _| 0.5 * (d + next(d)))
+        (0..N_ITERATIONS).fold(0.0, |d, _| d + DAMPING * (next(d) - d))
     }
 }
 
@@ -111,8 +121,8 @@ fn brought(other: &Contour, to: &Contour, reach_mm: f64) -> Option<Contour> {
 
 /// The points after one step of the external force alone.
 fn pulled(curve: &mut Curve, image: &Image<'_>, blur_mm: f64, fall: Fall) -> Vec<Point2> {
-    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(0.35 * curve.radius_mm);
-    let filter_mm = blur_mm.min(0.3 * curve.radius_mm);
+    let limit = (LIMIT_PIXELS * image.pixel_mm()).min(FARTHEST_STEP * curve.radius_mm);
+    let filter_mm = blur_mm.min(WIDEST_FILTER * curve.radius_mm);
     let beyond_mm = fall.steepest_mm(blur_mm.hypot(filter_mm));
     let reach_mm = limit + beyond_mm.abs() + image.pixel_mm() + FILTER_REACH * filter_mm;
     let profiles = curve.profiles(image, Averaging::AlongContour, reach_mm);
@@ -134,7 +144,7 @@ fn relaxed(points: &[Point2], circle: &Circle, stiffness_mm: f64) -> Vec<Point2>
     let length_mm = Contour::new(points.to_vec()).perimeter_mm().max(f64::MIN_POSITIVE);
     let coordinate = |of: fn(&Point2) -> f64| {
         let values: Vec<f64> = points.iter().map(of).collect();
-        let mut waves = circle.waves(&values, points.len() / 4);
+        let mut waves = circle.waves(&values, points.len() / POINTS_PER_WAVE);
         for (m, wave) in waves.iter_mut().enumerate().skip(2) {
             let bend = (std::f64::consts::TAU * m as f64 / length_mm * stiffness_mm).powi(4);
             *wave = wave.map(|w| w / (1.0 + bend));

@@ -125,6 +125,7 @@ impl Coarse {
             fill,
             round: ((half - apart).max(0.0) / (half + apart)).sqrt(),
             step,
+            step_hu: step * self.noise_hu,
             level_hu: sums.hu / sums.n,
         })
     }
@@ -172,6 +173,8 @@ pub(super) struct Blob {
     pub(super) round: f64,
     /// Mean step over its edge, standard deviations of the noise.
     pub(super) step: f64,
+    /// The same, HU.
+    pub(super) step_hu: f64,
     /// Its mean, HU.
     pub(super) level_hu: f64,
 }

@@ -17,6 +17,8 @@ mod tracks;
 
 use super::error::{Error, Place};
 use super::graph::root;
+use super::levels::median;
+use super::mask::Mask;
 use super::{OnLeak, Params, Polarity, Segmentation};
 use crate::ct::{Volume, Warning};
 use crate::geom::Point3;
@@ -85,13 +87,78 @@ impl Candidate {
     }
 }
 
-/// Says how far a candidate was followed.
-fn followed_only(volume: &Volume, planes: &Range<usize>) -> Warning {
+/// Says how far a candidate was followed, and where it was left although it goes on.
+fn followed_only(volume: &Volume, planes: &Range<usize>, asked: &Range<usize>, mask: &Mask) -> Warning {
     let [lo, hi] = [planes.start, planes.end - 1].map(|k| volume.plane_z_mm[k]);
+    let is_left = |k: usize| k != asked.start && k + 1 != asked.end && mask.n_voxels_of(k) > 0;
+    let left = [planes.start, planes.end - 1].into_iter().filter(|&k| is_left(k));
+    let left: Vec<String> = left.map(|k| left_open(volume, mask, k)).collect();
+    let left = if left.is_empty() { String::new() } else { format!("; it was left {}", left.join(" and ")) };
     let text = format!(
-        "the vessel was followed from z {lo:.3} to {hi:.3} mm: beyond, it does not show as one round section any more; to go on there, give its seed with --seed-mm, or --z-mm"
+        "the vessel was followed from z {lo:.3} to {hi:.3} mm: beyond, it does not show as one round section any more{left}; to go on there, give its seed with --seed-mm, or --z-mm"
     );
     Warning::new("segment.followed", text)
+}
+
+fn left_open(volume: &Volume, mask: &Mask, k: usize) -> String {
+    let all = mask.rows().flat_map(|j| mask.columns().map(move |i| (i, j)));
+    let (mut n, mut sums) = (0.0_f64, [0.0; 2]);
+    for (i, j) in all.filter(|&(i, j)| mask.contains(i, j, k)) {
+        (n, sums) = (n + 1.0, [sums[0] + i as f64, sums[1] + j as f64]);
+    }
+    let middle = volume.stack_from_voxel(sums[0] / n, sums[1] / n, k);
+    let [sx, sy] = volume.pixel_spacing_xy_mm;
+    let place = Place(volume.patient_from_stack.apply(middle));
+    format!("at {place}, where its section is {:.1} mm2", n * sx * sy)
+}
+
+/// Below this score, of 1, what was taken may be anything that is round and long.
+const DOUBTFUL_SCORE: f64 = 0.1;
+/// From this level on, HU, a bright lumen is hardly one: contrast medium in an artery measures less.
+const HARD_HU: f64 = 700.0;
+/// A lumen of so few pixels across has no boundary better than a guess;
+const LEAST_PIXELS_ACROSS: f64 = 3.0;
+/// and one of fewer than these a poor one.
+const FEW_PIXELS_ACROSS: f64 = 6.0;
+
+/// How many pixels the usual section of a lumen has across.
+fn pixels_across(mask: &Mask) -> f64 {
+    let sections = mask.planes().map(|k| mask.n_voxels_of(k) as f64).collect();
+    2.0 * (median(sections).unwrap_or(0.0) / std::f64::consts::PI).sqrt()
+}
+
+/// A lumen that is wide enough for a boundary, with how many pixels it has across.
+fn no_speck(found: Segmentation, seed: Point3) -> Result<(Segmentation, f64), Error> {
+    let across = pixels_across(&found.mask);
+    if across < LEAST_PIXELS_ACROSS {
+        return Err(Error::TooFewPixels { seed: Place(seed), across, least: LEAST_PIXELS_ACROSS });
+    }
+    Ok((found, across))
+}
+
+/// Says what is doubtful about the candidate that was taken.
+fn doubts(candidate: &Candidate, across: f64) -> Vec<Warning> {
+    let look = "look at its contours before they are used, or give a seed with --seed-mm";
+    let (place, score) = (Place(Point3::from(candidate.seed_mm)), candidate.score);
+    let faint = (score < DOUBTFUL_SCORE).then(|| {
+        let text =
+            format!("what was found at {place} hardly looks like a vessel (score {score:.2} of 1): {look}");
+        Warning::new("segment.doubtful_candidate", text)
+    });
+    let thin = (across < FEW_PIXELS_ACROSS).then(|| {
+        let text = format!(
+            "the vessel found at {place} is {across:.1} pixels wide: its boundary may be off by a good part of a pixel; {look}, or take an image of smaller pixels"
+        );
+        Warning::new("segment.few_pixels", text)
+    });
+    let level_hu = candidate.level_hu;
+    let hard = (candidate.polarity != Polarity::Dark && level_hu > HARD_HU).then(|| {
+        let text = format!(
+            "what was found at {place} measures {level_hu:.0} HU: that may be calcium, bone or metal; {look}"
+        );
+        Warning::new("segment.doubtful_candidate", text)
+    });
+    faint.into_iter().chain(hard).chain(thin).collect()
 }
 
 /// The lumen of the best candidate, and all of them.
@@ -124,9 +191,13 @@ pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Res
         };
         let asked = super::planes_in_range(volume, params.z_mm)?;
         let planes = if params.z_mm.is_some() { asked.clone() } else { candidate.reach(volume) };
-        match super::segment_in(volume, &own, planes.clone(), task) {
-            Ok(mut segmentation) => {
-                passed_over.extend((planes != asked).then(|| followed_only(volume, &planes)));
+        let found = super::segment_in(volume, &own, planes.clone(), task);
+        match found.and_then(|found| no_speck(found, own.seeds_patient_mm[0])) {
+            Ok((mut segmentation, across)) => {
+                passed_over.extend(doubts(candidate, across));
+                passed_over.extend(
+                    (planes != asked).then(|| followed_only(volume, &planes, &asked, &segmentation.mask)),
+                );
                 segmentation.warnings.splice(0..0, passed_over);
                 return Ok(Found { segmentation, candidates, chosen });
             }
@@ -184,7 +255,7 @@ pub fn find(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Vec<Can
 }
 
 /// Courses made one where a trunk parts into several, or several join: a split whose lobes no level shows as round
-/// sections cuts the one from the others. The best first.
+/// sections cuts the one from the others; and where a vessel goes on behind a throat. The best first.
 fn joined(tracks: &[Track], z_mm: &[f64]) -> Vec<Track> {
     let mut above: Vec<usize> = (0..tracks.len()).collect();
     for (trunk, upward) in (0..tracks.len()).flat_map(|n| [(n, false), (n, true)]) {
@@ -196,6 +267,12 @@ fn joined(tracks: &[Track], z_mm: &[f64]) -> Vec<Track> {
         }
         for branch in branches {
             let (a, b) = (root(&mut above, trunk), root(&mut above, branch));
+            above[a.max(b)] = a.min(b);
+        }
+    }
+    for (n, below) in tracks.iter().enumerate() {
+        for m in (0..tracks.len()).filter(|&m| below.resumes_in(&tracks[m], z_mm)) {
+            let (a, b) = (root(&mut above, n), root(&mut above, m));
             above[a.max(b)] = a.min(b);
         }
     }

@@ -41,6 +41,17 @@ const BRANCHED_SHARE: usize = 8;
 const END_COST: f64 = 0.5;
 /// A seed's section gains by its size up to so much over the typical one: beyond, it is where the vessel branches.
 const SEED_SIZE: f64 = 1.2;
+/// A throat is shorter than so many diameters of the vessel,
+const THROAT_DIAMETERS: f64 = 2.0;
+/// and the vessel goes on behind it in the same line, to this part of its diameter,
+const IN_LINE: f64 = 0.5;
+/// as wide as before, to this factor,
+const AS_WIDE: f64 = 2.0;
+/// and at the same level, to this part of the step over a pixel of its edge: the mean of a thin section holds more blur than
+/// that of a wide one.
+const SAME_LEVEL: f64 = 0.7;
+/// Its line is told by so many of its last planes.
+const LINE_PLANES: usize = 3;
 /// Tracks that share one section in so many are one vessel: those of two levels of grey run in each other over much more, those of
 /// two vessels that cross over less.
 const SHARED_SHARE: usize = 3;
@@ -165,12 +176,16 @@ impl Track {
 
     /// Of the median section.
     pub(super) fn radius_mm(&self) -> f64 {
-        median(self.sections.iter().map(|(_, b)| b.radius_mm).collect()).unwrap_or(0.0)
+        self.median(|b| b.radius_mm)
+    }
+
+    fn median(&self, of: impl Fn(&Blob) -> f64) -> f64 {
+        median(self.sections.iter().map(|(_, b)| of(b)).collect()).unwrap_or(0.0)
     }
 
     /// How likely a bright lumen has this level.
     fn likely_level(&self) -> f64 {
-        let level_hu = median(self.sections.iter().map(|(_, b)| b.level_hu).collect()).unwrap_or(0.0);
+        let level_hu = self.median(|b| b.level_hu);
         let [first, last] = TOO_BRIGHT_HU;
         1.0 - TOO_BRIGHT_COST * ((level_hu - first) / (last - first)).clamp(0.0, 1.0)
     }
@@ -205,6 +220,28 @@ impl Track {
         is_near && low.at(end.min(start)).any(|a| high.at(start).any(|b| touch(a, b)))
     }
 
+    /// Whether the other one is this vessel again, above a throat too thin to show as a round section: it begins within
+    /// some diameters of where this one ends, in the same line, as wide and at the same level.
+    pub(super) fn resumes_in(&self, other: &Self, z_mm: &[f64]) -> bool {
+        let ([_, end], [start, _]) = (self.ends(), other.ends());
+        let diameter_mm = self.radius_mm() + other.radius_mm();
+        if self.sign != other.sign || start <= end || z_mm[start] - z_mm[end] > THROAT_DIAMETERS * diameter_mm
+        {
+            return false;
+        }
+        let middle_mm = 0.5 * (z_mm[end] + z_mm[start]);
+        let (below, above) = (self.main_course(), other.main_course());
+        let below = &below[below.len().saturating_sub(LINE_PLANES)..];
+        let [ax, ay] = extrapolated(below, z_mm, middle_mm);
+        let [bx, by] = extrapolated(&above[..LINE_PLANES.min(above.len())], z_mm, middle_mm);
+        let width = self.radius_mm() / other.radius_mm();
+        let differ_hu = (self.median(|b| b.level_hu) - other.median(|b| b.level_hu)).abs();
+        let step_hu = self.median(|b| b.step_hu).min(other.median(|b| b.step_hu));
+        (ax - bx).hypot(ay - by) <= IN_LINE * diameter_mm
+            && (1.0 / AS_WIDE..=AS_WIDE).contains(&width)
+            && differ_hu <= SAME_LEVEL * step_hu
+    }
+
     fn at(&self, plane: usize) -> impl Iterator<Item = &Blob> {
         self.sections.iter().filter(move |(k, _)| *k == plane).map(|(_, b)| b)
     }
@@ -232,6 +269,19 @@ impl Track {
         };
         SHARED_SHARE * b.sections.iter().filter(inside).count() >= b.sections.len()
     }
+}
+
+/// Where the middle of a course lies at a height, by the straight line of least squares through these planes.
+fn extrapolated(course: &[(usize, Blob)], z_mm: &[f64], at_mm: f64) -> [f64; 2] {
+    let n = course.len() as f64;
+    let mean = |of: &dyn Fn(&(usize, Blob)) -> f64| course.iter().map(of).sum::<f64>() / n;
+    let mean_z = mean(&|(k, _)| z_mm[*k]);
+    let spread = mean(&|(k, _)| (z_mm[*k] - mean_z).powi(2)).max(1e-12);
+    let line = |of: fn(&Blob) -> f64| {
+        let slope = mean(&|(k, b)| (z_mm[*k] - mean_z) * of(b)) / spread;
+        mean(&|(_, b)| of(b)) + slope * (at_mm - mean_z)
+    };
+    [line(|b| b.x_mm), line(|b| b.y_mm)]
 }
 
 /// How well a section fills its ellipse, 0 to 1.

@@ -36,6 +36,11 @@ fn leak_of(volume: &Volume) -> Beyond {
         "{plane} {place}"
     );
     assert!(neck_mm < 4.0, "{neck_mm}");
+    assert!(
+        leak.can_be_cut && leak.to_string().contains("end the vessel there with --on-leak cut"),
+        "{leak}"
+    );
+    assert!(leak.to_string().contains("try --window-hu=1"), "half-way between 300 and 50 HU: {leak}");
     // What is shown of it: the place, the vessel and what it leaked into.
     assert!(leak.region.contains(i, j, plane) && leak.region.contains(40, 40, plane));
     assert!(leak.region.contains(72, 40, plane) && !leak.region.contains(40, 40, plane - 1));
@@ -122,6 +127,49 @@ fn branches_that_part_at_once_are_the_trunks() {
     let found = find_unattended(&volume, &Params::default(), &Task::quiet()).unwrap();
     assert_eq!(found.segmentation.planes, 0..30, "{:?}", found.candidates);
     assert!(found.candidates.len() == 1 && found.candidates[0].branches, "{:?}", found.candidates);
+}
+
+/// A tube along z of radius 2.5 that is `radius(k)` wide in its middle planes, and what was found of it by itself.
+fn found_through(radius: impl Fn(usize) -> f64) -> Found {
+    let scene = Scene { n: [80, 80, 36], pixel_mm: [0.5; 2], plane_mm: 2.0, blur_mm: 0.4, noise_hu: 10.0 };
+    let volume = scene.volume(|x, y, k| {
+        let r = if (16..20).contains(&k) { radius(k) } else { 2.5 };
+        if disc(x, y, 20.0 + 0.05 * k as f64, r) { 350.0 } else { 50.0 }
+    });
+    find_unattended(&volume, &Params::default(), &Task::quiet()).unwrap()
+}
+
+fn codes(found: &Found) -> Vec<&str> {
+    found.segmentation.warnings.iter().map(|w| w.code.as_str()).collect()
+}
+
+#[test]
+fn a_vessel_goes_on_behind_a_throat_that_shows_as_no_section() {
+    let found = found_through(|k| if k == 16 || k == 19 { 1.3 } else { 0.7 });
+    assert_eq!(found.segmentation.planes, 0..36, "{:?}", found.segmentation.warnings);
+    assert!(!codes(&found).contains(&"segment.followed"), "{:?}", found.segmentation.warnings);
+}
+
+#[test]
+fn a_vessel_that_is_closed_ends_there_and_says_so() {
+    let found = found_through(|_| 0.0);
+    let planes = found.segmentation.planes.clone();
+    assert!(planes == (0..16) || planes == (20..36), "{planes:?}");
+    assert!(codes(&found).contains(&"segment.range_not_reached"), "{:?}", found.segmentation.warnings);
+}
+
+#[test]
+fn specks_are_no_vessel_and_what_is_doubtful_is_told() {
+    let scene = Scene { n: [80, 80, 20], pixel_mm: [1.0; 2], plane_mm: 2.0, blur_mm: 0.4, noise_hu: 5.0 };
+    let found = |radius_mm: f64, hu: f64| {
+        let volume = scene.volume(|x, y, _| if (x - 40.0).hypot(y - 40.0) < radius_mm { hu } else { 50.0 });
+        find_unattended(&volume, &Params::default(), &Task::quiet())
+    };
+    assert!(found(0.8, 800.0).is_err());
+    assert!(matches!(found(1.4, 800.0), Err(Error::TooFewPixels { .. })), "{:?}", found(1.4, 800.0));
+    assert_eq!(codes(&found(2.2, 350.0).unwrap()), ["segment.few_pixels"]);
+    assert_eq!(codes(&found(5.0, 1000.0).unwrap()), ["segment.doubtful_candidate"]);
+    assert!(codes(&found(5.0, 350.0).unwrap()).is_empty());
 }
 
 #[test]

@@ -1,2 +1,5 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| lumenfab_fuzz::as_pixels(lumenfab::ct::codec::Codec::Jpeg2000, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| lumenfab_fuzz::as_pixels(
+    lumenfab::ct::codec::Codec::Jpeg2000,
+    bytes
+));

@@ -1,2 +1,5 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| lumenfab_fuzz::as_pixels(lumenfab::ct::codec::Codec::JpegLs, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| lumenfab_fuzz::as_pixels(
+    lumenfab::ct::codec::Codec::JpegLs,
+    bytes
+));

@@ -1,11 +1,14 @@
 //! What the fuzz targets share: bytes as files, and everything that reads them.
 
 use lumenfab::app::settings::{CaseFile, Settings};
-use lumenfab::ct::SeriesChoice;
+use lumenfab::app::volume_file;
 use lumenfab::ct::codec::{Codec, Size};
 use lumenfab::ct::reader::{self, Options};
+use lumenfab::ct::{FrameOfReference, SeriesChoice, Volume, Voxels};
+use lumenfab::geom::{Point3, RigidTransform};
 use lumenfab::progress::Task;
-use lumenfab::ready;
+use lumenfab::segment::{self, Corrections, OnLeak, Polarity};
+use lumenfab::{ready, sections};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
@@ -30,8 +33,7 @@ fn written(folder: &str, name: &str, bytes: &[u8]) -> PathBuf {
 pub fn as_ct(name: &str, bytes: &[u8]) {
     let folder = written("ct", name, bytes);
     for path in [folder.join(name), folder] {
-        let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+        let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
         let _ = reader::load_with(&path, &options, &Task::quiet());
         let _ = reader::inspect(&path, &Task::quiet()).map(|i| i.to_string());
     }
@@ -68,19 +70,26 @@ pub fn as_two_planes(bytes: &[u8]) {
     let mut other = bytes.to_vec();
     move_image(&mut other);
     written("planes", "IM0002.dcm", &other);
-    let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&folder, &options, &Task::quiet());
 }
 
-/// Changes the last digit of ImagePositionPatient, where it stands in an explicit little-endian file.
+/// ImagePositionPatient, as it stands before its value's length: explicit, implicit, big-endian; the bytes of that length, and
+/// whether they are big-endian.
+const POSITIONS: [(&[u8], usize, bool); 3] =
+    [(b"\x20\x00\x32\x00DS", 2, false), (b"\x00\x20\x00\x32DS", 2, true), (b"\x20\x00\x32\x00", 4, false)];
+
+/// Changes the last digit of ImagePositionPatient, where it stands in a file that is not deflated.
 fn move_image(bytes: &mut [u8]) {
-    const POSITION: &[u8] = b"\x20\x00\x32\x00DS";
-    let Some(at) = bytes.windows(POSITION.len()).position(|w| w == POSITION).map(|at| at + POSITION.len()) else {
-        return;
+    let place = |(tag, n, is_big): &(&[u8], usize, bool)| {
+        let at = bytes.windows(tag.len()).position(|w| w == *tag)? + tag.len();
+        let start = at + n;
+        let length = bytes.get(at..start)?.iter().copied();
+        let add = |sum: usize, byte: u8| sum << 8 | usize::from(byte);
+        let length = if *is_big { length.fold(0, add) } else { length.rev().fold(0, add) };
+        Some(start..start.checked_add(length)?)
     };
-    let Some(length) = bytes.get(at..at + 2).map(|l| usize::from(u16::from_le_bytes([l[0], l[1]]))) else { return };
-    let Some(value) = bytes.get_mut(at + 2..at + 2 + length) else { return };
+    let Some(value) = POSITIONS.iter().find_map(place).and_then(|range| bytes.get_mut(range)) else { return };
     if let Some(digit) = value.iter_mut().rev().find(|b| b.is_ascii_digit()) {
         *digit = b'0' + (*digit - b'0' + 3) % 10;
     }
@@ -106,20 +115,123 @@ pub fn as_run_lengths(bytes: &[u8]) {
 /// Reads the bytes as an image file, and as a label map to contours.
 pub fn as_image(bytes: &[u8]) {
     let path = written("image", "input", bytes).join("input");
-    let options =
-        Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
+    let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&path, &options, &Task::quiet());
     as_ready(bytes);
 }
 
-/// Reads the bytes as a ready segmentation, up to its contours.
+/// Reads the bytes as a ready segmentation, up to its contours, and brings them onto a CT.
 pub fn as_ready(bytes: &[u8]) {
     let path = written("ready", "input", bytes).join("input");
     for label in [None, Some(ready::Label::Number(1))] {
         let Ok(ready) = ready::load(&path, label.as_ref(), &Task::quiet()) else { continue };
-        let params = lumenfab::sections::Params::default();
-        let _ = lumenfab::sections::ready::from_drawn(ready.drawn, &params, &Task::quiet());
+        let (ct, mut warnings) = (tube(), Vec::new());
+        let _ = ready::place::check_reference(
+            &ct,
+            &FrameOfReference::new("2.25.3"),
+            &ready.reference,
+            &mut warnings,
+        );
+        let placed = ready::place::onto(&ct, ready.drawn.clone(), &mut warnings);
+        for drawn in [Some(ready.drawn), placed.ok()].into_iter().flatten() {
+            let _ = sections::ready::from_drawn(drawn, &sections::Params::default(), &Task::quiet());
+        }
     }
+}
+
+/// Pixels of 0.5 mm, planes 1 mm apart.
+fn volume(dims: [usize; 3], hu: &[f32]) -> Volume {
+    Volume {
+        dims,
+        hu: Voxels::new(hu, dims[0] * dims[1]),
+        origin_xy_mm: [0.0, 0.0],
+        pixel_spacing_xy_mm: [0.5, 0.5],
+        plane_z_mm: (0..dims[2]).map(|k| k as f64).collect(),
+        slab_thickness_mm: 1.0,
+        patient_from_stack: RigidTransform::identity(),
+    }
+}
+
+/// A bright upright tube of 5 mm, 24 x 24 x 8 voxels.
+fn tube() -> Volume {
+    let inside = |p: usize| ((p % 24) as f64 - 11.5).hypot((p / 24) as f64 - 11.5) < 5.0;
+    let plane: Vec<f32> = (0..24 * 24).map(|p| if inside(p) { 300.0 } else { 0.0 }).collect();
+    volume([24, 24, 8], &plane.repeat(8))
+}
+
+/// What a byte of a [hostile volume](as_volume) stands for, HU: steps of 8 from -1024 on, and what no scanner makes.
+fn hu_of(byte: u8) -> f32 {
+    match byte {
+        255 => f32::NAN,
+        254 => f32::INFINITY,
+        253 => f32::NEG_INFINITY,
+        252 => f32::MAX,
+        _ => 8.0 * (f32::from(byte) - 128.0),
+    }
+}
+
+/// Looks for a vessel in a small image of the bytes, behind eight that say how: by itself and from a seed, up to the contours.
+pub fn as_volume(bytes: &[u8]) {
+    let [nx, ny, nz, i, j, k, how, width, hu @ ..] = bytes else { return };
+    let side = |n: &u8, most: usize| 1 + usize::from(*n) % most;
+    let dims = [side(nx, 32), side(ny, 32), side(nz, 12)];
+    let mut values: Vec<f32> = hu.iter().map(|b| hu_of(*b)).collect();
+    values.resize(dims.iter().product(), -1000.0);
+    let image = volume(dims, &values);
+    let polarity = [Polarity::Auto, Polarity::Bright, Polarity::Dark, Polarity::Auto][usize::from(how & 3)];
+    let seed = Point3::new(0.5 * f64::from(i % 33), 0.5 * f64::from(j % 33), f64::from(k % 13));
+    let params = segment::Params {
+        seeds_patient_mm: vec![seed],
+        polarity,
+        window_hu: (how & 4 > 0).then(|| [200.0 - 8.0 * f64::from(*width), 200.0 + 8.0 * f64::from(*width)]),
+        on_leak: if how & 8 > 0 { OnLeak::Cut } else { OnLeak::Refuse },
+        ..Default::default()
+    };
+    // The model costs a hundred times what the others do: it has its turn.
+    let boundary = match how >> 4 & 7 {
+        0 => sections::Boundary::Auto,
+        1 => sections::Boundary::Snake,
+        2 | 3 => sections::Boundary::HalfMaximum,
+        _ => sections::Boundary::WindowEdge,
+    };
+    let drawing = sections::Params { boundary, ..Default::default() };
+    let by_itself = segment::find_unattended(&image, &params, &Task::quiet()).ok().map(|f| f.segmentation);
+    let from_seed = segment::segment(&image, &params, &Task::quiet()).ok();
+    for found in [by_itself, from_seed].into_iter().flatten() {
+        let _ = sections::extract(&image, &found, &drawing, &Task::quiet());
+    }
+}
+
+/// Reads the bytes as what an operator has corrected, in the words of a case file, and follows it.
+pub fn as_corrections(bytes: &[u8]) {
+    let Some(corrections) =
+        std::str::from_utf8(bytes).ok().and_then(|t| toml::from_str::<Corrections>(t).ok())
+    else {
+        return;
+    };
+    let _ = corrections.check();
+    let image = tube();
+    let params = segment::Params {
+        seeds_patient_mm: vec![Point3::new(5.5, 5.5, 3.0)],
+        corrections,
+        on_leak: OnLeak::Cut,
+        ..Default::default()
+    };
+    if let Ok(found) = segment::segment(&image, &params, &Task::quiet()) {
+        let _ = sections::extract(&image, &found, &sections::Params::default(), &Task::quiet());
+    }
+}
+
+/// Reads the bytes as the CT that a case keeps; what is read is written as it was, and can be used.
+pub fn as_volume_file(bytes: &[u8]) {
+    let Ok(image) = volume_file::from_bytes(bytes) else { return };
+    let again = volume_file::from_bytes(&volume_file::to_bytes(&image)).expect("what is written can be read");
+    assert_eq!(again.dims, image.dims);
+    let [nx, ny, nz] = image.dims.map(|n| n as f64 - 1.0);
+    let _ = image.voxel_from_stack(image.stack_from_voxel(0.5 * nx, 0.5 * ny, (0.5 * nz) as usize));
+    let bounds = lumenfab::geom::Bounds2 { min: [0.0, 0.0].into(), max: [2.0, 2.0].into() };
+    let _ = volume_file::crop(&image, bounds, 0..image.dims[2]);
+    let _ = segment::find_unattended(&image, &segment::Params::default(), &Task::quiet());
 }
 
 /// Reads the bytes as `sections.json`, repairs the contours, and writes them again.
@@ -147,7 +259,7 @@ pub fn as_case_file(bytes: &[u8]) {
 }
 
 /// All targets by name.
-pub const TARGETS: [(&str, fn(&[u8])); 14] = [
+pub const TARGETS: [(&str, fn(&[u8])); 18] = [
     ("dicom", |bytes| as_ct("IM0001.dcm", bytes)),
     ("planes", as_two_planes),
     ("replies", as_replies),
@@ -161,6 +273,9 @@ pub const TARGETS: [(&str, fn(&[u8])); 14] = [
     ("nrrd", as_image),
     ("seg", as_ready),
     ("rtstruct", as_ready),
+    ("volume", as_volume),
+    ("corrections", as_corrections),
+    ("volume_file", as_volume_file),
     ("sections", as_sections),
     ("case_file", as_case_file),
 ];

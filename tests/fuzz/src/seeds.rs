@@ -11,6 +11,9 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject, open_file};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
+use lumenfab::app::volume_file;
+use lumenfab::ct::{Volume, Voxels};
+use lumenfab::geom::RigidTransform;
 use lumenfab::phantom::{self, Kind, Params};
 use lumenfab::progress::Task;
 use std::fs;
@@ -52,6 +55,16 @@ fn main() -> Done {
     }
     save("dicom", "phantom", &phantom_image()?)?;
     save("planes", "phantom", &phantom_image()?)?;
+    for (name, syntax) in OTHER_ENCODINGS {
+        let image = encoded(&phantom_image()?, syntax)?;
+        save("dicom", name, &image)?;
+        save("planes", name, &image)?;
+    }
+    save("volume", "tube", &tube())?;
+    save("volume_file", "small", &volume_file::to_bytes(&small_volume()))?;
+    for (n, text) in CORRECTIONS.iter().enumerate() {
+        save("corrections", &n.to_string(), text.as_bytes())?;
+    }
     for (target, size, stream) in streams()? {
         save(target, "stream", &[&sides(size), &stream[..]].concat())?;
         let syntax = SYNTAXES.iter().find(|s| s.1 == target).map_or(uids::RLE_LOSSLESS, |s| s.0);
@@ -330,6 +343,50 @@ fn stream_of(sample: &Path) -> Option<(&'static str, Vec<u8>)> {
     let Value::PixelSequence(pixels) = object.get(tags::PIXEL_DATA)?.value() else { return None };
     let size = [side(tags::COLUMNS)?, side(tags::ROWS)?];
     Some((target, [&sides(size)[..], &pixels.fragments().concat()].concat()))
+}
+
+/// Plain encodings besides the phantom's own.
+const OTHER_ENCODINGS: [(&str, &str); 3] = [
+    ("implicit", uids::IMPLICIT_VR_LITTLE_ENDIAN),
+    ("big", EXPLICIT_VR_BIG_ENDIAN),
+    ("deflated", uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN),
+];
+/// Retired, and still met.
+const EXPLICIT_VR_BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
+
+/// The same object in another encoding.
+fn encoded(file: &[u8], syntax: &str) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
+    let object = dicom_object::from_reader(file)?.into_inner();
+    let class = object.element(tags::SOP_CLASS_UID)?.to_str()?.into_owned();
+    dicom(object, &class, syntax)
+}
+
+/// What an operator may correct.
+const CORRECTIONS: [&str; 5] = [
+    "[[block]]\nbox_mm = [[0.0, 0.0, 0.0], [4.0, 12.0, 2.0]]\n",
+    "[[block]]\nz_mm = [5.0, 6.0]\n[[window]]\nz_mm = [1.0, 3.0]\nwindow_hu = [100.0, 500.0]\n",
+    "[[block]]\npoint_mm = [6.0, 8.0, 3.0]\nnormal = [0.0, 1.0, 0.5]\n",
+    "[[contour]]\nz_mm = 3.0\npoints_mm = [[3.0, 3.0], [8.0, 3.0], [8.0, 8.0], [3.0, 8.0]]\n",
+    "[[contour]]\npoints_lps_mm = [[3.0, 3.0, 2.0], [8.0, 3.0, 2.0], [5.0, 8.0, 2.0]]\n",
+];
+
+/// A bright tube in an image of 24 x 24 x 6 voxels, for the target `volume`.
+fn tube() -> Vec<u8> {
+    let inside = |p: usize| ((p % 24) as f64 - 11.5).hypot((p / 24) as f64 - 11.5) < 5.0;
+    let plane: Vec<u8> = (0..24 * 24).map(|p| if inside(p) { 166 } else { 128 }).collect();
+    [&[23, 23, 5, 11, 11, 3, 8, 20], &plane.repeat(6)[..]].concat()
+}
+
+fn small_volume() -> Volume {
+    Volume {
+        dims: [5, 4, 3],
+        hu: Voxels::new(&(0..60_u8).map(f32::from).collect::<Vec<f32>>(), 20),
+        origin_xy_mm: [-10.0, 20.0],
+        pixel_spacing_xy_mm: [0.5, 2.0],
+        plane_z_mm: vec![1.0, 4.0, 7.0],
+        slab_thickness_mm: 2.0,
+        patient_from_stack: RigidTransform::identity(),
+    }
 }
 
 /// One plane of a phantom's series.

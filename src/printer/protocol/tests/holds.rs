@@ -55,6 +55,35 @@ fn any_state_emergency_stop_jumps_the_queue() {
 }
 
 #[test]
+fn any_state_emergency_stop_stands_at_the_beginning_of_a_line() {
+    for is_giving_up in [false, true] {
+        let mut desk = Desk::streaming(20);
+        desk.written();
+        if is_giving_up {
+            desk.hear(&["Error:Heating failed, system stopped! Heater_ID: E0"]);
+        }
+        desk.command(Command::EmergencyStop);
+        let mut sent = Vec::new();
+        while let Some(line) = desk.core.poll_transmit() {
+            sent.extend_from_slice(line.bytes);
+        }
+        assert!(sent.starts_with(b"\nM112\n"), "{is_giving_up}: {:?}", String::from_utf8_lossy(&sent));
+    }
+}
+
+#[test]
+fn stopped_firmware_that_starts_anew_is_not_stopped_again() {
+    let mut desk = Desk::streaming(20);
+    desk.command(Command::EmergencyStop).written();
+    desk.hear(&["start"]);
+    for _ in 0..3 {
+        desk.wait(1.0).hear(&["ok T:180.00 /0.00 B:50.00 /0.00"]);
+    }
+    assert!(!desk.written().contains(&"M112".to_owned()));
+    assert!(matches!(desk.heat(), Heat::Off(_)));
+}
+
+#[test]
 fn any_state_emergency_stop_without_an_answer_is_unknown() {
     let mut desk = Desk::streaming(20);
     desk.command(Command::EmergencyStop).wait(60.0);
@@ -191,4 +220,47 @@ fn faulted_nothing_but_messages_follows() {
     desk.wait(100.0);
     assert!(desk.written().is_empty());
     assert!(desk.core.handle_command(desk.now, Command::Resume).is_err());
+}
+
+/// Paused, on a firmware that watches over its heaters for an hour.
+fn guarded() -> Desk {
+    let mut profile = crate::profile::builtin("marlin").unwrap();
+    profile.firmware.orphan_hold_s = 3600.0;
+    let mut desk = Desk { core: Core::new(&profile), now: Instant::default() };
+    desk.command(Command::Connect).hear(&["ok"]).written();
+    desk.hear(&["Error:Line Number is not Last Line Number+1, Last Line: 0", "Resend: 1", "ok"]);
+    desk.command(Command::Begin).command(Command::Pause);
+    assert_eq!(desk.core.state(), &State::Paused);
+    desk.written();
+    desk
+}
+
+fn n_renewals(desk: &mut Desk) -> usize {
+    desk.written().iter().filter(|line| *line == "M85 S3600").count()
+}
+
+#[test]
+fn paused_guard_is_set_anew_although_an_answer_was_lost() {
+    let mut desk = guarded();
+    let mut n = 0;
+    for i in 0..720 {
+        desk.wait(5.0).hear(&["T:210.00 /210.00 B:60.00 /60.00"]);
+        let renewed = n_renewals(&mut desk);
+        n += renewed;
+        if renewed > 0 && i > 150 {
+            desk.hear(&["ok"]);
+        }
+    }
+    assert!((4..=6).contains(&n), "{n}");
+}
+
+#[test]
+fn paused_guard_does_not_overrun_a_printer_that_takes_nothing() {
+    let mut desk = guarded();
+    let mut n = 0;
+    for _ in 0..24 * 1800 {
+        desk.wait(2.0).hear(&["echo:busy: paused for user"]);
+        n += n_renewals(&mut desk);
+    }
+    assert!((5..=14).contains(&n), "{n}");
 }

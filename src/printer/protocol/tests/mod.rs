@@ -5,3 +5,4 @@ mod noise;
 mod pair;
 mod random;
 mod states;
+mod waits;

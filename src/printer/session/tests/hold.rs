@@ -54,6 +54,7 @@ fn a_pause_parks_the_nozzle_keeps_the_heat_and_leaves_no_trace() {
             let end = rig.run();
             assert!(matches!(end, End::Finished), "{profile} {n_laid}: {end:?}");
             assert!(is_same(&rig.laid, &expected), "{profile} {n_laid}");
+            assert_eq!(rig.session.stats().n_foreign_commands, 0, "{profile} {n_laid}");
         }
     }
 }
@@ -79,6 +80,25 @@ fn pauses_one_after_the_other_leave_no_trace() {
         let end = rig.run();
         assert!(matches!(end, End::Finished), "{profile}: {end:?}");
         assert!(is_same(&rig.laid, &expected), "{profile}");
+        assert_eq!(rig.session.stats().n_foreign_commands, 0, "{profile}");
+    }
+}
+
+#[test]
+fn a_pause_may_take_the_night_and_a_host_that_dies_in_it_leaves_no_heat() {
+    for profile in ["marlin", "marlin1", "klipper", "repetier"] {
+        let mut setup = long(profile);
+        setup.profile.firmware.orphan_hold_s = 600.0;
+        let mut rig = paused(setup, 60);
+        wait(&mut rig, 8.0 * 600.0);
+        assert_eq!(rig.session.core.state(), &State::Paused, "{profile}");
+        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{profile}: while the host lives");
+        assert!(!String::from_utf8_lossy(&rig.sent).contains("M85 S0"), "{profile}");
+        rig.is_dead = true;
+        rig.drain(450.0);
+        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{profile}: not at once");
+        rig.drain(200.0);
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}: the host is gone");
     }
 }
 
@@ -215,6 +235,59 @@ fn a_question_of_the_printer_is_told_and_answered() {
     assert!(matches!(rig.run(), End::Finished));
     assert!(is_same(&rig.laid, &expected));
     assert_eq!(rig.printer.summary().repeated_move_lines, 0);
+    assert_eq!(rig.session.stats().n_foreign_commands, 0);
+}
+
+/// Two layers with somebody to be waited for between them.
+fn with_somebody(profile: &str) -> Setup {
+    let mut setup = Setup::new(profile, 2, 40);
+    setup.job = setup.job.replace(";LAYER:1", "M0 Look at it");
+    setup
+}
+
+fn n_told(rig: &Rig, event: &Event) -> usize {
+    rig.events.iter().filter(|e| **e == PrintEvent::Session(event.clone())).count()
+}
+
+#[test]
+fn going_on_from_the_keys_or_at_the_printer_is_heard_and_leaves_no_doubt() {
+    // Marlin 1.1 as it is mostly built hears nothing while it waits.
+    for (profile, by_keys) in [("marlin", true), ("marlin", false), ("marlin1", false)] {
+        let what = format!("{profile} {by_keys}");
+        let mut setup = with_somebody(profile);
+        if !by_keys {
+            // As if somebody pressed the knob then.
+            setup.job = setup.job.replace("M0", "M0 S100");
+        }
+        let mut rig = Rig::new(setup);
+        assert!(rig.run_until(|rig| n_told(rig, &Event::Paused) > 0), "{what}");
+        wait(&mut rig, 60.0);
+        assert_eq!(n_told(&rig, &Event::Resumed), 0, "{what}");
+        if by_keys {
+            ask(&mut rig, Control::GoOn);
+        }
+        let end = rig.run();
+        assert!(matches!(end, End::Finished), "{what}: {end:?}");
+        assert_eq!(n_told(&rig, &Event::Resumed), 1, "{what}");
+        assert_eq!(rig.session.stats().n_foreign_commands, 0, "{what}");
+        assert!(is_same(&rig.laid, &clean(&Setup::new(profile, 2, 40))), "{what}");
+    }
+}
+
+#[test]
+fn a_printer_that_waits_for_its_user_is_told_to_go_on_by_whoever_resumes() {
+    let mut rig = Rig::new(with_somebody("marlin"));
+    assert!(rig.run_until(|rig| n_told(rig, &Event::Paused) > 0));
+    rig.drain(30.0);
+    rig.resume(30.0, false);
+    rig.events.clear();
+    assert!(rig.run_until(|rig| n_told(rig, &Event::Paused) > 0), "it says so");
+    wait(&mut rig, 60.0);
+    assert_eq!(n_told(&rig, &Event::Paused), 1, "once");
+    ask(&mut rig, Control::GoOn);
+    let end = rig.run();
+    assert!(matches!(end, End::Finished), "{end:?}");
+    assert!(is_same(&rig.laid, &clean(&Setup::new("marlin", 2, 40))));
 }
 
 #[test]
@@ -228,6 +301,39 @@ fn a_stop_while_the_printer_is_asked_where_it_is_switches_it_off() {
         let end = rig.run();
         assert!(matches!(end, End::Cancelled), "{profile}: {end:?}");
         assert!(matches!(rig.session.heat(), Heat::Off(_)), "{profile}: {:?}", rig.session.heat());
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
+    }
+}
+
+#[test]
+fn a_stop_that_nobody_confirms_is_no_proof() {
+    for goes in [false, true] {
+        let mut rig = Rig::new(Setup::new("marlin", 3, 48).with("disconnect:line=80,for-s=20"));
+        assert!(rig.run_until(|rig| matches!(rig.session.stage, Stage::Detached { .. })));
+        rig.drain(30.0);
+        rig.reconnect();
+        rig.is_deaf = true;
+        ask(&mut rig, Control::Stop);
+        rig.is_unplugged = goes;
+        let end = rig.run();
+        assert!(matches!(end, End::CancelUnconfirmed), "{goes}: {end:?}");
+        assert!(matches!(rig.session.heat(), Heat::Unknown(_)), "{:?}", rig.session.heat());
+        let heat = rig.session.heat().clone();
+        let told = crate::printer::Error::Cancelled { heat };
+        assert!(!told.to_string().contains("heaters are off;"), "{told}");
+        assert_eq!(told.code(), "printer.cancel_unconfirmed");
+        assert!(!rig.records.iter().any(|(_, record)| matches!(record, Record::End(Ending::Cancelled))));
+    }
+}
+
+#[test]
+fn a_stop_of_a_print_tells_that_heaters_off_was_executed() {
+    for profile in ALL {
+        let mut rig = Rig::new(Setup::new(profile, 3, 48));
+        assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
+        ask(&mut rig, Control::Stop);
+        assert!(matches!(rig.run(), End::Cancelled), "{profile}");
+        assert_eq!(rig.session.heat(), &Heat::Obeyed, "{profile}");
         assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
     }
 }
@@ -340,4 +446,13 @@ fn a_nozzle_that_waits_where_the_firmware_cannot_go_lower_is_no_place_to_go_on_f
         let end = rig.run();
         assert!(matches!(end, End::Refused(Refusal::HeightUnknown { .. })), "{profile}: {end:?}");
     }
+}
+
+#[test]
+fn only_words_about_pauses_tell_who_parks() {
+    use super::super::hold::parks_itself;
+    assert_eq!(parks_itself("paused filament_runout 0"), Some(true));
+    assert_eq!(parks_itself("prompt_begin Ready?"), None);
+    assert_eq!(parks_itself("notification 12 %"), None);
+    assert_eq!(parks_itself("resumed"), Some(false));
 }

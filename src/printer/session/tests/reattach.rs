@@ -82,6 +82,7 @@ fn filament_that_runs_out_pauses_and_the_print_goes_on_when_told_to() {
     rig.session.pause(rig.now(), false);
     let end = rig.run();
     assert!(matches!(end, End::Finished), "{end:?}");
+    assert_eq!(rig.session.stats().n_foreign_commands, 0);
 }
 
 #[test]
