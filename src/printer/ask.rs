@@ -168,10 +168,6 @@ impl Desk {
     fn command(&mut self, command: Command<'_>) {
         self.core.handle_command(self.clock.now(), command).ok();
     }
-
-    fn fault(&self, fault: Fault) -> Error {
-        Error::Fault { port: self.port.clone(), fault, heat: Heat::default() }
-    }
 }
 
 /// Which firmware an answer to M115 is of. What descends from another names both: the descendant counts.

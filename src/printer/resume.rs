@@ -173,9 +173,9 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     fn has_let_go(&self, last: u64) -> bool {
         let track = &self.known.track;
         let n_own = usize::try_from(track.n_prelude_lines(last)).unwrap_or(usize::MAX);
-        let set =
+        let mut set =
             track.prelude.iter().take(n_own).filter_map(|line| line.strip_prefix("M84 S")?.parse().ok());
-        let hold_s = set.last().unwrap_or(self.profile.firmware.orphan_hold_s);
+        let hold_s = set.next_back().unwrap_or(self.profile.firmware.orphan_hold_s);
         self.profile.motors_gcode().is_some() && self.known.away_s.is_some_and(|away_s| away_s > hold_s)
     }
 
@@ -187,7 +187,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             Place::Prelude(n) => track.prelude[n..].to_vec(),
             Place::Job(_) => Vec::new(),
         };
-        let prelude = restore::warming(&modal).into_iter().chain(left).collect();
+        let prelude = warming(&modal).into_iter().chain(left).collect();
         let track =
             Track { first_number: last + 1, prelude, n_before, n_twice: track.n_twice, ..Track::default() };
         Decision::Exact(Box::new(Exact { place: Place::Prelude(0), track, modal, tail }))

@@ -480,7 +480,7 @@ mod tests {
             let most = &mut most[usize::from(n_moves == 0)];
             *most = wire.in_flight().max(if n % 10_000 < 9_000 { 0 } else { *most });
             // Each answer is late: the more is in flight, the more is answered in the same time.
-            now = now + std::time::Duration::from_micros((1600 / wire.in_flight()).max(430));
+            now = now + Duration::from_micros((1600 / wire.in_flight()).max(430));
             assert!(wire.ack_oldest());
             wire.planner_has_room(now, n_moves);
         }
@@ -519,7 +519,7 @@ mod tests {
             }
             send_all(wire);
             most = most.max(wire.in_flight());
-            now = now + std::time::Duration::from_micros(line_us);
+            now = now + Duration::from_micros(line_us);
             assert!(wire.ack_oldest());
             wire.measure(now);
         }

@@ -366,15 +366,6 @@ fn a_print_that_needs_consent_says_how_warm_it_is() {
 }
 
 #[test]
-fn only_words_about_pauses_tell_who_parks() {
-    use super::super::hold::parks_itself;
-    assert_eq!(parks_itself("paused filament_runout 0"), Some(true));
-    assert_eq!(parks_itself("prompt_begin Ready?"), None);
-    assert_eq!(parks_itself("notification 12 %"), None);
-    assert_eq!(parks_itself("resumed"), Some(false));
-}
-
-#[test]
 fn a_job_that_is_gone_when_the_cable_is_back_leaves_no_heat() {
     for profile in ALL {
         let mut rig = Rig::new(Setup::new(profile, 3, 48).with("disconnect:line=80,for-s=20"));
@@ -455,4 +446,13 @@ fn a_nozzle_that_waits_where_the_firmware_cannot_go_lower_is_no_place_to_go_on_f
         let end = rig.run();
         assert!(matches!(end, End::Refused(Refusal::HeightUnknown { .. })), "{profile}: {end:?}");
     }
+}
+
+#[test]
+fn only_words_about_pauses_tell_who_parks() {
+    use super::super::hold::parks_itself;
+    assert_eq!(parks_itself("paused filament_runout 0"), Some(true));
+    assert_eq!(parks_itself("prompt_begin Ready?"), None);
+    assert_eq!(parks_itself("notification 12 %"), None);
+    assert_eq!(parks_itself("resumed"), Some(false));
 }
