@@ -244,9 +244,10 @@ impl Error {
         }
     }
 
-    /// An interruption in one word; every other error as it is.
+    /// An interruption in one word; every other error as it is, and the end of a print too: it tells what became of the heaters.
     pub(crate) fn or_interrupted(self) -> Self {
-        if self.is_interruption() { Self::Interrupted(progress::Cancelled) } else { self }
+        let is_of_printer = matches!(self, Self::Printer(_));
+        if self.is_interruption() && !is_of_printer { Self::Interrupted(progress::Cancelled) } else { self }
     }
 
     /// The process's exit code: 1 the work failed, 2 wrong usage or configuration, 130 interrupted.
@@ -296,8 +297,11 @@ mod tests {
         let heat = printer::protocol::Heat::Obeyed;
         let cancelled = Error::Printer(printer::Error::Cancelled { heat });
         assert_eq!(cancelled.exit_code(), 130);
-        assert!(matches!(cancelled.or_interrupted(), Error::Interrupted(_)));
-        assert_eq!(Error::Slice(progress::Cancelled.into()).exit_code(), 130);
+        let told = cancelled.or_interrupted().to_string();
+        assert!(told.starts_with("the print was cancelled") && told.contains("heaters"), "{told}");
+        let sliced = Error::Slice(progress::Cancelled.into());
+        assert_eq!(sliced.exit_code(), 130);
+        assert!(matches!(sliced.or_interrupted(), Error::Interrupted(_)));
         let vanished = Error::Printer(printer::Error::PortVanished { port: "p".into() });
         assert_eq!(vanished.exit_code(), 1);
         let told = vanished.or_interrupted().to_string();

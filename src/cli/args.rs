@@ -196,7 +196,7 @@ pub(crate) struct LayerArgs {
 #[derive(Debug, Args, Default)]
 pub(crate) struct PrinterArgs {
     #[arg(long, value_name = "sim|PATH",
-          help = format!("The printer's serial port, or `sim`: a simulated printer [default: {SIMULATED_PORT}]"))]
+          help = format!("The printer's serial port, or `sim`: a simulated printer [default: the one a case was last printed on, else {SIMULATED_PORT}]"))]
     pub(crate) port: Option<String>,
 }
 

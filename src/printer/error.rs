@@ -65,7 +65,8 @@ pub enum Error {
     Journal(#[from] journal::Error),
     /// The job is not the one of the journal.
     #[error(
-        "{job}: found another job than the journal {journal} tells of, expected the same bytes; print it with `lumenfab print`"
+        "{job}: found another job than the journal {journal} tells of, expected the same bytes; free the bed and begin the new one \
+         with `lumenfab print --anew`"
     )]
     OtherJob {
         /// The job.
@@ -208,7 +209,9 @@ impl Error {
                 "see that the job can be read; `lumenfab resume` then tells whether its print can go on"
             }
             Self::Open { problem, .. } => next_step_of(problem),
-            Self::Journal(_) | Self::OtherJob { .. } => "print the job from its beginning",
+            Self::Journal(_) | Self::OtherJob { .. } => {
+                "free the bed and print the job from its beginning with --anew"
+            }
             Self::NeedsConsent { .. } => "look at the part; then resume with --after-reset, or print anew",
             Self::NotResumable(_) | Self::Refused { .. } => "take the part off the bed and print anew",
             Self::Nobody { .. } => NOBODY,

@@ -51,6 +51,9 @@ pub struct Printed {
 impl std::fmt::Display for Printed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let rate = self.n_lines as f64 / self.elapsed_s.max(1e-3);
+        if self.simulated {
+            f.write_str("on the simulated printer: ")?;
+        }
         write!(f, "{} lines, each executed once", self.n_lines)?;
         if self.n_twice_at_most > 0 {
             write!(f, " but for up to {} before the reset, perhaps twice", self.n_twice_at_most)?;
