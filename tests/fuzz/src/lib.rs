@@ -43,10 +43,13 @@ pub fn as_ct(name: &str, bytes: &[u8]) {
 pub fn as_replies(bytes: &[u8]) {
     use lumenfab::printer::protocol::{Command, Core, Instant, LineSplitter, State};
     use std::time::Duration;
-    let names = lumenfab::profile::builtin_names();
+    static PROFILES: std::sync::OnceLock<Vec<lumenfab::profile::Profile>> = std::sync::OnceLock::new();
+    let builtin = |name| lumenfab::profile::builtin(name).expect("built in");
+    let profiles =
+        PROFILES.get_or_init(|| lumenfab::profile::builtin_names().into_iter().map(builtin).collect());
     let Some((first, bytes)) = bytes.split_first() else { return };
-    let profile = lumenfab::profile::builtin(names[usize::from(*first) % names.len()]).expect("built in");
-    let mut core = Core::new(&profile);
+    let profile = &profiles[usize::from(*first) % profiles.len()];
+    let mut core = Core::new(profile);
     let (mut splitter, mut now) = (LineSplitter::default(), Instant::default());
     let _ = core.handle_command(now, Command::Connect);
     for said in bytes.split_inclusive(|byte| *byte == 0) {
