@@ -79,6 +79,35 @@ pub fn picture_path(job: &Path) -> PathBuf {
     name.into()
 }
 
+/// The journal of the last print, put aside until the next one has begun: where no printer answers, nothing is lost.
+struct Aside {
+    place: PathBuf,
+    aside: PathBuf,
+}
+
+impl Aside {
+    /// Nothing where there is none, or where it cannot be moved.
+    fn of(place: PathBuf) -> Option<Self> {
+        let mut name = place.as_os_str().to_owned();
+        name.push(".before");
+        let aside = PathBuf::from(name);
+        std::fs::rename(&place, &aside).ok()?;
+        Some(Self { place, aside })
+    }
+
+    /// Puts it back unless another print has begun.
+    fn settle(self, has_begun: bool) {
+        let settled = if has_begun {
+            std::fs::remove_file(&self.aside)
+        } else {
+            std::fs::rename(&self.aside, &self.place)
+        };
+        if let Err(error) = settled {
+            tracing::debug!(%error, "the last journal stays aside");
+        }
+    }
+}
+
 impl Paper<'_> {
     /// Prints from the beginning, with a journal beside the job; over a print that broke off only if `anew`. Must be called within a
     /// tokio runtime.
@@ -97,10 +126,18 @@ impl Paper<'_> {
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
-        let journal = Journal::create(&path_for(self.job), &records)?;
-        let order =
-            Order { job, start: Start::Fresh, journal: Some(journal), controls: self.controls.clone() };
-        let printed = driver::run(order, link, self.profile, events, cancel).await;
+        let before = Aside::of(path_for(self.job));
+        let printed = match Journal::create(&path_for(self.job), &records) {
+            Ok(journal) => {
+                let (start, controls) = (Start::Fresh, self.controls.clone());
+                let order = Order { job, start, journal: Some(journal), controls };
+                driver::run(order, link, self.profile, events, cancel).await
+            }
+            Err(error) => Err(error.into()),
+        };
+        if let Some(before) = before {
+            before.settle(log_of(self.job).is_ok_and(|log| log.progress.n_sent > 0));
+        }
         if matches!(printed, Err(Error::PortVanished { .. } | Error::Fault { .. })) {
             self.draw_last();
         }
@@ -178,6 +215,10 @@ impl Paper<'_> {
         let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
         if is_over || log.progress.n_sent == 0 {
             return Ok(());
+        }
+        if self.hash()? != log.job.hash {
+            let journal = path_for(self.job).display().to_string();
+            return Err(Error::OtherJob { job: self.job.display().to_string(), journal });
         }
         let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
         Err(Error::Unfinished { job: self.job.display().to_string(), n_done, n_lines })

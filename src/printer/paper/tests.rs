@@ -79,6 +79,40 @@ fn a_print_that_broke_off_is_not_begun_again_by_accident() {
 }
 
 #[test]
+fn a_job_that_has_changed_is_not_sent_back_to_resume() {
+    let place = Place::new();
+    place.journal(5, None);
+    std::fs::write(place.job(), "G28\nG1 X1\n").unwrap();
+    let error = place.with_paper(|paper| paper.refuse_unfinished()).unwrap_err();
+    assert_eq!(error.code(), "printer.other_job");
+    assert!(error.to_string().contains("--anew"), "{error}");
+}
+
+#[test]
+fn where_no_printer_answers_the_last_journal_is_put_back() {
+    let place = Place::new();
+    for has_begun in [false, true] {
+        place.journal(5, None);
+        let journal = path_for(&place.job());
+        let before = std::fs::read(&journal).unwrap();
+        let aside = Aside::of(journal.clone()).unwrap();
+        assert!(!journal.exists());
+        std::fs::write(&journal, "another").unwrap();
+        aside.settle(has_begun);
+        let expected = if has_begun { b"another".to_vec() } else { before };
+        assert_eq!(std::fs::read(&journal).unwrap(), expected);
+        assert_eq!(
+            std::fs::read_dir(journal.parent().unwrap())
+                .unwrap()
+                .flatten()
+                .filter(|e| e.path().extension().is_some_and(|e| e == "before"))
+                .count(),
+            0
+        );
+    }
+}
+
+#[test]
 fn journal_and_picture_name_neither_the_job_s_file_nor_a_path() {
     let place = Place::new();
     place.journal(5, None);
