@@ -1,4 +1,5 @@
-//! Keys while a print runs: `p` pauses, `c` goes on, `x` cancels, `!` stops at once, a digit answers the printer's question.
+//! Keys while a print runs: `p` pauses, `c` goes on, `x` twice cancels, `!` stops at once, a digit answers the printer's
+//! question.
 //!
 //! Only where stdin is a terminal and this program is in its foreground. The terminal gives each key as it is pressed and shows
 //! none; Ctrl-C stays what it is; what would stop or end the program without a word to the printer (Ctrl-Z, Ctrl-\\) does nothing
@@ -16,8 +17,7 @@ use std::thread;
 use std::time::Duration;
 
 /// What the operator is told.
-pub(super) const HELP: &str =
-    "keys while it prints: p pause, c go on, x cancel, ! stop at once, 0 to 9 answer the printer";
+pub(super) const HELP: &str = "keys while it prints: p pause, c go on, x twice cancel for good, ! stop at once, 0 to 9 answer the printer";
 
 /// Between two looks at a terminal that has no key, or is gone: that one answers at once, again and again.
 const REST: Duration = Duration::from_millis(100);
@@ -42,8 +42,10 @@ impl Keys {
         let is_over = Arc::new(AtomicBool::new(false));
         let (ends, controls) = (Arc::clone(&is_over), controls.clone());
         let work = move || {
+            let mut keyboard = Keyboard::default();
             while !ends.load(Ordering::Relaxed) {
-                read_key().and_then(meaning).into_iter().for_each(|control| controls.ask(control));
+                let pressed = read_key().and_then(|key| keyboard.pressed(key));
+                pressed.into_iter().for_each(|control| controls.ask(control));
             }
         };
         // Without a thread there is nobody to listen, but still a terminal to put back.
@@ -92,28 +94,50 @@ fn read_key() -> Option<u8> {
     }
 }
 
-const fn meaning(key: u8) -> Option<Control> {
-    Some(match key {
-        b'p' | b'P' => Control::Pause,
-        b'c' | b'C' => Control::GoOn,
-        b'x' | b'X' => Control::Stop,
-        b'!' => Control::EmergencyStop,
-        b'0'..=b'9' => Control::Answer((key - b'0') as usize),
-        _ => return None,
-    })
+/// What keys mean, one after the other.
+#[derive(Debug, Default)]
+struct Keyboard {
+    /// Whether the last key was the one that cancels: pressed by mistake, it would cost the print.
+    is_cancelling: bool,
+}
+
+impl Keyboard {
+    fn pressed(&mut self, key: u8) -> Option<Control> {
+        let is_again = std::mem::take(&mut self.is_cancelling);
+        Some(match key {
+            b'p' | b'P' => Control::Pause,
+            b'c' | b'C' => Control::GoOn,
+            b'x' | b'X' if is_again => Control::Stop,
+            b'x' | b'X' => {
+                self.is_cancelling = true;
+                return None;
+            }
+            b'!' => Control::EmergencyStop,
+            b'0'..=b'9' => Control::Answer((key - b'0') as usize),
+            _ => return None,
+        })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn asked(keys: &[u8]) -> Vec<Control> {
+        let mut keyboard = Keyboard::default();
+        keys.iter().filter_map(|key| keyboard.pressed(*key)).collect()
+    }
+
     #[test]
     fn keys_mean_what_the_help_says() {
-        assert_eq!(
-            b"pcx!".map(|key| meaning(key).unwrap()),
-            [Control::Pause, Control::GoOn, Control::Stop, Control::EmergencyStop]
-        );
-        assert_eq!(meaning(b'7'), Some(Control::Answer(7)));
-        assert_eq!(meaning(b'\n'), None);
+        let all = [Control::Pause, Control::GoOn, Control::Stop, Control::EmergencyStop, Control::Answer(7)];
+        assert_eq!(asked(b"pcxx!7\n"), all);
+    }
+
+    #[test]
+    fn one_key_by_mistake_does_not_cancel() {
+        assert_eq!(asked(b"x"), []);
+        assert_eq!(asked(b"xpx"), [Control::Pause]);
+        assert_eq!(asked(b"xxx"), [Control::Stop]);
     }
 }
