@@ -113,7 +113,10 @@ impl Fault {
         match self {
             Self::LinkLost => "check the cable and switch the printer off if it is hot",
             Self::NoAnswer { is_garbled: true } => "check the baud rate of the profile",
-            Self::NoAnswer { is_garbled: false } => "check that the printer is on and that this is its port",
+            Self::NoAnswer { is_garbled: false } => {
+                "check that the printer is on and that this is its port; where it has stopped for good (M112, an error on its \
+                 display), reset it or switch it off and on"
+            }
             Self::Echo => "check that this is the printer's port, and that no other program uses it",
             Self::LostPlace { .. } => {
                 "look at the part; `lumenfab resume` says whether and where it can be continued"
