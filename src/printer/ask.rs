@@ -6,7 +6,7 @@
 use super::Error;
 use super::driver::Clock;
 use super::link::Link;
-use super::protocol::{Command, Core, Event, Fault, Heat, LineSplitter, Reply, State, Temperatures, parse};
+use super::protocol::{Command, Core, Event, Fault, Heat, LineSplitter, State, Temperatures};
 use crate::profile::{Dialect, Profile};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
@@ -61,8 +61,9 @@ async fn firmware_told(stream: &mut (impl AsyncRead + Unpin), splitter: &mut Lin
         let n = stream.read(&mut buffer).await.ok().filter(|n| *n > 0)?;
         let mut told = None;
         splitter.feed(&buffer[..n], |line| {
-            if let Reply::Firmware(text) = parse(line) {
-                told.get_or_insert_with(|| text.to_owned());
+            // Klipper says it behind its `ok`.
+            if let Some(at) = line.find("FIRMWARE_") {
+                told.get_or_insert_with(|| line[at..].to_owned());
             }
         });
         if told.is_some() {
