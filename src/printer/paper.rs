@@ -131,7 +131,7 @@ impl Paper<'_> {
             Ok(journal) => {
                 let (start, controls) = (Start::Fresh, self.controls.clone());
                 let order = Order { job, start, journal: Some(journal), controls };
-                driver::run(order, link, self.profile, events, cancel).await
+                driver::run(order, link, &self.profile_at_rate(), events, cancel).await
             }
             Err(error) => Err(error.into()),
         };
@@ -194,7 +194,7 @@ impl Paper<'_> {
         let (sender, mut heard) = mpsc::channel(EVENT_QUEUE);
         let running = async {
             let sender = sender;
-            driver::run(order, link, self.profile, &sender, cancel).await
+            driver::run(order, link, &self.profile_at_rate(), &sender, cancel).await
         };
         let passing = async {
             while let Some(event) = heard.recv().await {
@@ -230,6 +230,13 @@ impl Paper<'_> {
 
     async fn open_port(&self, firmware: &Firmware) -> Result<SerialLink, Error> {
         serial::open(Path::new(self.port), firmware, self.baud).await
+    }
+
+    /// The profile with the rate that the wire really has: how much may be in flight depends on it.
+    fn profile_at_rate(&self) -> Profile {
+        let mut profile = self.profile.clone();
+        profile.firmware.baud = self.baud.unwrap_or(profile.firmware.baud);
+        profile
     }
 
     fn machine(&self, link: &SerialLink) -> Machine {

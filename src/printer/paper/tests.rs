@@ -128,6 +128,17 @@ fn journal_and_picture_name_neither_the_job_s_file_nor_a_path() {
 }
 
 #[test]
+fn the_session_knows_the_rate_of_the_wire() {
+    let place = Place::new();
+    place.with_paper(|paper| {
+        let paper = Paper { baud: Some(1_000_000), ..*paper };
+        assert_eq!(paper.profile_at_rate().firmware.baud, 1_000_000);
+        let paper = Paper { baud: None, ..paper };
+        assert_eq!(paper.profile_at_rate(), *paper.profile);
+    });
+}
+
+#[test]
 fn of_a_profile_s_path_its_name_is_kept() {
     assert_eq!(without_folders("/home/zqx/profiles/mine.toml"), "mine.toml");
     assert_eq!(without_folders("marlin"), "marlin");
