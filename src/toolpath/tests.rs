@@ -7,7 +7,7 @@ use crate::profile;
 use crate::progress::CancelToken;
 use crate::slice::analytic::{Tube, Tubes};
 use crate::slice::{GridParams, grid, slice_solid};
-use crate::solid::{self, Sectioned};
+use crate::solid::Sectioned;
 use proptest::prelude::*;
 
 /// Grid step of the comparison, mm.
@@ -482,72 +482,4 @@ proptest! {
             }
         }
     }
-}
-
-/// Writes jobs and their sections for the outside check: `LUMENFAB_JOBS=DIR cargo test --release --lib
-/// jobs_for -- --ignored`, then `gcode_check.py DIR/NAME.gcode --sections DIR/NAME.sections.json --bead
-/// rect`.
-#[test]
-#[ignore = "writes files for a check outside of the test runner"]
-fn jobs_for_the_outside_check() {
-    let Some(dir) = std::env::var_os("LUMENFAB_JOBS").map(std::path::PathBuf::from) else {
-        eprintln!("skipped: LUMENFAB_JOBS names no directory");
-        return;
-    };
-    let bodies: [(&str, Tubes); 4] = [
-        ("ring", Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 12.0])),
-        (
-            "slanted",
-            Tubes::new(vec![Tube { slope: [0.5, 0.1], ..Tube::upright(0.0, 3.0) }], 1.0, [0.0, 12.0]),
-        ),
-        ("merging", Tubes::merging([0.0, 21.0])),
-        ("cast", Tubes::new(vec![Tube::upright(0.0, 3.5)], 0.0, [0.0, 6.0])),
-    ];
-    for (name, body) in bodies {
-        write_job(&dir, name, &body);
-    }
-    let shared = std::env::var_os("LUMENFAB_SHARED")
-        .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), Into::into);
-    let Ok(text) = std::fs::read_to_string(shared.join("data/truth/carotid46.sections.json")) else {
-        eprintln!("skipped: no ../shared/data/truth");
-        return;
-    };
-    let stack = crate::sections::format::from_json(&text).unwrap();
-    let wall = solid::Params::new(solid::Body::Wall { wall_mm: 1.0 });
-    let cast = solid::Params::new(solid::Body::Cast);
-    for (name, params) in [("carotid_wall", wall), ("carotid_cast", cast)] {
-        let built = solid::build(&stack, &params, &Task::quiet()).unwrap();
-        write_job(&dir, name, &built.solid);
-    }
-}
-
-#[expect(clippy::disallowed_methods, reason = "an ignored test that says how long the stages take")]
-fn write_job(dir: &std::path::Path, name: &str, body: &dyn Sectioned) {
-    let start = std::time::Instant::now();
-    let layers = layers_of(body);
-    let sliced = start.elapsed();
-    let profile = reference();
-    let planned = plan(&layers, &profile, &Task::quiet()).unwrap();
-    let beads = start.elapsed() - sliced;
-    let text = gcode::write(&planned.paths, &profile, &gcode::Header::default());
-    eprintln!(
-        "{name}: sliced {sliced:?}, planned {beads:?}, {} layers, {:?}",
-        layers.len(),
-        planned.warnings
-    );
-    let estimate = crate::motion::estimate(&text, &profile, &Task::quiet()).unwrap();
-    eprintln!(
-        "{name}: {:.0} s, {:.1} g, {} lines",
-        estimate.total_s,
-        estimate.filament_g,
-        text.lines().count()
-    );
-    std::fs::write(dir.join(format!("{name}.gcode")), text).unwrap();
-    let plane = |l: &LayerPaths| {
-        let z_mm = l.z_mm - l.slot.height_mm / 2.0;
-        serde_json::json!({ "z_mm": z_mm, "contours": l.material.contours })
-    };
-    let planes: Vec<serde_json::Value> = planned.paths.layers.iter().map(plane).collect();
-    let sections = serde_json::json!({ "units": "mm", "frame": "bed", "planes": planes });
-    std::fs::write(dir.join(format!("{name}.sections.json")), sections.to_string()).unwrap();
 }
