@@ -55,15 +55,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         if let Some(why) = self.has_changed(&modal) {
             return self.recover(why);
         }
-        let n_twice = self.known.track.n_twice;
-        let track = Track {
-            first_number: self.first_number(),
-            prelude: Vec::new(),
-            n_before,
-            n_twice,
-            ..Track::default()
-        };
-        Ok(Decision::Exact(Box::new(Exact { place: Place::Job(n_before), track, modal, tail })))
+        Ok(Decision::Exact(Box::new(self.exact_behind(n_before, modal, tail))))
     }
 
     /// What has become of heaters and motors meanwhile.
@@ -82,17 +74,15 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             is_harmless &= n <= n_before || BEFORE_MOVES.contains(&word);
         })?;
         let is_cold = self.is_cold(&modal).is_some();
-        Ok((is_harmless && !is_cold && modal.top_mm.is_none() && modal.at_mm[0].is_none()).then(|| {
-            let Track { n_twice, .. } = self.known.track;
-            let track = Track {
-                first_number: self.first_number(),
-                prelude: Vec::new(),
-                n_before,
-                n_twice,
-                ..Track::default()
-            };
-            Exact { place: Place::Job(n_before), track, modal, tail }
-        }))
+        let is_before = modal.top_mm.is_none() && modal.at_mm[0].is_none();
+        Ok((is_harmless && !is_cold && is_before).then(|| self.exact_behind(n_before, modal, tail)))
+    }
+
+    /// On with the job behind so many of its lines.
+    fn exact_behind(&self, n_before: u64, modal: Modal, tail: Tail) -> Exact {
+        let n_twice = self.known.track.n_twice;
+        let track = Track { first_number: self.first_number(), n_before, n_twice, ..Track::default() };
+        Exact { place: Place::Job(n_before), track, modal, tail }
     }
 
     /// What the next line is numbered by, where the firmware counts none.

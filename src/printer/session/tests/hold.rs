@@ -51,9 +51,7 @@ fn a_pause_parks_the_nozzle_keeps_the_heat_and_leaves_no_trace() {
             assert!(is_away(&rig) && rig.printer.summary().hotend_c[1] > 0.0, "{profile} {n_laid}");
             assert_eq!(rig.laid.len(), n_before, "{profile}");
             ask(&mut rig, Control::GoOn);
-            let end = rig.run();
-            assert!(matches!(end, End::Finished), "{profile} {n_laid}: {end:?}");
-            assert!(is_same(&rig.laid, &expected), "{profile} {n_laid}");
+            rig.ends_as(&expected, &format!("{profile} {n_laid}"));
             assert_eq!(rig.session.stats().n_foreign_commands, 0, "{profile} {n_laid}");
         }
     }
@@ -77,9 +75,7 @@ fn pauses_one_after_the_other_leave_no_trace() {
             wait(&mut rig, 30.0);
         }
         ask(&mut rig, Control::GoOn);
-        let end = rig.run();
-        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
-        assert!(is_same(&rig.laid, &expected), "{profile}");
+        rig.ends_as(&expected, profile);
         assert_eq!(rig.session.stats().n_foreign_commands, 0, "{profile}");
     }
 }
@@ -110,9 +106,7 @@ fn a_pause_longer_than_motors_hold_leaves_no_trace() {
         let mut rig = paused(setup, 60);
         wait(&mut rig, 3600.0);
         ask(&mut rig, Control::GoOn);
-        let end = rig.run();
-        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
-        assert!(is_same(&rig.laid, &expected), "{profile}");
+        rig.ends_as(&expected, profile);
     }
 }
 
@@ -132,9 +126,7 @@ fn a_cable_pulled_in_a_pause_leaves_it_paused_and_no_trace() {
         assert_eq!(rig.session.core.state(), &State::Paused, "{what}");
         assert!(is_away(&rig), "{what}");
         ask(&mut rig, Control::GoOn);
-        let end = rig.run();
-        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
-        assert!(is_same(&rig.laid, &expected), "{profile}");
+        rig.ends_as(&expected, profile);
     }
 }
 
@@ -146,9 +138,7 @@ fn a_host_that_dies_in_a_pause_is_resumed_without_a_trace() {
         let mut rig = paused(setup, 60);
         rig.drain(30.0);
         rig.resume(30.0, false);
-        let end = rig.run();
-        assert!(matches!(end, End::Finished), "{profile}: {end:?}");
-        assert!(is_same(&rig.laid, &expected), "{profile}");
+        rig.ends_as(&expected, profile);
     }
 }
 

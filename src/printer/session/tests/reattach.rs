@@ -27,9 +27,7 @@ fn a_cable_that_was_out_leaves_no_trace() {
         let expected = clean(&setup);
         for line in [30, 80, 133] {
             let mut rig = Rig::new(setup.clone().with(&format!("disconnect:line={line},for-s=20")));
-            let end = rig.run();
-            assert!(matches!(end, End::Finished), "{profile} {line}: {end:?} {:?}", rig.events);
-            assert!(is_same(&rig.laid, &expected), "{profile} {line}");
+            rig.ends_as(&expected, &format!("{profile} {line}"));
             assert!(rig.events.iter().any(|e| matches!(e, PrintEvent::WentOn { .. })), "{profile} {line}");
         }
     }
@@ -46,9 +44,7 @@ fn a_cable_that_slips_twice_leaves_no_trace() {
         let now = rig.now();
         rig.session.handle_port(now);
         rig.session.handle_lost(now);
-        let end = rig.run();
-        assert!(matches!(end, End::Finished), "{profile}: {end:?} {:?}", rig.events);
-        assert!(is_same(&rig.laid, &expected), "{profile}");
+        rig.ends_as(&expected, profile);
     }
 }
 
@@ -63,9 +59,7 @@ fn a_host_that_died_is_resumed_without_a_trace() {
                 assert!(rig.run_until(|rig| rig.laid.len() >= n_laid));
                 rig.drain(7.0);
                 rig.resume(7.0 + lost_s, false);
-                let end = rig.run();
-                assert!(matches!(end, End::Finished), "{profile} {n_laid}: {end:?} {:?}", rig.events);
-                assert!(is_same(&rig.laid, &expected), "{profile} {n_laid} {lost_s}");
+                rig.ends_as(&expected, &format!("{profile} {n_laid} {lost_s}"));
             }
         }
     }
@@ -140,9 +134,7 @@ fn heaters_that_somebody_has_switched_off_are_heated_again_by_his_word_alone() {
             assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
             let known = Known { away_s: Some(30.0), ..rig.known(0.0) };
             rig.resume_by(known, false);
-            let end = rig.run();
-            assert!(matches!(end, End::Finished), "{profile}: {end:?}");
-            assert!(is_same(&rig.laid, &expected), "{profile} {order}");
+            rig.ends_as(&expected, &format!("{profile} {order}"));
         }
     }
 }

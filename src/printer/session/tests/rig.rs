@@ -370,6 +370,16 @@ fn whole(share: f64) -> usize {
     n
 }
 
+impl Rig {
+    /// Runs to the end: the print is finished, and each bead is where it was expected, once.
+    #[track_caller]
+    pub(super) fn ends_as(&mut self, expected: &[Laid], what: &str) {
+        let end = self.run();
+        assert!(matches!(end, End::Finished), "{what}: {end:?} {:?}", self.events);
+        assert!(is_same(&self.laid, expected), "{what}");
+    }
+}
+
 /// What a print without faults lays down.
 pub(super) fn clean(setup: &Setup) -> Vec<Laid> {
     let mut rig = Rig::new(Setup { faults: Vec::new(), baud: None, ..setup.clone() });
