@@ -66,7 +66,7 @@ fn every(seeds: std::ops::Range<u64>) {
             let faults = faults.iter().filter(|_| is_checked || faults.len() < 2);
             let faults = faults.map(|fault| (*fault).to_owned()).collect();
             let baud = (is_wire && seed % 2 == 1).then_some(250_000);
-            n_looks += watch(Setup { job: vessel::job(&profile, 1), profile, faults, baud, seed });
+            n_looks += watch(Setup { job: vessel::filled(&profile, 1), profile, faults, baud, seed });
         }
     }
     assert!(n_looks > 10_000, "{n_looks}");

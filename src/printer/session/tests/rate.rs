@@ -28,7 +28,7 @@ fn of_the_wire_99_percent_are_used_at_every_rate() {
 #[test]
 fn the_planner_never_runs_dry_on_a_vessel() {
     let mut setup = Setup::new("marlin", 1, 3).with("delay:dir=tx,rate=1,for-s=0.001");
-    setup.job = super::vessel::job(&setup.profile, 3);
+    setup.job = super::vessel::filled(&setup.profile, 3);
     setup.baud = Some(setup.profile.firmware.baud);
     let mut rig = Rig::new(setup);
     assert!(matches!(rig.run(), End::Finished));

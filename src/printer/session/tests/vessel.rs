@@ -1,5 +1,5 @@
-//! A job of the slicer's own kind, small: a bent ring with contours and raster, limits in its header, retractions with z-hop,
-//! wipes, `G92 E0` at each layer, a fan that changes. Written here, so that it needs none of the stages before the printer.
+//! Jobs of the slicer's own kind, small: limits in the header, retractions with z-hop, wipes, `G92 E0` at each layer, a fan that
+//! changes. Written here, so that they need none of the stages before the printer.
 
 use crate::profile::{Dialect, Profile};
 use std::f64::consts::{PI, TAU};
@@ -14,11 +14,21 @@ const CHORD_MM: f64 = 0.6;
 /// Inner and outer radius of the lowest layer, mm.
 const RADII_MM: [f64; 2] = [6.0, 14.0];
 
-/// Layers of half a minute each, as those of a print of seven hours.
-pub(super) fn job(profile: &Profile, n_layers: u32) -> String {
+/// A bent ring of contours and raster, a thick one: six lifts a layer, long lines, half a minute for a layer.
+pub(super) fn filled(profile: &Profile, n_layers: u32) -> String {
+    written(profile, n_layers, |writer, layer| writer.filled_layer(layer))
+}
+
+/// The wall of a vessel that splits, 1 mm of it: contours of short lines, slow for want of time to cool, no lift in the trunk but from layer
+/// to layer, and one between the branches.
+pub(super) fn wall(profile: &Profile, n_layers: u32) -> String {
+    written(profile, n_layers, |writer, layer| writer.wall_layer(layer, layer >= n_layers / 2))
+}
+
+fn written(profile: &Profile, n_layers: u32, layer: impl Fn(&mut Writer<'_>, u32)) -> String {
     let mut writer = Writer { profile, text: String::new(), at: [0.0; 2] };
     profile.start_gcode().iter().chain(&limits(profile)).for_each(|line| writer.line(line));
-    (0..n_layers).for_each(|layer| writer.layer(layer));
+    (0..n_layers).for_each(|n| layer(&mut writer, n));
     let end = profile.end_gcode(LAYER_MM * f64::from(n_layers));
     end.iter().for_each(|line| writer.line(line));
     writer.text
@@ -49,6 +59,28 @@ pub(super) fn limits(profile: &Profile) -> Vec<String> {
     lines.iter().map(|line| (*line).to_owned()).collect()
 }
 
+/// A closed contour: nearly a circle, but no place of it is like another.
+struct Loop {
+    centre: [f64; 2],
+    radius: f64,
+    /// Way from one end of a chord to the other, mm.
+    chord_mm: f64,
+    mm_min: u32,
+}
+
+impl Loop {
+    /// Chords.
+    fn n(&self) -> f64 {
+        (TAU * self.radius / self.chord_mm).ceil()
+    }
+
+    fn point(&self, i: f64) -> [f64; 2] {
+        let angle = TAU * i / self.n();
+        let r = (0.1 * self.radius.min(1.0)).mul_add((3.0 * angle).cos(), self.radius);
+        [r.mul_add(angle.cos(), self.centre[0]), r.mul_add(angle.sin(), self.centre[1])]
+    }
+}
+
 struct Writer<'a> {
     profile: &'a Profile,
     text: String,
@@ -61,36 +93,54 @@ impl Writer<'_> {
         self.text.push('\n');
     }
 
-    fn layer(&mut self, layer: u32) {
+    /// Gives its height, mm, and where its middle is.
+    fn begin_layer(&mut self, layer: u32) -> (f64, [f64; 2]) {
         let z_mm = LAYER_MM * f64::from(layer + 1);
-        let centre = [0.15_f64.mul_add(f64::from(layer), 100.0), 0.1_f64.mul_add(f64::from(layer), 90.0)];
-        let [inner, outer] = RADII_MM.map(|r| r - 0.02 * f64::from(layer));
         self.line(&format!(";LAYER:{layer}\n;Z:{z_mm:.3}\n;HEIGHT:{LAYER_MM:.3}"));
         self.line("G92 E0");
         if layer > 0 {
             self.line(&format!("M106 S{}", 100 + 10 * layer));
         }
+        (z_mm, [0.15_f64.mul_add(f64::from(layer), 100.0), 0.1_f64.mul_add(f64::from(layer), 90.0)])
+    }
+
+    fn wall_layer(&mut self, layer: u32, is_split: bool) {
+        let (z_mm, centre) = self.begin_layer(layer);
+        self.line(&format!("G0 Z{z_mm:.3} F600"));
+        let branches: &[(f64, f64)] = if is_split { &[(-4.0, 2.2), (3.5, 1.8)] } else { &[(0.0, 3.2)] };
+        for (i, (x_mm, lumen_mm)) in branches.iter().enumerate() {
+            let centre = [centre[0] + x_mm, centre[1]];
+            for (n, kind) in [(0.0, "External perimeter"), (2.0, "External perimeter"), (1.0, "Perimeter")] {
+                self.line(&format!(";TYPE:{kind}"));
+                let loop_of = Loop { centre, radius: WIDTH_MM.mul_add(n, *lumen_mm), chord_mm: 0.25, mm_min: 600 };
+                // Through material there is no need to draw the filament back.
+                if n == 0.0 && i > 0 {
+                    self.travel(loop_of.point(0.0), z_mm);
+                } else {
+                    self.go(loop_of.point(0.0), "F9000");
+                }
+                self.closed(&loop_of);
+            }
+        }
+    }
+
+    fn filled_layer(&mut self, layer: u32) {
+        let (z_mm, centre) = self.begin_layer(layer);
+        let [inner, outer] = RADII_MM.map(|r| r - 0.02 * f64::from(layer));
         for (radius, kind) in [(outer, "External perimeter"), (inner, "Perimeter")] {
             self.line(&format!(";TYPE:{kind}"));
-            self.contour(centre, radius, z_mm);
+            let contour = Loop { centre, radius, chord_mm: CHORD_MM, mm_min: 1800 };
+            self.travel(contour.point(0.0), z_mm);
+            self.closed(&contour);
         }
         self.line(";TYPE:Solid infill");
         self.raster(centre, [inner + WIDTH_MM, outer - WIDTH_MM], z_mm);
     }
 
-    /// A closed contour, then the wipe.
-    fn contour(&mut self, centre: [f64; 2], radius: f64, z_mm: f64) {
-        let n = (TAU * radius / CHORD_MM).ceil();
-        let point = |i: f64| {
-            let angle = TAU * i / n;
-            // No circle: no place of it is like another.
-            let r = 0.1_f64.mul_add((3.0 * angle).cos(), radius);
-            [r.mul_add(angle.cos(), centre[0]), r.mul_add(angle.sin(), centre[1])]
-        };
-        self.travel(point(0.0), z_mm);
+    fn closed(&mut self, contour: &Loop) {
         let mut i = 1.0;
-        while i <= n {
-            self.bead(point(i), 1800);
+        while i <= contour.n() {
+            self.bead(contour.point(i), contour.mm_min);
             i += 1.0;
         }
     }
