@@ -39,6 +39,9 @@ const LAST_WORDS: Duration = Duration::from_secs(2);
 /// How long a print waits for its journal's disk before it goes on without.
 const FLUSH_LIMIT: Duration = Duration::from_secs(3);
 
+/// A disk that takes longer would let the planner run dry wherever the height changes.
+const SLOW_DISK: Duration = Duration::from_millis(250);
+
 /// Events kept for a listener that does not listen; beyond that the oldest message is dropped.
 const MAX_PENDING_EVENTS: usize = 1024;
 
@@ -136,12 +139,16 @@ struct Driver<'a, R> {
     is_cancelled: bool,
     controls: Controls,
     hold: Option<Hold>,
+    /// Up to where the journal lets the height change.
+    heights_to: Option<u64>,
     journal_fails: bool,
 }
 
-/// A record that begins a session is on its way to the disk.
+/// A record is on its way to the disk that what is sent next waits for.
 struct Hold {
     since: Instant,
+    /// It lets the height change; else it begins a session.
+    lets_heights: bool,
     is_handed_over: bool,
     flush: Option<Flush>,
 }
@@ -168,6 +175,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
             is_cancelled: false,
             controls: Controls::default(),
             hold: None,
+            heights_to: None,
             journal_fails: false,
         }
     }
@@ -249,29 +257,44 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
 
     /// Takes from the session what it has to say.
     fn exchange(&mut self) {
-        self.record();
-        if !self.holds_back() {
+        loop {
+            self.record();
+            if self.holds_back() {
+                break;
+            }
             self.session.transmit(&mut self.out);
+            if !self.session.has_records() {
+                break;
+            }
         }
         while let Some(event) = self.session.poll_event() {
             self.tell(event);
         }
     }
 
-    /// Hands records to the journal; never waits. One that begins a session holds back what is sent until it is on the disk.
+    /// Hands records to the journal; never waits. One that begins a session, or lets the height change, holds back what is sent until it
+    /// is on the disk.
     fn record(&mut self) {
         while let Some(record) = self.session.poll_record() {
             let Some(journal) = &self.journal else { continue };
-            let begins = matches!(record, Record::Session(_));
-            let since = self.clock.now();
-            if begins {
-                self.hold.get_or_insert(Hold { since, is_handed_over: false, flush: None });
+            let lets =
+                matches!(&record, Record::Progress(progress) if progress.heights_to != self.heights_to);
+            let holds = lets || matches!(record, Record::Session(_));
+            if holds {
+                let since = self.hold.as_ref().map_or(self.clock.now(), |hold| hold.since);
+                self.hold = Some(Hold { since, lets_heights: lets, is_handed_over: false, flush: None });
             }
             if !journal.append(&record) {
                 self.session.not_written(record);
                 break;
             }
-            if let Some(hold) = self.hold.as_mut().filter(|_| begins) {
+            match &record {
+                Record::Progress(progress) => self.heights_to = progress.heights_to,
+                // What its first record of progress says.
+                Record::Session(track) => self.heights_to = Some(track.n_before),
+                _ => {}
+            }
+            if let Some(hold) = self.hold.as_mut().filter(|_| holds) {
                 hold.is_handed_over = true;
             }
         }
@@ -284,7 +307,11 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         if hold.flush.is_none() && hold.is_handed_over {
             hold.flush = journal.ask_flush();
         }
-        let is_late = self.clock.now().since(hold.since) > FLUSH_LIMIT;
+        let waited = self.clock.now().since(hold.since);
+        let is_late = waited > FLUSH_LIMIT;
+        if hold.lets_heights && waited > SLOW_DISK {
+            self.session.disk_is_slow();
+        }
         let is_done = hold.flush.as_ref().is_some_and(Flush::is_done);
         if is_late && !is_done {
             let why = format!("the disk has not answered for {} s", FLUSH_LIMIT.as_secs());

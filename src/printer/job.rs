@@ -107,6 +107,8 @@ pub struct Job<R> {
     source: Source<R>,
     n_lines: u64,
     n_given: u64,
+    /// The last command is given once more.
+    is_put_back: bool,
     waits_for_user: bool,
 }
 
@@ -157,7 +159,7 @@ impl<R: BufRead + Seek> Job<R> {
             return Err(Error::Empty { name: source.name });
         }
         source.rewind()?;
-        Ok(Self { source, n_lines, n_given: 0, waits_for_user })
+        Ok(Self { source, n_lines, n_given: 0, is_put_back: false, waits_for_user })
     }
 
     /// Commands in the job.
@@ -184,7 +186,7 @@ impl<R: BufRead + Seek> Job<R> {
     /// As [`Self::next_command`].
     pub fn replay(&mut self, n_lines: u64, mut see: impl FnMut(&str)) -> Result<(), Error> {
         self.source.rewind()?;
-        self.n_given = 0;
+        (self.n_given, self.is_put_back) = (0, false);
         while self.n_given < n_lines {
             match self.next_command()? {
                 Some(command) => see(command),
@@ -202,11 +204,18 @@ impl<R: BufRead + Seek> Job<R> {
         if self.n_given == self.n_lines {
             return Ok(None);
         }
-        if !self.source.advance()? {
+        if !std::mem::take(&mut self.is_put_back) && !self.source.advance()? {
             return Err(Error::Changed { name: self.source.name.clone() });
         }
         self.n_given += 1;
         Ok(Some(self.source.command()))
+    }
+
+    /// The command given last is to be given again: it was not used.
+    pub(super) fn put_back(&mut self) {
+        debug_assert!(self.n_given > 0 && !self.is_put_back, "one command at most can be put back");
+        self.n_given = self.n_given.saturating_sub(1);
+        self.is_put_back = true;
     }
 }
 

@@ -151,6 +151,8 @@ pub struct Session<R> {
     parked: Option<Vec<String>>,
     /// The firmware was told to throw moves away (M410): from then on the job says no more where it is, however this ends.
     is_cancelled: bool,
+    /// See [`Self::disk_is_slow`].
+    is_disk_slow: bool,
     /// How it ends once the heaters are seen to.
     pending: Option<End>,
     heat: Heat,
@@ -181,6 +183,7 @@ impl<R: BufRead + Seek> Session<R> {
             parks_itself: false,
             parked: None,
             is_cancelled: false,
+            is_disk_slow: false,
             pending: None,
             heat: Heat::default(),
             temperatures: Temperatures::default(),
@@ -290,6 +293,12 @@ impl<R: BufRead + Seek> Session<R> {
         is_printing.then(|| self.recorder.poll(self.now, self.core.progress())).flatten()
     }
 
+    /// Whether there are records that what is to be sent next may wait for.
+    #[must_use]
+    pub fn has_records(&self) -> bool {
+        !self.records.is_empty()
+    }
+
     /// The record given out last was not taken: it will come again.
     pub fn not_written(&mut self, record: Record) {
         match record {
@@ -393,27 +402,51 @@ impl<R: BufRead + Seek> Session<R> {
         self.core.handle_command(self.now, command).ok();
     }
 
-    /// Gives the core the next lines of the job; false if it wants none.
+    /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
     fn feed(&mut self) -> bool {
-        if !self.core.wants_line() {
-            return false;
-        }
-        while self.core.wants_line() {
-            match self.job.next_command() {
-                Ok(Some(line)) => {
-                    self.recorder.feed(line);
-                    self.core.handle_command(self.now, Command::Line(line))
-                }
-                Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
-                Err(error) => {
-                    self.job_error = Some(error);
-                    self.core.handle_command(self.now, Command::Cancel)
-                }
-            }
-            .expect("a core that wants lines takes these commands");
+        let mut was_given = false;
+        while self.core.wants_line() && self.give() {
+            was_given = true;
         }
         self.note_cancel();
+        was_given
+    }
+
+    /// Gives the core the next line of the job. One that changes the height is written down first, as late as can be: when all before
+    /// it is sent.
+    fn give(&mut self) -> bool {
+        let given = match self.job.next_command() {
+            Ok(Some(line)) if self.recorder.must_let(line) => {
+                self.job.put_back();
+                if !self.core.has_unsent() {
+                    self.records.push_back(self.recorder.let_heights(self.now, self.core.progress()));
+                }
+                return false;
+            }
+            Ok(Some(line)) => {
+                self.recorder.feed(line);
+                self.core.handle_command(self.now, Command::Line(line))
+            }
+            Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
+            Err(error) => {
+                self.job_error = Some(error);
+                self.core.handle_command(self.now, Command::Cancel)
+            }
+        };
+        given.expect("a core that wants lines takes these commands");
         true
+    }
+
+    /// The journal's disk takes its time: the print does not wait for it at each change of height any more.
+    pub fn disk_is_slow(&mut self) {
+        if !std::mem::replace(&mut self.is_disk_slow, true) && matches!(self.stage, Stage::Printing) {
+            self.records.push_back(self.recorder.promise_nothing(self.now, self.core.progress()));
+        }
+    }
+
+    /// Its records are written down from now on.
+    fn follow(&mut self, recorder: Recorder) {
+        self.recorder = recorder.promising(!self.is_disk_slow);
     }
 
     fn settle(&mut self) {
@@ -483,11 +516,11 @@ impl<R: BufRead + Seek> Session<R> {
         let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice, ..Track::default() };
         self.records.push_back(Record::Session(track.clone()));
         let dialect = self.profile.firmware.dialect;
-        let fresh = Recorder::fresh(dialect, track.clone(), self.now);
-        let before = std::mem::replace(&mut self.recorder, fresh);
+        let mut recorder = Recorder::fresh(dialect, track.clone(), self.now);
         if n_before > 0 {
-            self.recorder = before.on(track, self.now);
+            recorder = std::mem::replace(&mut self.recorder, recorder).on(track, self.now);
         }
+        self.follow(recorder);
         self.command(Command::Begin);
         for line in &host_lines {
             self.command(Command::HostLine(line));

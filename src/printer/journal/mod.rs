@@ -137,6 +137,10 @@ pub struct Progress {
     pub begun_s: f64,
     /// The longest that a record has taken to the disk so far, s; 0 where none has.
     pub delay_s: f64,
+    /// A promise, where one is made: no line of the job behind this one that changes the height is sent before a later record is on
+    /// the disk. So what is lost of the journal leaves the height known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heights_to: Option<u64>,
     /// Nozzle, actual and wanted, °C.
     pub hotend_c: Option<[f64; 2]>,
     /// Bed, actual and wanted, °C.
@@ -368,6 +372,7 @@ impl Fold {
                     n_prelude: 0,
                     n_begun: n,
                     begun_s: 0.0,
+                    heights_to: None,
                     ..self.progress
                 };
                 self.track = Some(track);

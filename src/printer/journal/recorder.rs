@@ -2,6 +2,10 @@
 //!
 //! Pure: time and the core's numbers go in, records come out. A record of progress is due every half second while something has
 //! changed, so that the journal, written by a thread that may need as long again, is no more than a second behind.
+//!
+//! Lines that change the height are let through by a record of their own, which is to be on the disk before they are sent
+//! ([`Progress::heights_to`]); one record lets all through that follow within a few lines, so that a lift and the way down again cost one, and
+//! a job that rises with every line one in some dozens.
 
 use super::{Progress, Record, Track};
 use crate::printer::protocol::{self, Instant, Temperatures};
@@ -11,6 +15,9 @@ use std::time::Duration;
 
 /// Between two records of progress.
 pub const INTERVAL: Duration = Duration::from_millis(500);
+
+/// Lines that one record lets change the height.
+const LET_AT_ONCE: u64 = 32;
 
 /// Follows a session.
 #[derive(Debug)]
@@ -22,8 +29,16 @@ pub struct Recorder {
     prelude: Tail,
     began: Instant,
     written: Option<(Instant, Progress)>,
+    /// The last record has not reached the journal.
+    is_due: bool,
     temperatures: Progress,
     dialect: Dialect,
+    /// Up to which line of the job the height may change; no promise is made without.
+    heights_to: Option<u64>,
+    /// The last line of the job that was given.
+    n_fed: u64,
+    /// The last one that changed the height.
+    last_height: u64,
 }
 
 impl Recorder {
@@ -33,7 +48,30 @@ impl Recorder {
         let dialect = modal.dialect();
         let prelude = prelude_of(&track, &modal);
         let temperatures = Progress::default();
-        Self { track, modal, tail, prelude, began: now, written: None, temperatures, dialect }
+        let n_fed = track.n_before;
+        Self {
+            track,
+            modal,
+            tail,
+            prelude,
+            began: now,
+            written: None,
+            is_due: false,
+            temperatures,
+            dialect,
+            heights_to: Some(n_fed),
+            n_fed,
+            last_height: n_fed,
+        }
+    }
+
+    /// The same; where it does not promise, lines that change the height are sent as any other.
+    #[must_use]
+    pub const fn promising(mut self, promises: bool) -> Self {
+        if !promises {
+            self.heights_to = None;
+        }
+        self
     }
 
     /// One for a job from its beginning.
@@ -69,8 +107,36 @@ impl Recorder {
 
     /// The next line of the job is given to the core.
     pub fn feed(&mut self, command: &str) {
+        let before = self.modal.at_mm[2];
         let effect = self.modal.apply(command);
         self.tail.push(effect);
+        self.n_fed += 1;
+        if self.modal.at_mm[2] != before {
+            self.last_height = self.n_fed;
+        }
+    }
+
+    /// Whether the next line of the job may only be given once a record lets it.
+    #[must_use]
+    pub fn must_let(&self, command: &str) -> bool {
+        self.heights_to.is_some_and(|to| self.n_fed >= to) && self.modal.is_at_other_height_after(command)
+    }
+
+    /// The record that lets the next line change the height, and some behind it.
+    pub fn let_heights(&mut self, now: Instant, core: protocol::Progress) -> Record {
+        self.heights_to = Some(self.n_fed + LET_AT_ONCE);
+        self.write(now, self.progress(now, core))
+    }
+
+    /// The record that takes the promise back.
+    pub fn promise_nothing(&mut self, now: Instant, core: protocol::Progress) -> Record {
+        self.heights_to = None;
+        self.write(now, self.progress(now, core))
+    }
+
+    fn write(&mut self, now: Instant, progress: Progress) -> Record {
+        (self.written, self.is_due) = (Some((now, progress)), false);
+        Record::Progress(progress)
     }
 
     /// What was heard of temperatures.
@@ -90,8 +156,11 @@ impl Recorder {
         let held = core.ahead.held.filter(|held| held.n_moves > 0);
         let n_begun = held.map_or(n_sent, |held| self.tail.n_begun(n_acked, held.n_moves));
         let begun_s = held.map_or(0.0, |held| now.since(held.at).as_secs_f64());
+        let t_s = (now.since(self.began).as_secs_f64() * 1e3).round();
+        // Of two records of one moment the later one counts.
+        let least = self.written.map_or(0.0, |(_, before)| (before.t_s * 1e3).round() + 1.0);
         Progress {
-            t_s: (now.since(self.began).as_secs_f64() * 1e3).round() / 1e3,
+            t_s: t_s.max(least) / 1e3,
             number: core.n_sent,
             n_sent,
             n_acked,
@@ -99,29 +168,35 @@ impl Recorder {
             n_prelude,
             n_begun,
             begun_s: (begun_s * 1e3).ceil() / 1e3,
+            heights_to: self.heights_to,
             ..self.temperatures
         }
     }
 
     /// The record that is due, if one is.
     pub fn poll(&mut self, now: Instant, core: protocol::Progress) -> Option<Record> {
-        if self.written.is_some_and(|(at, _)| now.since(at) < INTERVAL) {
+        let is_recent = |at: Instant| now.since(at) < INTERVAL && !self.is_due;
+        // Nearly always.
+        if self.written.is_some_and(|(at, last)| is_recent(at) && last.n_certain >= self.last_height) {
             return None;
         }
         let progress = self.progress(now, core);
+        let has_arrived = progress.n_certain >= self.last_height;
+        if self.written.is_some_and(|(at, _)| is_recent(at) && !has_arrived) {
+            return None;
+        }
         let same = |(_, last): (Instant, Progress)| {
             Progress { t_s: progress.t_s, begun_s: progress.begun_s, ..last } == progress
         };
-        if self.written.is_some_and(same) {
+        if self.written.is_some_and(same) && !self.is_due {
             return None;
         }
-        self.written = Some((now, progress));
-        Some(Record::Progress(progress))
+        Some(self.write(now, progress))
     }
 
     /// The record that was given out last did not reach the journal: the next one is due at once.
     pub fn not_written(&mut self) {
-        self.written = None;
+        self.is_due = true;
     }
 }
 

@@ -492,6 +492,7 @@ mod tests {
             n_begun: u64::MAX,
             begun_s: 1e9 + 0.123,
             delay_s: 1e9 + 0.123,
+            heights_to: Some(u64::MAX),
             hotend_c: Some([-273.123_456; 2]),
             bed_c: Some([-273.123_456; 2]),
         };

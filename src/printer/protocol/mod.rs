@@ -289,6 +289,12 @@ impl Core {
         self.state == State::Streaming && self.wire.unsent() < QUEUE_AHEAD
     }
 
+    /// Whether lines that were given are still to be sent.
+    #[must_use]
+    pub fn has_unsent(&self) -> bool {
+        self.wire.unsent() > 0
+    }
+
     /// Takes one line from the firmware, without its line end.
     pub fn handle_line(&mut self, now: Instant, line: &str) {
         self.now = now;

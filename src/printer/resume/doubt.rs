@@ -45,6 +45,10 @@ pub(super) struct Doubt {
     n_done: u64,
     /// Lines of either kind so far.
     n_taken: u64,
+    /// See [`Progress::heights_to`].
+    heights_to: Option<u64>,
+    /// The next line of the job was not sent: it is not let yet.
+    is_held: bool,
     /// Time since then: behind these a line is begun only when the moves before it have ended.
     left_s: f64,
     /// Lines of the job that may have been begun, in all.
@@ -77,13 +81,15 @@ pub(super) fn behind_s(progress: &Progress) -> f64 {
 const TURNED_UP: f64 = 0.67;
 
 impl Doubt {
-    pub(super) const fn new(dialect: Dialect, n_done: u64, reach: Reach, since_s: f64) -> Self {
+    pub(super) const fn new(dialect: Dialect, progress: &Progress, reach: Reach, since_s: f64) -> Self {
         Self {
             modal: Modal::new(dialect),
             nozzle: Modal::new(dialect),
             reach,
-            n_done,
+            n_done: progress.n_certain,
             n_taken: 0,
+            heights_to: progress.heights_to,
+            is_held: false,
             left_s: since_s,
             n: 0,
             at: None,
@@ -95,6 +101,8 @@ impl Doubt {
 
     /// The next line of the job.
     pub(super) fn take(&mut self, command: &str) {
+        let is_let = self.heights_to.is_none_or(|to| self.n < to);
+        self.is_held |= !is_let && self.modal.is_at_other_height_after(command);
         if self.is_over() {
             return;
         }
@@ -115,7 +123,7 @@ impl Doubt {
 
     /// Whether no line can have been begun any more.
     fn is_over(&self) -> bool {
-        self.n_taken >= self.reach.n_begun && self.left_s <= 0.0
+        self.is_held || self.n_taken >= self.reach.n_begun && self.left_s <= 0.0
     }
 
     fn go(&mut self, command: &str) {

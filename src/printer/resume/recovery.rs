@@ -37,7 +37,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let since_s = progress.begun_s + if self.known.is_behind { behind_s(progress) } else { 0.0 };
         let Track { prelude, n_before, .. } = &self.known.track;
         let own = &prelude[..usize::try_from(reach.n_prelude).unwrap_or(usize::MAX).min(prelude.len())];
-        let mut doubt = Doubt::new(self.profile.firmware.dialect, n_done, reach, since_s);
+        let mut doubt = Doubt::new(self.profile.firmware.dialect, progress, reach, since_s);
         let take_own = |doubt: &mut Doubt| own.iter().for_each(|line| doubt.take_own(line));
         if *n_before == 0 {
             take_own(&mut doubt);

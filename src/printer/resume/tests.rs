@@ -256,6 +256,21 @@ fn the_journal_s_last_second_counts_where_the_host_died_too() {
     assert!((95..=106).contains(&recovery.n_twice), "{}", recovery.n_twice);
 }
 
+/// The power failed while the host had not written down for a while: where the height certainly is the same, it goes on.
+#[test]
+fn a_lift_that_was_not_let_was_not_begun() {
+    let tail = "G0 Z0.4\nG0 X0 F9000\nG0 Z0.2\nG1 X90 E0.1\n";
+    let mut known = known(40, 36, 30);
+    known.is_behind = true;
+    let off = Survey { last: Some(0), position: None, ..survey(0, [0.0; 3]) };
+    let n_lift = 6 + 40 + 1;
+    for (heights_to, is_known) in [(Some(n_lift - 1), true), (Some(n_lift), false), (None, false)] {
+        known.progress.heights_to = heights_to;
+        let decision = decided(&mut job(40, tail), &known, &off);
+        assert_eq!(matches!(decision, Decision::Recover(_)), is_known, "{heights_to:?} {decision:?}");
+    }
+}
+
 fn by_place(text: &str, n_acked: u64, n_sent: u64, xyz_mm: [f64; 3], e_mm: f64) -> Decision {
     let mut klipper = crate::profile::builtin("klipper").unwrap();
     klipper.scripts.recovery = profile().scripts.recovery;

@@ -111,7 +111,7 @@ impl<R: BufRead + Seek> Session<R> {
         let track =
             Track { first_number, prelude: away.clone(), n_before: n_done, n_twice, back: back.clone() };
         self.records.push_back(Record::Session(track.clone()));
-        self.recorder = Recorder::new(track, modal, tail, self.now);
+        self.follow(Recorder::new(track, modal, tail, self.now));
         self.recorder.hear(self.temperatures);
         self.command(Command::Park);
         away.iter().for_each(|line| self.command(Command::HostLine(line)));

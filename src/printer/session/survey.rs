@@ -48,7 +48,7 @@ impl<R: BufRead + Seek> Session<R> {
         let Exact { place, track, modal, tail } = exact;
         self.records.push_back(Record::Session(track.clone()));
         let prelude = track.prelude.clone();
-        self.recorder = Recorder::new(track, modal, tail, self.now);
+        self.follow(Recorder::new(track, modal, tail, self.now));
         self.recorder.hear(self.temperatures);
         self.stage = Stage::Printing;
         self.parked = None;
@@ -78,7 +78,7 @@ impl<R: BufRead + Seek> Session<R> {
             return;
         }
         let tail = Tail::after(n_done);
-        self.recorder = Recorder::new(Track::default(), modal, tail, self.now);
+        self.follow(Recorder::new(Track::default(), modal, tail, self.now));
         self.recorder.hear(self.temperatures);
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);

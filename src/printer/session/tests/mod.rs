@@ -3,6 +3,7 @@
 mod certain;
 mod crash;
 mod deposit;
+mod heights;
 mod hold;
 mod matrix;
 mod policy;

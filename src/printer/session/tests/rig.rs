@@ -129,6 +129,11 @@ pub(super) struct Rig {
     pub(super) events: Vec<PrintEvent>,
     /// Names of faults and states that the printer has told, with the time.
     pub(super) states: Vec<(f64, String)>,
+    /// How long the journal's disk takes, s.
+    pub(super) disk_s: f64,
+    /// Until when a record is on its way that what is sent next waits for, s.
+    held_until_s: f64,
+    heights_to: Option<u64>,
     /// When the print was given up, s.
     pub(super) gave_up_s: Option<f64>,
     is_connected: bool,
@@ -165,6 +170,9 @@ impl Rig {
             laid: Vec::new(),
             events: Vec::new(),
             states: Vec::new(),
+            disk_s: 0.0,
+            held_until_s: 0.0,
+            heights_to: None,
             gave_up_s: None,
             is_connected: true,
             is_deaf: false,
@@ -201,11 +209,15 @@ impl Rig {
     /// All that can be said now. True if anything was.
     fn exchange(&mut self) -> bool {
         let mut moved = self.connect();
-        while let Some(record) = self.session.poll_record() {
-            self.write(record);
-        }
         let mut out = Vec::new();
-        self.session.transmit(&mut out);
+        self.record();
+        while !self.is_held() {
+            self.session.transmit(&mut out);
+            if !self.session.has_records() {
+                break;
+            }
+            self.record();
+        }
         if let Some(share) = self.dies_at.filter(|_| !out.is_empty()) {
             out.truncate(whole(share * out.len() as f64));
             self.is_dead = true;
@@ -229,6 +241,26 @@ impl Rig {
         }
         self.observe();
         moved
+    }
+
+    /// Writes down what there is; what lets the height change is waited for.
+    fn record(&mut self) {
+        while let Some(record) = self.session.poll_record() {
+            let heights_to = match &record {
+                Record::Progress(progress) => progress.heights_to,
+                Record::Session(track) => Some(track.n_before),
+                _ => self.heights_to,
+            };
+            if matches!(record, Record::Progress(_)) && heights_to != self.heights_to {
+                self.held_until_s = self.printer.now_s() + self.disk_s;
+            }
+            self.heights_to = heights_to;
+            self.write(record);
+        }
+    }
+
+    fn is_held(&self) -> bool {
+        self.printer.now_s() < self.held_until_s - 1e-6 && !self.session.is_giving_up()
     }
 
     fn deliver(&mut self, bytes: &[u8]) {
@@ -278,7 +310,8 @@ impl Rig {
         if self.session.is_over() || self.is_dead {
             return false;
         }
-        let due = self.session.poll_timeout();
+        let held = self.is_held().then(|| Instant::after(Duration::from_secs_f64(self.held_until_s)));
+        let due = self.session.poll_timeout().into_iter().chain(held).min();
         let next = self.printer.next_event_s().map(|s| Instant::after(Duration::from_secs_f64(s)));
         match (due, next) {
             (None, None) => return false,

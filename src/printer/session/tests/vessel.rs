@@ -112,7 +112,8 @@ impl Writer<'_> {
             let centre = [centre[0] + x_mm, centre[1]];
             for (n, kind) in [(0.0, "External perimeter"), (2.0, "External perimeter"), (1.0, "Perimeter")] {
                 self.line(&format!(";TYPE:{kind}"));
-                let loop_of = Loop { centre, radius: WIDTH_MM.mul_add(n, *lumen_mm), chord_mm: 0.25, mm_min: 600 };
+                let loop_of =
+                    Loop { centre, radius: WIDTH_MM.mul_add(n, *lumen_mm), chord_mm: 0.25, mm_min: 600 };
                 // Through material there is no need to draw the filament back.
                 if n == 0.0 && i > 0 {
                     self.travel(loop_of.point(0.0), z_mm);
