@@ -309,10 +309,12 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         }
         let waited = self.clock.now().since(hold.since);
         let is_late = waited > FLUSH_LIMIT;
-        if hold.lets_heights && waited > SLOW_DISK {
+        let is_done = hold.flush.as_ref().is_some_and(Flush::is_done);
+        // A promise that cannot be written down is none.
+        let is_slow = waited > SLOW_DISK || is_done && journal.failure().is_some();
+        if hold.lets_heights && is_slow {
             self.session.disk_is_slow();
         }
-        let is_done = hold.flush.as_ref().is_some_and(Flush::is_done);
         if is_late && !is_done {
             let why = format!("the disk has not answered for {} s", FLUSH_LIMIT.as_secs());
             self.tell(PrintEvent::JournalFailed(why));

@@ -4,13 +4,15 @@
 //! in, bytes, events, records and the next deadline come out. [`super::driver`] gives it a real port and a clock, tests a
 //! simulated printer and a made-up one.
 //!
-//! **Contract.** After every `handle_*`, drain [`Session::poll_record`] first (a record of a new session must be in the journal
-//! before a line of it is sent), then [`Session::transmit`] and [`Session::poll_event`].
+//! **Contract.** After every `handle_*`, drain [`Session::poll_record`] first: a record that begins a session, or lets the height change
+//! ([`Progress::heights_to`](super::journal::Progress::heights_to)), must be in the journal before anything more is sent. Then
+//! [`Session::transmit`], and both again while it has left records ([`Session::has_records`]); then [`Session::poll_event`].
 //!
 //! When the port vanishes in the middle of the job, the session asks for it again ([`Session::wants_port`]) for
 //! `orphan_hold_s`; then it asks the printer where it is and decides as [`super::resume`] does: exactly, or not at all. A
 //! printer that has started anew meanwhile is never sent the job again.
 
+mod feed;
 mod hold;
 mod survey;
 
@@ -400,48 +402,6 @@ impl<R: BufRead + Seek> Session<R> {
     /// A command whose refusal means that it is too late for it.
     fn command(&mut self, command: Command<'_>) {
         self.core.handle_command(self.now, command).ok();
-    }
-
-    /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
-    fn feed(&mut self) -> bool {
-        let mut was_given = false;
-        while self.core.wants_line() && self.give() {
-            was_given = true;
-        }
-        self.note_cancel();
-        was_given
-    }
-
-    /// Gives the core the next line of the job. One that changes the height is written down first, as late as can be: when all before
-    /// it is sent.
-    fn give(&mut self) -> bool {
-        let given = match self.job.next_command() {
-            Ok(Some(line)) if self.recorder.must_let(line) => {
-                self.job.put_back();
-                if !self.core.has_unsent() {
-                    self.records.push_back(self.recorder.let_heights(self.now, self.core.progress()));
-                }
-                return false;
-            }
-            Ok(Some(line)) => {
-                self.recorder.feed(line);
-                self.core.handle_command(self.now, Command::Line(line))
-            }
-            Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
-            Err(error) => {
-                self.job_error = Some(error);
-                self.core.handle_command(self.now, Command::Cancel)
-            }
-        };
-        given.expect("a core that wants lines takes these commands");
-        true
-    }
-
-    /// The journal's disk takes its time: the print does not wait for it at each change of height any more.
-    pub fn disk_is_slow(&mut self) {
-        if !std::mem::replace(&mut self.is_disk_slow, true) && matches!(self.stage, Stage::Printing) {
-            self.records.push_back(self.recorder.promise_nothing(self.now, self.core.progress()));
-        }
     }
 
     /// Its records are written down from now on.

@@ -1,0 +1,49 @@
+//! The job's lines on their way to the core, and which of them wait for the journal.
+
+use super::super::protocol::Command;
+use super::{Session, Stage};
+use std::io::{BufRead, Seek};
+
+impl<R: BufRead + Seek> Session<R> {
+    /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
+    pub(super) fn feed(&mut self) -> bool {
+        let mut was_given = false;
+        while self.core.wants_line() && self.give() {
+            was_given = true;
+        }
+        self.note_cancel();
+        was_given
+    }
+
+    /// Gives the core the next line of the job. One that changes the height is written down first, as late as can be: when all before
+    /// it is sent.
+    fn give(&mut self) -> bool {
+        let given = match self.job.next_command() {
+            Ok(Some(line)) if self.recorder.must_let(line) => {
+                self.job.put_back();
+                if !self.core.has_unsent() {
+                    self.records.push_back(self.recorder.let_heights(self.now, self.core.progress()));
+                }
+                return false;
+            }
+            Ok(Some(line)) => {
+                self.recorder.feed(line);
+                self.core.handle_command(self.now, Command::Line(line))
+            }
+            Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
+            Err(error) => {
+                self.job_error = Some(error);
+                self.core.handle_command(self.now, Command::Cancel)
+            }
+        };
+        given.expect("a core that wants lines takes these commands");
+        true
+    }
+
+    /// The journal's disk takes its time: the print does not wait for it at each change of height any more.
+    pub fn disk_is_slow(&mut self) {
+        if !std::mem::replace(&mut self.is_disk_slow, true) && matches!(self.stage, Stage::Printing) {
+            self.records.push_back(self.recorder.promise_nothing(self.now, self.core.progress()));
+        }
+    }
+}
