@@ -525,6 +525,10 @@ fn noted(event: &PrintEvent) -> Option<String> {
         Said::Busy(what) => format!("printer: {what}"),
         Said::Action(what) => format!("printer asks: {what}"),
         Said::Message(what) => format!("printer: {what}"),
+        Said::NeverAsksAgain => {
+            "the printer does not ask for damaged lines: each is missed when no answer comes, and found by its place"
+                .to_owned()
+        }
         Said::Recovered(protocol::Recovery::Resent { line }) => {
             format!("line {line} was damaged, sent again")
         }

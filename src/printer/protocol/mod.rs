@@ -34,12 +34,13 @@
 //!
 //! The checksum has eight bits: of damages that hit more than one bit (two lines run together, for one) one in 256
 //! passes it, and the firmware then executes what it has read.
-//! Firmware that counts no lines gives no proof. RepRapFirmware gets one line at a time, and a line that it refuses is sent again;
+//! Firmware that counts no lines gives no proof. RepRapFirmware gets one line at a time, and in doubt is asked where it is;
 //! Klipper and whatever else takes lines without numbers have many in flight, behind a link that must not damage them: a line that is
 //! refused there ends the print, and those behind it may be executed.
 //! Memory is bounded: a few hundred lines of history.
 
 mod allowance;
+mod alone;
 mod command;
 mod event;
 mod fault;
@@ -74,6 +75,7 @@ pub use time::{Instant, Timer};
 
 use super::policy::{self, Action, Trouble};
 use crate::profile::{Dialect, Profile, ResendStyle};
+use alone::Alone;
 use owed::Debts;
 use pause::{Awaited, Guard, Pulse};
 use planner::Planner;
@@ -152,8 +154,8 @@ pub struct Core {
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
-    /// The only line in flight may have been refused, where lines are not counted.
-    is_suspect: bool,
+    /// The only line in flight, where lines are not counted.
+    alone: Alone,
     /// What the printer is asked for first: its last line, none of which was higher; nothing where it is greeted.
     inquired_beyond: Option<u64>,
     /// Lines of ours that came back.
@@ -203,6 +205,7 @@ impl Core {
             guard: profile.orphan_gcode().map(|set| (set, pause::renewal(profile.firmware.orphan_hold_s))),
             firmware,
         };
+        let alone = Alone::new(config.firmware.dialect);
         Self {
             state: State::Disconnected,
             wire: Wire::new(&config.firmware),
@@ -224,7 +227,7 @@ impl Core {
             is_advanced: false,
             owed: Debts::default(),
             n_garbled: 0,
-            is_suspect: false,
+            alone,
             inquired_beyond: None,
             n_echoed: 0,
             pulse: Pulse::default(),
@@ -317,6 +320,7 @@ impl Core {
             (Command::Begin, State::Idle) => self.begin(),
             (Command::GoOn, State::Idle) => {
                 self.renew_guard();
+                self.tell_whether_it_asks();
                 self.state = State::Streaming;
             }
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
@@ -359,6 +363,7 @@ impl Core {
         self.now = now;
         while let Some(timer) = self.timers.expired(now) {
             match timer {
+                Timer::Response if self.decide_in_silence() => {}
                 Timer::Response => self.ask(),
                 Timer::Handshake => match self.state {
                     State::Asking(inquiry) => self.inquiry_timeout(inquiry),
@@ -429,6 +434,12 @@ impl Core {
 
     fn begin(&mut self) {
         self.state = State::Streaming;
+        self.tell_whether_it_asks();
+        if self.is_asked_where() {
+            // Late answers to the greeting are awaited: none may be taken for a line's.
+            self.probe = Some(Probe::new(false));
+            self.quiet_since = self.now;
+        }
         for line in &self.config.prelude {
             self.wire.push(line, Origin::Host);
         }
@@ -500,6 +511,7 @@ impl Core {
             Reply::Action(action) => self.on_action(action),
             Reply::Skipped(_) => self.next_ok = NextOk::EndsRefusal,
             Reply::Error(text) => self.on_error(text, line),
+            Reply::Position(place) if self.hear_place(place) => {}
             Reply::Position(_) | Reply::Firmware(_) | Reply::Unknown(_) => {
                 self.stats.n_unknown_lines += 1;
                 self.events.push_back(Event::Message(line.to_owned()));

@@ -17,7 +17,7 @@ use super::slow::{dwell, is_move, is_slow};
 use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::time::Duration;
 
 /// Lines kept after their acknowledgement: an `ok` may have been taken for the wrong line, by a few.
@@ -156,7 +156,10 @@ impl Wire {
     pub(super) fn push(&mut self, command: &str, origin: Origin) {
         let mut text = self.spare.pop().unwrap_or_default();
         text.clear();
-        if self.numbered {
+        if self.one_by_one {
+            // Such firmware takes a line that has lost its asterisk: its checksum must not become digits of the last number.
+            write_numbered(&mut text, self.queued() + 1, format_args!("{command} "));
+        } else if self.numbered {
             write_numbered(&mut text, self.queued() + 1, command);
         } else {
             text.push_str(command);
@@ -386,16 +389,26 @@ impl Wire {
             return Some(text);
         }
         let (command, _) = text.rsplit_once('*')?;
-        command.split_once(' ').map(|(_, command)| command)
+        command.split_once(' ').map(|(_, command)| command.trim_end())
     }
 
     /// A numbered line that the firmware cannot accept: its refusal tells the last one that it did.
     pub(super) fn write_probe(&self, out: &mut String) {
         if self.numbered {
-            write_numbered(out, self.next.max(self.highest) + PROBE_AHEAD, "M105");
+            self.write_far(out, "M105");
         } else {
             out.push_str("M105\n");
         }
+    }
+
+    /// A command with a number that is none of our lines'.
+    pub(super) fn write_far(&self, out: &mut String, command: &str) {
+        write_numbered(out, self.far(), command);
+    }
+
+    /// The number of a probe.
+    pub(super) fn far(&self) -> u64 {
+        self.next.max(self.highest) + PROBE_AHEAD
     }
 
     fn index(&self, number: u64) -> Option<usize> {
@@ -415,7 +428,7 @@ fn is_like(a: &str, b: &str) -> bool {
 }
 
 /// Appends `N12 G1 X5*33` and a line feed: the checksum is the exclusive or of all bytes before the asterisk.
-pub(super) fn write_numbered(out: &mut String, number: u64, command: &str) {
+pub(super) fn write_numbered(out: &mut String, number: u64, command: impl Display) {
     let start = out.len();
     write!(out, "N{number} {command}").expect("writing to a string cannot fail");
     let checksum = out.as_bytes()[start..].iter().fold(0, |sum, byte| sum ^ byte);

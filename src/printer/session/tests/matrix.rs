@@ -1,5 +1,7 @@
 //! The fault matrix: every fault of the simulator, every firmware, three windows, on one made-up clock.
 //!
+//! (`reprapfirmware-silent` asks for no line again, as RepRapFirmware does from 3.6 on.)
+//!
 //! `cargo test --release --lib fault_matrix -- --nocapture` prints it; with `UPDATE_GOLDEN=1` it is written anew into
 //! `tests/golden/fault_matrix.txt`.
 
@@ -7,11 +9,19 @@ use super::super::*;
 use super::rig::{Laid, Rig, Setup, clean, is_same};
 use std::fmt::Write as _;
 
-const FIRMWARES: [&str; 7] =
-    ["marlin", "marlin1", "prusa-mk3s", "repetier", "reprapfirmware", "smoothie", "klipper"];
+const FIRMWARES: [&str; 8] = [
+    "marlin",
+    "marlin1",
+    "prusa-mk3s",
+    "repetier",
+    "reprapfirmware",
+    "reprapfirmware-silent",
+    "smoothie",
+    "klipper",
+];
 
 /// Faults that must leave no trace.
-const OF_THE_WIRE: [&str; 17] = [
+const OF_THE_WIRE: [&str; 19] = [
     "bit-error:rate=0.02",
     "bit-error:rate=0.02,dir=tx",
     "lost-byte:rate=0.02",
@@ -28,6 +38,8 @@ const OF_THE_WIRE: [&str; 17] = [
     "garbage:rate=0.02",
     "garbage:rate=0.02,dir=tx",
     "bit-error:rate=0.02 + lost-ok:rate=0.02",
+    "bit-error:rate=0.02 + bit-error:rate=0.02,dir=tx",
+    "lost-byte:rate=0.02 + delay:rate=0.01,dir=tx",
     "delay:rate=0.01 + half-line:line=70,dir=tx",
 ];
 
@@ -207,13 +219,13 @@ fn assert_heaters(rig: &mut Rig, fault: &Fault, what: &str) {
 }
 
 fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
-    let mut text = format!("{fault:<44}");
+    let mut text = format!("{fault:<49}");
     for (firmware, expected) in FIRMWARES.iter().zip(expected) {
         let cell: String = [Window::One, Window::Profile, Window::Unlimited]
             .map(|window| outcome(setup_for(firmware, window, fault), fault, expected))
             .iter()
             .collect();
-        write!(text, " {cell:<14}").unwrap();
+        write!(text, " {cell:<21}").unwrap();
     }
     text.trim_end().to_owned()
 }
@@ -222,9 +234,9 @@ fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
 #[expect(clippy::print_stdout, reason = "the table is what the command is for")]
 fn fault_matrix() {
     let expected: Vec<_> = FIRMWARES.iter().map(|firmware| clean(&Setup::new(firmware, 2, 40))).collect();
-    let mut text = format!("{LEGEND}\n{:<44}", "");
+    let mut text = format!("{LEGEND}\n{:<49}", "");
     for firmware in FIRMWARES {
-        write!(text, " {firmware:<14}").unwrap();
+        write!(text, " {firmware:<21}").unwrap();
     }
     text = text.trim_end().to_owned() + "\n";
     for fault in OF_THE_WIRE.into_iter().chain(OF_THE_MACHINE) {

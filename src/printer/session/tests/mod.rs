@@ -9,4 +9,5 @@ mod policy;
 mod rate;
 mod reattach;
 mod rig;
+mod uncounted;
 mod vessel;
