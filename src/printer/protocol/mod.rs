@@ -45,6 +45,7 @@ mod command;
 mod event;
 mod fault;
 mod greeting;
+mod guard;
 mod inquiry;
 mod lines;
 mod owed;
@@ -77,7 +78,8 @@ use super::policy::{self, Action, Trouble};
 use crate::profile::{Dialect, Profile, ResendStyle};
 use alone::Alone;
 use owed::Debts;
-use pause::{Awaited, Guard, Pulse};
+use guard::Guard;
+use pause::{Awaited, Pulse};
 use planner::Planner;
 use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
@@ -113,8 +115,8 @@ struct Config {
     prelude: Vec<String>,
     postlude: Vec<String>,
     safe: Vec<String>,
-    /// What sets the firmware's time-out for hosts that are gone, and how often it is set anew in a pause.
-    guard: Option<(String, Duration)>,
+    /// The firmware's time-out for hosts that are gone.
+    guard: Option<guard::Words>,
 }
 
 /// The line whose acknowledgement is awaited.
@@ -190,6 +192,11 @@ fn postlude_of(profile: &Profile) -> Vec<String> {
     std::iter::once("M400".to_owned()).chain(reports).chain(profile.orphan_end_gcode()).collect()
 }
 
+fn guard_of(profile: &Profile) -> Option<guard::Words> {
+    let every = guard::renewal(profile.firmware.orphan_hold_s)?;
+    Some(guard::Words { set: profile.orphan_gcode()?, lift: profile.orphan_end_gcode(), every })
+}
+
 impl Core {
     /// A core for a printer of this profile.
     #[must_use]
@@ -202,7 +209,7 @@ impl Core {
             prelude: prelude_of(profile),
             postlude: postlude_of(profile),
             safe: profile.safe_gcode(),
-            guard: profile.orphan_gcode().map(|set| (set, pause::renewal(profile.firmware.orphan_hold_s))),
+            guard: guard_of(profile),
             firmware,
         };
         let alone = Alone::new(config.firmware.dialect);
@@ -394,9 +401,8 @@ impl Core {
 
     /// Bytes for the port, if there are any.
     pub fn poll_transmit(&mut self) -> Option<Line<'_>> {
-        if let Some(text) = self.urgent.pop_front() {
-            self.out = text;
-            return Some(Line { bytes: self.out.as_bytes() });
+        if !self.urgent.is_empty() {
+            return self.urgent_line();
         }
         let streams = match self.state {
             State::Streaming | State::Finishing | State::Parking | State::Cancelling => true,
@@ -407,6 +413,9 @@ impl Core {
         let is_alone = self.rewind.is_some_and(|rewind| self.wire.next() > rewind.from);
         if !streams || self.probe.is_some() || is_alone {
             return None;
+        }
+        if !self.is_guard_out_of_the_way() {
+            return self.urgent_line();
         }
         let was_idle = self.wire.in_flight() == 0;
         if was_idle {
@@ -419,6 +428,11 @@ impl Core {
             self.arm();
         }
         self.wire.last_sent().map(|text| Line { bytes: text.as_bytes() })
+    }
+
+    fn urgent_line(&mut self) -> Option<Line<'_>> {
+        self.out = self.urgent.pop_front()?;
+        Some(Line { bytes: self.out.as_bytes() })
     }
 
     /// Something to tell, if there is anything.
@@ -546,6 +560,7 @@ impl Core {
             _ => {}
         }
         self.hear_the_user();
+        self.follow_guard();
         self.track_oldest();
         self.arm();
     }

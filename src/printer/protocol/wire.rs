@@ -13,7 +13,7 @@
 //! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
 use super::allowance::Allowance;
-use super::slow::{dwell, is_move, is_slow};
+use super::slow::{dwell, is_move, is_slow, waits_for_user};
 use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
@@ -62,6 +62,7 @@ struct Line {
     is_slow: bool,
     /// A straight move: it takes one place of the planner, and no time where there is one.
     is_move: bool,
+    waits_for_user: bool,
 }
 
 /// See the module. Numbers count from 1, after `M110 N0`.
@@ -167,7 +168,8 @@ impl Wire {
         }
         let end = self.end_of(self.queued()) + text.len() as u64;
         let (is_slow, is_move) = (is_slow(command), is_move(command));
-        self.lines.push_back(Line { text, end, origin, is_slow, is_move });
+        let waits_for_user = waits_for_user(command);
+        self.lines.push_back(Line { text, end, origin, is_slow, is_move, waits_for_user });
     }
 
     /// The last line appended.
@@ -226,6 +228,11 @@ impl Wire {
         self.next += 1;
         self.highest = self.highest.max(number);
         Some(&self.lines[self.index(number)?].text)
+    }
+
+    /// Whether the next line to be sent waits for somebody.
+    pub(super) fn next_waits_for_user(&self) -> bool {
+        self.index(self.next).is_some_and(|i| self.lines[i].waits_for_user)
     }
 
     /// The line that was sent last.

@@ -235,6 +235,26 @@ fn with_somebody(profile: &str) -> Setup {
     setup
 }
 
+#[test]
+fn the_firmware_s_time_out_is_lifted_while_it_waits_for_somebody_and_watches_before_and_behind() {
+    for (profile, faults) in [("marlin", &[][..]), ("marlin1", &[]), ("marlin", &["lost-ok:rate=0.05"])] {
+        let what = format!("{profile} {faults:?}");
+        let mut setup = faults.iter().fold(with_somebody(profile), |setup, fault| setup.with(fault));
+        setup.job = setup.job.replace("M0", "M0 S300");
+        setup.profile.firmware.orphan_hold_s = 60.0;
+        let mut rig = Rig::new(setup);
+        assert!(rig.run_until(|rig| n_told(rig, &Event::Paused) > 0), "{what}");
+        let watched_before = String::from_utf8_lossy(&rig.sent).contains("M85 S60*");
+        assert!(watched_before, "{what}");
+        assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{what}: nobody hurried");
+        rig.drain(30.0);
+        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: there may be a resume");
+        // The host has died.
+        rig.drain(90.0);
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: nobody watches");
+    }
+}
+
 fn n_told(rig: &Rig, event: &Event) -> usize {
     rig.events.iter().filter(|e| **e == PrintEvent::Session(event.clone())).count()
 }
