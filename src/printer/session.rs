@@ -51,6 +51,8 @@ pub enum PrintEvent {
     },
     /// The operator has asked for something.
     Asked(Control),
+    /// The operator has asked for something that changes nothing.
+    NothingToDo(Control),
     /// The journal cannot be written; the print goes on.
     JournalFailed(String),
     /// It can be written again.

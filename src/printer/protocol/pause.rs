@@ -173,6 +173,18 @@ impl Core {
         self.handle_command(self.now, command).ok();
     }
 
+    /// Whether the printer waits, within a line, for somebody.
+    #[must_use]
+    pub const fn is_user_awaited(&self) -> bool {
+        self.user_awaited.is_some()
+    }
+
+    /// Whether it has asked something, with such a button.
+    #[must_use]
+    pub fn is_asking(&self, button_idx: usize) -> bool {
+        self.prompts.has(button_idx)
+    }
+
     /// Answers the printer's question; where there is none, or it has no such button, nothing is said.
     pub(super) fn answer(&mut self, button_idx: usize) {
         let Some(Button { label, gcode }) = self.prompts.answered(button_idx) else { return };

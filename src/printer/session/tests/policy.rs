@@ -78,7 +78,8 @@ fn strike(rig: &mut Rig, phase: Phase, trouble: Trouble) -> bool {
         Trouble::PortShared if phase == Phase::Greeting => rig.is_echo = true,
         // Another host greets the printer.
         Trouble::PortShared => rig.printer.receive(b"\nM110 N5000\n"),
-        Trouble::FilamentOut if is_away => rig.printer.receive(b"\n"),
+        // It stands and waits for its user, unheard.
+        Trouble::FilamentOut if is_away => rig.printer.receive(b"\nM600\n"),
         Trouble::FilamentOut => rig.session.handle_bytes(now, b"//action:pause filament_runout 0\n"),
         Trouble::StopRequested => ask(rig, Control::Stop),
         Trouble::EmergencyStop => ask(rig, Control::EmergencyStop),
