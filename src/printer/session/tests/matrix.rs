@@ -106,47 +106,57 @@ fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
 /// What became of the print, as one sign; everything that must hold of it is asserted.
 fn outcome(setup: Setup, fault: &str, expected: &[Laid]) -> char {
     let what = format!("{} {fault} {:?}", setup.profile.name, setup.profile.firmware.rx_buffer_bytes);
-    let is_numbered = setup.profile.firmware.line_numbers;
-    let is_of_the_wire = OF_THE_WIRE.contains(&fault);
+    let must_leave_no_trace = OF_THE_WIRE.contains(&fault) && setup.profile.firmware.line_numbers;
     let mut rig = Rig::new(setup);
     befall(&mut rig, fault);
     let is_paused = |event: &PrintEvent| *event == PrintEvent::Session(Event::Paused);
     if rig.run_until(|rig| rig.events.iter().any(is_paused)) {
-        let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
-        if n_lines_done == n_lines {
-            return 'p';
+        return paused(&rig, &what);
+    }
+    match rig.run() {
+        End::Finished => finished(&rig, must_leave_no_trace, expected, &what),
+        End::Cancelled => {
+            assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
+            'X'
         }
-        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: a pause keeps the heat");
-        return 'P';
+        End::Faulted(end) => {
+            assert!(!must_leave_no_trace, "{what}: {end}");
+            given_up(&mut rig, &end, OF_THE_WIRE.contains(&fault), &what)
+        }
+        end => panic!("{what}: {end:?}"),
     }
-    let end = rig.run();
-    let decided_s = rig.gave_up_s.unwrap_or(rig.printer.now_s());
+}
+
+fn paused(rig: &Rig, what: &str) -> char {
+    let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
+    if n_lines_done == n_lines {
+        return 'p';
+    }
+    assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: a pause keeps the heat");
+    'P'
+}
+
+fn finished(rig: &Rig, must_leave_no_trace: bool, expected: &[Laid], what: &str) -> char {
+    let same = is_same(&rig.laid, expected);
+    let n_twice = rig.printer.summary().repeated_move_lines;
+    assert!(n_twice == 0 || !same, "{what}: {n_twice} moves were taken twice");
+    assert!(same || !must_leave_no_trace, "{what}: another deposition");
     let went_on = rig.events.iter().any(|event| matches!(event, PrintEvent::WentOn { .. }));
-    if let End::Finished = end {
-        let same = is_same(&rig.laid, expected);
-        let n_twice = rig.printer.summary().repeated_move_lines;
-        assert!(n_twice == 0 || !same, "{what}: {n_twice} moves were taken twice");
-        assert!(same || !is_numbered || !is_of_the_wire, "{what}: another deposition");
-        return if !same {
-            '~'
-        } else if went_on {
-            '>'
-        } else {
-            '='
-        };
+    match (same, went_on) {
+        (false, _) => '~',
+        (true, true) => '>',
+        (true, false) => '=',
     }
-    if let End::Cancelled = end {
-        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
-        return 'X';
-    }
-    let End::Faulted(fault) = end else { panic!("{what}: {end:?}") };
-    assert!(!is_of_the_wire || !is_numbered, "{what}: {fault}");
-    assert_no_move_twice(&rig, &what);
+}
+
+fn given_up(rig: &mut Rig, fault: &Fault, is_of_the_wire: bool, what: &str) -> char {
+    assert_no_move_twice(rig, what);
     // Damage that no checksum finds shows when the firmware cannot do what has become of the line.
     if !is_of_the_wire {
-        assert_decided_in_time(&rig, &fault, decided_s, &what);
+        let decided_s = rig.gave_up_s.unwrap_or(rig.printer.now_s());
+        assert_decided_in_time(rig, fault, decided_s, what);
     }
-    assert_heaters(&mut rig, &fault, &what);
+    assert_heaters(rig, fault, what);
     match fault {
         Fault::LinkLost => 'G',
         Fault::FirmwareReset => 'R',
