@@ -5,7 +5,9 @@
 
 use crate::{
     Error,
-    dialect::{Dialect, KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, SMOOTHIE},
+    dialect::{
+        Dialect, KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, REPRAPFIRMWARE_SILENT, SMOOTHIE,
+    },
     planner::Cornering,
 };
 
@@ -158,8 +160,24 @@ const MARLIN_1_MACHINE: Profile = Profile {
     ..MARLIN_MACHINE
 };
 
+const REPRAPFIRMWARE_MACHINE: Profile = Profile {
+    name: "reprapfirmware",
+    dialect: &REPRAPFIRMWARE,
+    max_speed_mm_s: [300.0, 300.0, 15.0, 60.0],
+    max_acceleration_mm_s2: [2500.0, 2500.0, 100.0, 3000.0],
+    print_acceleration_mm_s2: 1500.0,
+    travel_acceleration_mm_s2: 2500.0,
+    cornering: Cornering::InstantChange([9.0, 9.0, 0.5, 5.0]),
+    rx_ring_bytes: 1024,
+    // A line is read when the one before it is done.
+    command_slots: 1,
+    planner_blocks: 40,
+    line_bytes: 256,
+    ..MARLIN_MACHINE
+};
+
 /// Every machine there is.
-const PROFILES: [Profile; 9] = [
+const PROFILES: [Profile; 10] = [
     MARLIN_MACHINE,
     MARLIN_1_MACHINE,
     Profile {
@@ -179,21 +197,8 @@ const PROFILES: [Profile; 9] = [
         line_bytes: 4096,
         ..MARLIN_MACHINE
     },
-    Profile {
-        name: "reprapfirmware",
-        dialect: &REPRAPFIRMWARE,
-        max_speed_mm_s: [300.0, 300.0, 15.0, 60.0],
-        max_acceleration_mm_s2: [2500.0, 2500.0, 100.0, 3000.0],
-        print_acceleration_mm_s2: 1500.0,
-        travel_acceleration_mm_s2: 2500.0,
-        cornering: Cornering::InstantChange([9.0, 9.0, 0.5, 5.0]),
-        rx_ring_bytes: 1024,
-        // A line is read when the one before it is done.
-        command_slots: 1,
-        planner_blocks: 40,
-        line_bytes: 256,
-        ..MARLIN_MACHINE
-    },
+    REPRAPFIRMWARE_MACHINE,
+    Profile { name: "reprapfirmware-silent", dialect: &REPRAPFIRMWARE_SILENT, ..REPRAPFIRMWARE_MACHINE },
     Profile {
         name: "repetier",
         dialect: &REPETIER,

@@ -21,9 +21,10 @@ pub mod volume_file;
 pub use error::Error;
 pub use event::{Event, EventSink, Stage, StageOutcome};
 pub use session::{Context, Outcome, Session};
+pub use stages::ask::{SafeOff, detect, safe_off};
 pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
 pub use stages::model::{ModelJob, SlicedModel, is_model, slice_model};
-pub use stages::print::{Printed, Printer, ResumePrinter, detect, print_file, resume_file, safe_off};
+pub use stages::print::{Printed, Printer, ResumePrinter, print_file, resume_file};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};
 

@@ -69,6 +69,9 @@ pub(crate) enum Command {
     /// --after-reset then does it. A picture of the layer is written beside the job (JOB.gcode.resume.svg).
     Resume(ResumeArgs),
     /// Switch the heaters of a printer off, for a service manager whose lumenfab is gone
+    ///
+    /// Heaters-off is sent until the printer itself says that the targets are 0. What a print that broke off needs to go on exactly is
+    /// left as it is. `deploy/lumenfab-print@.service` shows how a service manager runs it.
     SafeOff(SafeOffArgs),
     /// Compare image, contours, solid, toolpaths and deposition
     Report {
@@ -326,6 +329,9 @@ pub(crate) struct SafeOffArgs {
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     pub(crate) baud: Option<u32>,
+    /// Only after so long, s, 0 to 86400: until then a print may be resumed warm; a port that is in use then is left alone
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=86_400))]
+    pub(crate) after_s: u32,
 }
 
 #[derive(Debug, Args)]
@@ -589,74 +595,4 @@ fn public_key(text: &str) -> Result<String, String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::CommandFactory;
-
-    fn refused(args: &[&str]) -> String {
-        usage_line(&Cli::try_parse_from([&["lumenfab"], args].concat()).unwrap_err())
-    }
-
-    #[test]
-    fn the_definition_is_sound() {
-        Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn negative_coordinates_may_stand_alone_or_behind_an_equals_sign() {
-        for args in [vec!["--seed-mm=-221.4,22.5,165.2"], vec!["--seed-mm", "-221.4,22.5,165.2"]] {
-            let cli = Cli::try_parse_from([vec!["lumenfab", "run"], args].concat()).unwrap();
-            let Some(Command::Run(run)) = cli.command else { panic!("not run") };
-            assert_eq!(run.ct.seed_mm, [Seed::Point([-221.4, 22.5, 165.2])]);
-        }
-    }
-
-    #[test]
-    fn gaps_are_allowed_and_a_rate_is_set_only_where_asked_for() {
-        let parse = |args: &[&str]| {
-            Cli::try_parse_from([&["lumenfab"], args].concat()).unwrap().command.expect("there is one")
-        };
-        for (args, allowed) in [
-            (vec!["segment", "c"], None),
-            (vec!["segment", "c", "--allow-gaps"], Some(true)),
-            (vec!["segment", "--allow-gaps", "c"], Some(true)),
-            (vec!["segment", "c", "--allow-gaps=false"], Some(false)),
-        ] {
-            let Command::Segment(segment) = parse(&args) else { panic!("not segment") };
-            assert_eq!(segment.ct.patch().allow_gaps, allowed);
-        }
-        let Command::Print(print) = parse(&["print", "c", "--baud", "250000"]) else { panic!("not print") };
-        assert_eq!(print.baud, Some(250_000));
-        assert!(refused(&["print", "c", "--baud", "12"]).starts_with("--baud: "));
-    }
-
-    #[test]
-    fn a_refused_flag_is_one_line_with_found_and_expected() {
-        for (args, line) in [
-            (
-                vec!["run", "--seed-mm", "1,2"],
-                "--seed-mm: found \"1,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
-            ),
-            (
-                vec!["run", "--seed-mm", "1,NaN,2"],
-                "--seed-mm: found \"1,NaN,2\", expected X,Y,Z: three numbers in mm (LPS) separated by commas; or auto",
-            ),
-            (
-                vec!["run", "--window-hu", "300,200"],
-                "--window-hu: found 300,200, expected LO,HI: two numbers in HU separated by a comma, LO less than HI",
-            ),
-            (vec!["run", "--wall-mm", "0"], "--wall-mm: found 0, expected a number from 0.1 to 20 mm"),
-            (vec!["run", "--layer-mm=-0.2"], "--layer-mm: found -0.2, expected a number from 0.02 to 1 mm"),
-            (
-                vec!["run", "--z-mm", "9,1"],
-                "--z-mm: found 9,1, expected A,B: two heights in mm separated by a comma, A less than B",
-            ),
-        ] {
-            assert_eq!(refused(&args), line, "{args:?}");
-        }
-        for args in [vec!["export", "c"], vec!["runn"], vec!["run", "--wal-mm", "1"], vec!["slice"]] {
-            let line = refused(&args);
-            assert!(!line.contains('\n') && line.ends_with("(see --help)"), "{line}");
-        }
-    }
-}
+mod tests;

@@ -43,7 +43,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Slice(args) => slice(&args, &face, context),
         Command::Print(args) => print(&args, &face, context),
         Command::Resume(args) => resume(&args, &face, context),
-        Command::SafeOff(args) => safe_off(&args, &face),
+        Command::SafeOff(args) => safe_off(&args, &face, &context),
         Command::Report { case } => {
             stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
         }
@@ -388,10 +388,11 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
     Ok(0)
 }
 
-fn safe_off(args: &SafeOffArgs, face: &Face) -> Result<u8, Error> {
+fn safe_off(args: &SafeOffArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
     let printer = app::Printer { profile_name: &args.profile, port: &args.port, baud: args.baud };
-    let told = app::safe_off(printer)?;
-    face.result(&told, "the heaters are off\n");
+    let after = std::time::Duration::from_secs(args.after_s.into());
+    let done = app::safe_off(printer, after, &context.cancel)?;
+    face.result(&done, &format!("{done}\n"));
     Ok(0)
 }
 

@@ -12,9 +12,6 @@ use std::path::Path;
 /// A line longer than this, comments included, is not G-code.
 const MAX_RAW_BYTES: u64 = 1 << 16;
 
-/// Commands that wait for somebody at the printer.
-const WAITS_FOR_USER: [&[u8]; 5] = [b"M0", b"M1", b"M226", b"M600", b"M25"];
-
 /// Lines that the session adds before the job.
 const LINES_BEFORE: u64 = 16;
 
@@ -109,7 +106,6 @@ pub struct Job<R> {
     n_given: u64,
     /// The last command is given once more.
     is_put_back: bool,
-    waits_for_user: bool,
 }
 
 impl Job<Cursor<Vec<u8>>> {
@@ -150,28 +146,19 @@ impl<R: BufRead + Seek> Job<R> {
             raw: Vec::new(),
             range: 0..0,
         };
-        let mut waits_for_user = false;
-        while source.advance()? {
-            waits_for_user |= WAITS_FOR_USER.contains(&first_word(source.command().as_bytes()));
-        }
+        while source.advance()? {}
         let n_lines = source.n_commands;
         if n_lines == 0 {
             return Err(Error::Empty { name: source.name });
         }
         source.rewind()?;
-        Ok(Self { source, n_lines, n_given: 0, is_put_back: false, waits_for_user })
+        Ok(Self { source, n_lines, n_given: 0, is_put_back: false })
     }
 
     /// Commands in the job.
     #[must_use]
     pub const fn n_lines(&self) -> u64 {
         self.n_lines
-    }
-
-    /// Whether it has commands that wait for somebody at the printer.
-    #[must_use]
-    pub const fn waits_for_user(&self) -> bool {
-        self.waits_for_user
     }
 
     /// Lines given so far.

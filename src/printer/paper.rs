@@ -2,6 +2,7 @@
 //! that broke off will go on.
 
 use super::control::Controls;
+use super::device::Device;
 use super::driver::{self, Order, PrintEvent, Printed};
 use super::job::Job;
 use super::journal::writer::Journal;
@@ -63,6 +64,32 @@ pub fn profile_of(job: &Path, log: &Log) -> String {
 /// The name of a profile's file alone: its path may name somebody.
 fn without_folders(profile_name: &str) -> String {
     Path::new(profile_name).file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// What is kept of a port: a device's name whole, of any other path its last part, for its folders may name somebody.
+#[must_use]
+pub fn port_kept(port: &str) -> String {
+    let is_device = port.starts_with("/dev/") || Device::named(port).is_some();
+    if is_device { port.to_owned() } else { without_folders(port) }
+}
+
+/// Refuses another printer, and a profile that has changed: its numbers are what the place was reckoned with.
+fn check_machine(now: &Machine, before: &Machine) -> Result<(), Error> {
+    if now.profile_hash != before.profile_hash {
+        let found = format!("the profile {}", now.profile);
+        let expected = if now.profile == before.profile {
+            format!("{} as it was when the print began: it has changed since", before.profile)
+        } else {
+            format!("the profile {} of the print", before.profile)
+        };
+        return Err(Error::OtherMachine { found, expected });
+    }
+    match (&now.device, &before.device) {
+        (Some(found), Some(expected)) if found != expected => {
+            Err(Error::OtherMachine { found: found.clone(), expected: expected.clone() })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// How long a print has been away: since its journal was written last, s. Where the clock was set back, nobody knows.
@@ -165,7 +192,7 @@ impl Paper<'_> {
         }
         self.draw_last();
         let link = self.open_port(&undisturbed(self.profile)).await?;
-        self.check_machine(&link, &log)?;
+        check_machine(&self.machine(&link), &log.machine)?;
         let journal = Journal::append_to(&path_for(self.job))?;
         let known = Box::new(Known { away_s, ..Known::from(&log) });
         let order = Order {
@@ -243,7 +270,7 @@ impl Paper<'_> {
         Machine {
             profile: without_folders(self.profile_name),
             profile_hash: blake3::hash(profile::to_toml(self.profile).as_bytes()).to_hex().to_string(),
-            port: self.port.to_owned(),
+            port: port_kept(self.port),
             device: link.device().map(ToString::to_string),
         }
     }
@@ -266,22 +293,6 @@ impl Paper<'_> {
         }
         let journal = path_for(self.job).display().to_string();
         Err(Error::OtherJob { job: self.job.display().to_string(), journal })
-    }
-
-    /// Refuses another printer, and a profile that has changed: its numbers are what the place was reckoned with.
-    fn check_machine(&self, link: &SerialLink, log: &Log) -> Result<(), Error> {
-        let (now, before) = (self.machine(link), &log.machine);
-        if now.profile_hash != before.profile_hash {
-            let found = format!("the profile {}", now.profile);
-            let expected = format!("the profile {} as it was", before.profile);
-            return Err(Error::OtherMachine { found, expected });
-        }
-        match (now.device, &before.device) {
-            (Some(found), Some(expected)) if found != *expected => {
-                Err(Error::OtherMachine { found, expected: expected.clone() })
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Draws what the journal says.

@@ -149,6 +149,7 @@ impl Trouble {
             Fault::EmergencyStop => Self::EmergencyStop,
             Fault::NoLineNumbers
             | Fault::CommandRefused { .. }
+            | Fault::Unsure { .. }
             | Fault::CommandTimeout { .. }
             | Fault::ResendLimit { .. } => Self::Stuck,
         }

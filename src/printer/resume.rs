@@ -18,6 +18,7 @@ mod recovery;
 mod restore;
 mod words;
 
+pub(super) use places::may_be_repeated;
 pub(super) use restore::warming;
 pub use words::{Recovery, Refusal, Why};
 

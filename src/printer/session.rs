@@ -53,6 +53,8 @@ pub enum PrintEvent {
     },
     /// The operator has asked for something.
     Asked(Control),
+    /// The operator has asked for something that changes nothing.
+    NothingToDo(Control),
     /// The journal cannot be written; the print goes on.
     JournalFailed(String),
     /// It can be written again.
@@ -165,11 +167,10 @@ impl<R: BufRead + Seek> Session<R> {
     /// A session over a port that is open.
     #[must_use]
     pub fn new(job: Job<R>, profile: &Profile, start: Start, now: Instant) -> Self {
-        let profile = guarded(profile, &job);
-        let core = Core::new(&profile);
+        let core = Core::new(profile);
         let mut session = Self {
             recorder: Recorder::fresh(profile.firmware.dialect, Track::default(), now),
-            profile,
+            profile: profile.clone(),
             core,
             job,
             stage: Stage::Over,
@@ -548,14 +549,6 @@ fn ending(end: &End) -> Option<Ending> {
         End::Job(lost) => Some(Ending::Faulted(lost.source.code().to_owned())),
         End::NeedsConsent(_) | End::Refused(_) | End::Left => None,
     }
-}
-
-/// The firmware's time-out cannot tell a host that died from one that waits for the operator: a job that asks for somebody
-/// (`M0`, `M600`) goes without it.
-fn guarded<R: BufRead + Seek>(profile: &Profile, job: &Job<R>) -> Profile {
-    let mut profile = profile.clone();
-    profile.firmware.orphan_guard &= !job.waits_for_user();
-    profile
 }
 
 #[cfg(test)]

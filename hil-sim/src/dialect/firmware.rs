@@ -223,7 +223,9 @@ pub static KLIPPER: Dialect = Dialect {
 };
 
 /// RepRapFirmware 3.
-pub static REPRAPFIRMWARE: Dialect = Dialect {
+pub static REPRAPFIRMWARE: Dialect = REPRAPFIRMWARE_WORDS;
+
+const REPRAPFIRMWARE_WORDS: Dialect = Dialect {
     name: "reprapfirmware",
     family: Family::RepRapFirmware,
     boot: &["RepRapFirmware for Duet 3 Mini 5+ is up and running."],
@@ -275,6 +277,10 @@ pub static REPRAPFIRMWARE: Dialect = Dialect {
     words: &[],
     arcs: Some(ArcRule::RepRapFirmware),
 };
+
+/// RepRapFirmware as it is from 3.6 on, as far as damaged lines go: it says nothing of them.
+pub static REPRAPFIRMWARE_SILENT: Dialect =
+    Dialect { name: "reprapfirmware-silent", resend: "", ..REPRAPFIRMWARE_WORDS };
 
 /// Repetier-Firmware 1.
 pub static REPETIER: Dialect = Dialect {

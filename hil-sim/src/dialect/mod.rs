@@ -12,7 +12,9 @@
 
 mod firmware;
 
-pub use firmware::{KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, SMOOTHIE};
+pub use firmware::{
+    KLIPPER, MARLIN, MARLIN_1, PRUSA, REPETIER, REPRAPFIRMWARE, REPRAPFIRMWARE_SILENT, SMOOTHIE,
+};
 
 use crate::receive::Emergency;
 
@@ -44,7 +46,7 @@ pub enum Numbering {
     CheckedRepeatsSkipped,
     /// The checksum of a numbered line is checked, if it has one, but not its number: a line that comes twice is done twice,
     /// and one that does not come is not missed. What is asked for again is the damaged line's own number (RepRapFirmware,
-    /// `StringParser::LineFinished`; from 3.6 on not even that: the line is dropped in silence).
+    /// `StringParser::LineFinished`; where there is no word for that, the line is dropped in silence, as from 3.6 on).
     SumOnly,
     /// Numbers and checksums are read over.
     Ignored,
@@ -200,7 +202,7 @@ pub struct Dialect {
     pub numbering: Numbering,
     /// What is said about a line that is refused.
     pub refusal: Refusal,
-    /// Before the number in a request to send again.
+    /// Before the number in a request to send again; empty: there is none.
     pub resend: &'static str,
     /// Whether `ok` follows that request.
     pub ok_after_resend: bool,

@@ -5,7 +5,7 @@
 //! any more, and X has given way to whatever pulls at it. A command under way that takes its time (heating, dwelling, homing) is no idleness; waiting for the user is, but
 //! for Marlin's change of filament (`pause.cpp` waits without sleep; `M0` does not).
 
-use super::{Due, Life, Printer, Wait, life::Cause};
+use super::{Life, Printer, Wait, clock::Due, life::Cause};
 use crate::{
     dialect::{Dialect, Family},
     gcode::Command,

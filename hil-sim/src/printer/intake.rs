@@ -74,6 +74,9 @@ impl Printer {
     fn request_line(&mut self, wanted: i64) {
         let error = self.resend_error.take().unwrap_or(0);
         let number = (wanted + error).max(0);
+        if self.profile.dialect.resend.is_empty() {
+            return;
+        }
         self.summary.resend_requests += 1;
         if self.profile.dialect.family == Family::Repetier {
             self.say("");

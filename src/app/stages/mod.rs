@@ -1,5 +1,6 @@
 //! The stages, each from files of the case to files of the case.
 
+pub mod ask;
 pub mod export;
 pub mod layer_pictures;
 pub mod model;

@@ -8,15 +8,14 @@ use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
-use crate::app::settings::{DEFAULT_PROFILE, Fault, SIMULATED_PORT, SettingError};
+use crate::app::settings::{Fault, SIMULATED_PORT, SettingError};
 use crate::ct::Warning;
-use crate::printer::ask::{self, Found};
 use crate::printer::control::Control;
 use crate::printer::device::{self, Device};
 use crate::printer::driver::{self, PrintEvent};
 use crate::printer::job::Job;
 use crate::printer::paper::{self, Paper};
-use crate::printer::protocol::{self, Stats, Temperatures};
+use crate::printer::protocol::{self, Stats};
 use crate::printer::session::Start;
 use crate::printer::sim::{Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
@@ -170,9 +169,29 @@ impl Session<'_> {
         let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
         let (port, profile_name) = (&self.settings().port, &self.settings().profile);
         let order = Order { job: &job, profile, profile_name, port, baud, record: record.as_deref(), manner };
+        self.tell_before(&order);
         let printed = order.print(task, &self.context)?;
         staging.write(PRINT_FILE, &to_json(&printed))?;
         Ok(Made { staging, summary: printed.to_string(), warnings: printed.warnings() })
+    }
+}
+
+impl Session<'_> {
+    /// What the operator might not expect: a port that was remembered, a record that goes with the print that it was of.
+    fn tell_before(&self, order: &Order<'_>) {
+        let tell = |code, text| (self.context.events)(Event::Told { stage: Stage::Print, code, text });
+        if self.is_simulated() {
+            return;
+        }
+        tell(
+            "printer.port",
+            format!("prints on {} with the profile {}", paper::port_kept(order.port), order.profile.name),
+        );
+        if self.case.path(RECORD_DIR).exists() {
+            let text =
+                "what the simulated printer has laid down (record/) is removed when this print is done";
+            tell("print.record", text.to_owned());
+        }
     }
 }
 
@@ -238,48 +257,8 @@ pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>
     order.print(&task, context).map_err(Error::or_interrupted)
 }
 
-/// Switches the heaters of a printer off.
-///
-/// # Errors
-/// [`Error`] where profile or port cannot be used, where nothing answers, or where they stay on.
-pub fn safe_off(printer: Printer<'_>) -> Result<Temperatures, Error> {
-    let profile = profile::load::by_name(printer.profile_name)?;
-    check_real(printer.port)?;
-    check_printer(&profile, printer.profile_name, printer.port, printer.baud)?;
-    runtime()?.block_on(async {
-        let firmware = paper::undisturbed(&profile);
-        let link = serial::open(Path::new(printer.port), &firmware, printer.baud).await?;
-        Ok(ask::safe_off(link, &profile).await?)
-    })
-}
-
-/// Asks the printer on a port which firmware it has.
-///
-/// # Errors
-/// [`Error`] where the port cannot be used, or where nothing answers.
-pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
-    let profile = profile::builtin(DEFAULT_PROFILE)?;
-    check_real(port)?;
-    check_printer(&profile, DEFAULT_PROFILE, port, baud)?;
-    let rates = baud.map_or(COMMON_RATES.to_vec(), |baud| vec![baud]);
-    runtime()?.block_on(async {
-        let mut last = None;
-        for rate in rates {
-            let link = serial::open(Path::new(port), &paper::undisturbed(&profile), Some(rate)).await?;
-            match ask::detect(link).await {
-                Err(error @ printer::Error::Nobody { .. }) => last = Some(error),
-                found => return Ok(found?),
-            }
-        }
-        Err(last.map_or_else(|| Error::Runtime(std::io::ErrorKind::InvalidInput.into()), Error::from))
-    })
-}
-
-/// Rates that boards come with.
-const COMMON_RATES: [u32; 2] = [115_200, 250_000];
-
 /// One thread: what the port says is then heard without waking another one.
-fn runtime() -> Result<tokio::runtime::Runtime, Error> {
+pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Error> {
     tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Error::Runtime)
 }
 
@@ -297,7 +276,7 @@ pub struct ResumePrinter<'a> {
 }
 
 /// The simulated printer ends with the program that started it.
-fn check_real(port: &str) -> Result<(), SettingError> {
+pub(super) fn check_real(port: &str) -> Result<(), SettingError> {
     if port != SIMULATED_PORT {
         return Ok(());
     }
@@ -308,7 +287,12 @@ fn check_real(port: &str) -> Result<(), SettingError> {
 }
 
 /// Says early what starting the print would say late.
-fn check_printer(profile: &Profile, named: &str, port: &str, baud: Option<u32>) -> Result<(), Error> {
+pub(super) fn check_printer(
+    profile: &Profile,
+    named: &str,
+    port: &str,
+    baud: Option<u32>,
+) -> Result<(), Error> {
     if port == SIMULATED_PORT {
         return check_simulated(profile, named, baud).map_err(Error::from);
     }
@@ -447,6 +431,9 @@ fn check_resumable(manner: Manner) -> Result<(), SettingError> {
     }
 }
 
+/// Marlin's word for that.
+const HEATER_TIMEOUT: &str = "HeaterTimeout";
+
 /// Passes on what the printer tells, until the print has ended.
 async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: &Context<'_>) {
     let stage = Stage::Print;
@@ -486,12 +473,21 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
             return Some(("printer.journal_works", "the journal can be written again".to_owned()));
         }
         PrintEvent::Asked(control) => return Some(("printer.asked", asked(*control))),
+        PrintEvent::NothingToDo(control) => {
+            return Some(("printer.nothing_to_do", nothing_to_do(*control).to_owned()));
+        }
         PrintEvent::Session(session) => session,
         PrintEvent::Progress { .. } => return None,
     };
     Some(match session {
         Said::Paused => ("printer.paused", "paused, the heaters stay on".to_owned()),
         Said::Resumed => ("printer.resumed", "goes on".to_owned()),
+        Said::Prompt(Some(prompt)) if prompt.text.contains(HEATER_TIMEOUT) => (
+            "printer.cooled",
+            format!(
+                "the printer has let its nozzle go cold while it waits, and heats it again when told: {prompt}"
+            ),
+        ),
         Said::Prompt(Some(prompt)) => ("printer.prompt", format!("the printer asks: {prompt}")),
         Said::Prompt(None) => ("printer.prompt_over", "the printer's question is answered".to_owned()),
         // Nobody is there to be told.
@@ -517,6 +513,16 @@ fn asked(control: Control) -> String {
     }
 }
 
+/// Why what the operator has asked for changes nothing.
+const fn nothing_to_do(control: Control) -> &'static str {
+    match control {
+        Control::Pause => "it is paused already",
+        Control::GoOn => "nothing waits: it prints",
+        Control::Answer(_) => "the printer asks nothing that could be answered so",
+        Control::Stop | Control::EmergencyStop => "it is being stopped already",
+    }
+}
+
 /// What is worth a glance.
 fn noted(event: &PrintEvent) -> Option<String> {
     use protocol::Event as Said;
@@ -525,6 +531,10 @@ fn noted(event: &PrintEvent) -> Option<String> {
         Said::Busy(what) => format!("printer: {what}"),
         Said::Action(what) => format!("printer asks: {what}"),
         Said::Message(what) => format!("printer: {what}"),
+        Said::NeverAsksAgain => {
+            "the printer does not ask for damaged lines: each is missed when no answer comes, and found by its place"
+                .to_owned()
+        }
         Said::Recovered(protocol::Recovery::Resent { line }) => {
             format!("line {line} was damaged, sent again")
         }

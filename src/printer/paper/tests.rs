@@ -145,6 +145,36 @@ fn of_a_profile_s_path_its_name_is_kept() {
 }
 
 #[test]
+fn of_a_port_s_path_a_device_or_its_name_is_kept() {
+    assert_eq!(port_kept("/home/zqx/port"), "port");
+    assert_eq!(port_kept("/dev/serial/by-id/usb-X"), "/dev/serial/by-id/usb-X");
+    assert_eq!(port_kept("usb:1a86:7523"), "usb:1a86:7523");
+}
+
+#[test]
+fn another_printer_or_profile_is_refused_by_name() {
+    let machine = |profile: &str, hash: &str, device: Option<&str>| Machine {
+        profile: profile.into(),
+        profile_hash: hash.into(),
+        port: "/dev/ttyUSB0".into(),
+        device: device.map(Into::into),
+    };
+    let before = machine("marlin", "1", Some("usb:1:2:A"));
+    for same in [before.clone(), machine("marlin", "1", None)] {
+        assert!(check_machine(&same, &before).is_ok());
+    }
+    for (other, word) in [
+        (machine("marlin", "1", Some("usb:1:2:B")), "usb:1:2:B"),
+        (machine("klipper", "2", Some("usb:1:2:A")), "the profile marlin of the print"),
+        (machine("marlin", "2", Some("usb:1:2:A")), "has changed since"),
+    ] {
+        let error = check_machine(&other, &before).unwrap_err();
+        assert_eq!(error.code(), "printer.other_machine");
+        assert!(error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
 fn a_profile_s_file_is_found_again_beside_the_job() {
     let place = Place::new();
     place.journal(5, None);

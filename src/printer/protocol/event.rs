@@ -27,6 +27,8 @@ pub enum Event {
     Prompt(Option<Prompt>),
     /// A line that means nothing to the protocol: kept for the log.
     Message(String),
+    /// The firmware asks for no line again: a damaged one is found by its place.
+    NeverAsksAgain,
     /// Something went wrong on the wire and was put right.
     Recovered(Recovery),
     /// All lines sent so far are executed, no more will be sent until resumed.

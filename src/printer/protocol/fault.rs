@@ -45,6 +45,12 @@ pub enum Fault {
         /// What it said.
         text: String,
     },
+    /// Nothing tells whether a command was executed, and it must not be executed twice.
+    #[error("nothing tells whether the printer has executed {command:?}")]
+    Unsure {
+        /// The command.
+        command: String,
+    },
     /// Nothing was heard any more.
     #[error("the printer has been silent for {:.0} s", after.as_secs_f64())]
     Silent {
@@ -100,6 +106,7 @@ impl Fault {
             Self::FirmwareReset => "printer.firmware_reset",
             Self::Halted { .. } => "printer.halted",
             Self::CommandRefused { .. } => "printer.command_refused",
+            Self::Unsure { .. } => "printer.unsure",
             Self::Silent { .. } => "printer.silent",
             Self::CommandTimeout { .. } => "printer.command_timeout",
             Self::ResendLimit { .. } => "printer.resend_limit",
@@ -130,6 +137,7 @@ impl Fault {
             Self::CommandRefused { .. } => {
                 "correct the job or the printer's limits; a part with a move missing is no replica"
             }
+            Self::Unsure { .. } => "look at the printer and the part; check the cable before the next print",
             Self::Halted { .. } => "look at the printer, put right what it reports, then reset it",
             Self::Silent { .. } => "switch the printer off if it is hot, then check it and the cable",
             Self::CommandTimeout { .. } => "look at the printer",

@@ -1,7 +1,7 @@
 //! The greeting: both sides agree that the last line was number 0, and the printer proves that it checks numbers.
 
 use super::{Core, Event, Fault, NextOk, Reply, ResendStyle, State, Timer};
-use crate::printer::protocol::wire::write_numbered;
+use crate::printer::protocol::wire::{VOID, write_numbered};
 
 /// Where the greeting is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +24,8 @@ const MAX_ECHOED: u32 = 2;
 
 /// Whether a line can only be one that we have sent.
 fn is_ours(line: &str) -> bool {
-    line == "M105" || line.starts_with('N') && line.contains(" M110 N0*")
+    let is_numbered = |word| line.starts_with('N') && line.contains(word);
+    line == "M105" || is_numbered(" M105*") || is_numbered(" M110 N0*")
 }
 
 impl Core {
@@ -43,6 +44,9 @@ impl Core {
         let mut text = "\n".to_owned();
         if self.config.firmware.counts_lines() {
             write_numbered(&mut text, 0, "M110 N0");
+        } else if self.is_one_by_one() {
+            VOID.clone_into(&mut text);
+            self.ask_where(&mut text);
         } else {
             text.push_str("M105\n");
         }
@@ -58,8 +62,8 @@ impl Core {
             (Reply::Start, Greeting::AwaitStart) => self.greet(1),
             (Reply::Start, Greeting::AwaitOk(tries) | Greeting::AwaitProof(tries)) => self.greet_again(tries),
             (Reply::Start, Greeting::AwaitLast(tries)) => self.inquire_again(tries),
-            // Of a half line, where lines are not counted.
-            (Reply::Resend(_), Greeting::AwaitLast(_)) if !self.config.firmware.counts_lines() => {}
+            // Of a half line, or of the line that must be refused, where lines are not counted.
+            (Reply::Resend(_), _) if !self.config.firmware.counts_lines() => self.hear_that_it_asks(),
             (Reply::Resend(number), Greeting::AwaitLast(tries)) => self.on_named(tries, number.0),
             // It takes no notice of a wrong number where it waits for a line: it is asked until it does.
             (Reply::Skipped(_), Greeting::AwaitLast(tries)) => {
@@ -79,7 +83,10 @@ impl Core {
                 self.greet_again(tries);
                 self.next_ok = self.after_refusal();
             }
+            // That of the place; temperatures are the answer.
+            (Reply::Ok(ok), Greeting::AwaitOk(_)) if self.is_one_by_one() && ok.temperatures.is_none() => {}
             (Reply::Ok(_), Greeting::AwaitOk(tries)) => self.greeting_ok(tries),
+            (Reply::Position(place), _) if self.hear_place(place) => {}
             (Reply::Temperatures(temperatures), _) => {
                 self.events.push_back(Event::Temperatures(temperatures))
             }
@@ -97,6 +104,7 @@ impl Core {
             return;
         }
         if !self.config.firmware.counts_lines() {
+            self.hear_greeting();
             self.connected();
             return;
         }

@@ -57,6 +57,7 @@ impl Core {
     /// Asks for the last line of an earlier session.
     pub(super) fn inquire(&mut self, beyond: u64) {
         self.inquired_beyond = Some(beyond);
+        self.forget_question();
         self.wire = Wire::new(&self.config.firmware);
         self.wire.begin_after(beyond);
         self.inquire_again(0);
@@ -145,6 +146,7 @@ impl Core {
         match reply {
             Reply::Ok(ok) => self.answer_ok(inquiry, ok),
             Reply::Position(position) => {
+                self.stands_at(position);
                 self.events.push_back(Event::Position(position));
                 self.told(inquiry, question == Question::Position);
             }

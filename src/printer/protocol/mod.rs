@@ -34,16 +34,18 @@
 //!
 //! The checksum has eight bits: of damages that hit more than one bit (two lines run together, for one) one in 256
 //! passes it, and the firmware then executes what it has read.
-//! Firmware that counts no lines gives no proof. RepRapFirmware gets one line at a time, and a line that it refuses is sent again;
+//! Firmware that counts no lines gives no proof. RepRapFirmware gets one line at a time, and in doubt is asked where it is;
 //! Klipper and whatever else takes lines without numbers have many in flight, behind a link that must not damage them: a line that is
 //! refused there ends the print, and those behind it may be executed.
 //! Memory is bounded: a few hundred lines of history.
 
 mod allowance;
+mod alone;
 mod command;
 mod event;
 mod fault;
 mod greeting;
+mod guard;
 mod inquiry;
 mod lines;
 mod owed;
@@ -74,8 +76,10 @@ pub use time::{Instant, Timer};
 
 use super::policy::{self, Action, Trouble};
 use crate::profile::{Dialect, Profile, ResendStyle};
+use alone::Alone;
+use guard::Guard;
 use owed::Debts;
-use pause::{Awaited, Guard, Pulse};
+use pause::{Awaited, Pulse};
 use planner::Planner;
 use prompt::Prompts;
 use recovery::{NextOk, Probe, Rewind};
@@ -111,8 +115,8 @@ struct Config {
     prelude: Vec<String>,
     postlude: Vec<String>,
     safe: Vec<String>,
-    /// What sets the firmware's time-out for hosts that are gone, and how often it is set anew in a pause.
-    guard: Option<(String, Duration)>,
+    /// The firmware's time-out for hosts that are gone.
+    guard: Option<guard::Words>,
 }
 
 /// The line whose acknowledgement is awaited.
@@ -152,8 +156,8 @@ pub struct Core {
     planner: Planner,
     /// Lines of noise since something was understood.
     n_garbled: u64,
-    /// The only line in flight may have been refused, where lines are not counted.
-    is_suspect: bool,
+    /// The only line in flight, where lines are not counted.
+    alone: Alone,
     /// What the printer is asked for first: its last line, none of which was higher; nothing where it is greeted.
     inquired_beyond: Option<u64>,
     /// Lines of ours that came back.
@@ -188,6 +192,11 @@ fn postlude_of(profile: &Profile) -> Vec<String> {
     std::iter::once("M400".to_owned()).chain(reports).chain(profile.orphan_end_gcode()).collect()
 }
 
+fn guard_of(profile: &Profile) -> Option<guard::Words> {
+    let every = guard::renewal(profile.firmware.orphan_hold_s)?;
+    Some(guard::Words { set: profile.orphan_gcode()?, lift: profile.orphan_end_gcode(), every })
+}
+
 impl Core {
     /// A core for a printer of this profile.
     #[must_use]
@@ -200,9 +209,10 @@ impl Core {
             prelude: prelude_of(profile),
             postlude: postlude_of(profile),
             safe: profile.safe_gcode(),
-            guard: profile.orphan_gcode().map(|set| (set, pause::renewal(profile.firmware.orphan_hold_s))),
+            guard: guard_of(profile),
             firmware,
         };
+        let alone = Alone::new(config.firmware.dialect);
         Self {
             state: State::Disconnected,
             wire: Wire::new(&config.firmware),
@@ -224,7 +234,7 @@ impl Core {
             is_advanced: false,
             owed: Debts::default(),
             n_garbled: 0,
-            is_suspect: false,
+            alone,
             inquired_beyond: None,
             n_echoed: 0,
             pulse: Pulse::default(),
@@ -323,6 +333,7 @@ impl Core {
             (Command::Begin, State::Idle) => self.begin(),
             (Command::GoOn, State::Idle) => {
                 self.renew_guard();
+                self.tell_whether_it_asks();
                 self.state = State::Streaming;
             }
             (Command::Line(text), State::Streaming) => self.wire.push(text, Origin::Job),
@@ -365,6 +376,7 @@ impl Core {
         self.now = now;
         while let Some(timer) = self.timers.expired(now) {
             match timer {
+                Timer::Response if self.decide_in_silence() => {}
                 Timer::Response => self.ask(),
                 Timer::Handshake => match self.state {
                     State::Asking(inquiry) => self.inquiry_timeout(inquiry),
@@ -395,9 +407,8 @@ impl Core {
 
     /// Bytes for the port, if there are any.
     pub fn poll_transmit(&mut self) -> Option<Line<'_>> {
-        if let Some(text) = self.urgent.pop_front() {
-            self.out = text;
-            return Some(Line { bytes: self.out.as_bytes() });
+        if !self.urgent.is_empty() {
+            return self.urgent_line();
         }
         let streams = match self.state {
             State::Streaming | State::Finishing | State::Parking | State::Cancelling => true,
@@ -408,6 +419,9 @@ impl Core {
         let is_alone = self.rewind.is_some_and(|rewind| self.wire.next() > rewind.from);
         if !streams || self.probe.is_some() || is_alone {
             return None;
+        }
+        if !self.is_guard_out_of_the_way() {
+            return self.urgent_line();
         }
         let was_idle = self.wire.in_flight() == 0;
         if was_idle {
@@ -420,6 +434,11 @@ impl Core {
             self.arm();
         }
         self.wire.last_sent().map(|text| Line { bytes: text.as_bytes() })
+    }
+
+    fn urgent_line(&mut self) -> Option<Line<'_>> {
+        self.out = self.urgent.pop_front()?;
+        Some(Line { bytes: self.out.as_bytes() })
     }
 
     /// Something to tell, if there is anything.
@@ -435,6 +454,12 @@ impl Core {
 
     fn begin(&mut self) {
         self.state = State::Streaming;
+        self.tell_whether_it_asks();
+        if self.is_asked_where() {
+            // Late answers to the greeting are awaited: none may be taken for a line's.
+            self.probe = Some(Probe::new(false));
+            self.quiet_since = self.now;
+        }
         for line in &self.config.prelude {
             self.wire.push(line, Origin::Host);
         }
@@ -506,6 +531,7 @@ impl Core {
             Reply::Action(action) => self.on_action(action),
             Reply::Skipped(_) => self.next_ok = NextOk::EndsRefusal,
             Reply::Error(text) => self.on_error(text, line),
+            Reply::Position(place) if self.hear_place(place) => {}
             Reply::Position(_) | Reply::Firmware(_) | Reply::Unknown(_) => {
                 self.stats.n_unknown_lines += 1;
                 self.events.push_back(Event::Message(line.to_owned()));
@@ -540,6 +566,7 @@ impl Core {
             _ => {}
         }
         self.hear_the_user();
+        self.follow_guard();
         self.track_oldest();
         self.arm();
     }

@@ -39,6 +39,10 @@ impl Debts {
         self.0.retain(|owed| owed.after < number);
     }
 
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Whether an `ok` without a number is one of these, now that lines up to `acked` are acknowledged.
     fn pay(&mut self, ok: &Acknowledgement, acked: u64) -> bool {
         while let Some(owed) = self.0.front().copied().filter(|owed| owed.after <= acked) {

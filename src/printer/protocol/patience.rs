@@ -39,7 +39,10 @@ impl Core {
                     self.timers.stop_all();
                     self.timers.set(Timer::Pulse, self.pulse_due());
                 }
-                _ => self.timers.stop_all(),
+                _ => {
+                    self.timers.stop_all();
+                    self.lift_due().into_iter().for_each(|due| self.timers.set(Timer::Pulse, due));
+                }
             }
             return;
         }

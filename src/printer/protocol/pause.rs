@@ -17,14 +17,6 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Where it does not answer, it is asked ever more rarely, up to so many doublings.
 const MAX_DOUBLINGS: u32 = 6;
 
-/// The same for the firmware's time-out.
-const MAX_RENEWAL_DOUBLINGS: u32 = 4;
-
-/// How often the firmware's time-out for hosts that are gone is set anew in a pause: a few times may be lost.
-pub(super) fn renewal(hold_s: f64) -> Duration {
-    Duration::try_from_secs_f64(hold_s / 6.0).unwrap_or(ALIVE_INTERVAL)
-}
-
 /// A line within which the firmware says that it waits for the user.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Awaited {
@@ -32,15 +24,6 @@ pub(super) struct Awaited {
     number: u64,
     /// Whether it was heard since it was told to go on.
     is_waiting: bool,
-}
-
-/// The firmware's time-out for hosts that are gone.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Guard {
-    /// When it was set last.
-    set: super::Instant,
-    /// How often, since anything was answered.
-    pub(super) n_unanswered: u32,
 }
 
 /// Signs of life in a pause.
@@ -82,6 +65,9 @@ impl Core {
 
     /// Asks for a sign of life, or gives up.
     pub(super) fn feel_pulse(&mut self) {
+        if self.lift_again() {
+            return;
+        }
         if self.guard_due().is_some_and(|due| due <= self.now) {
             self.renew_guard();
         }
@@ -101,23 +87,8 @@ impl Core {
 
     /// Whoever says `busy` cannot be silent and alive. The others may be at something that somebody has begun at the printer: that
     /// takes its time, and a pause is not given up for it.
-    fn silence_in_a_pause(&self) -> Duration {
+    pub(super) fn silence_in_a_pause(&self) -> Duration {
         if self.is_talkative() { self.config.response * SILENCE_FACTOR } else { self.config.slow_command }
-    }
-
-    /// The firmware counts anew from here: a pause may take the night, and a host that dies in it is noticed all the same.
-    pub(super) fn renew_guard(&mut self) {
-        if let Some((set, _)) = self.config.guard.clone() {
-            self.guard = Guard { set: self.now, n_unanswered: self.guard.n_unanswered + 1 };
-            self.say_now(&set);
-        }
-    }
-
-    /// When that is due; ever more rarely where nothing is answered: what takes nothing now would be overrun.
-    fn guard_due(&self) -> Option<super::Instant> {
-        let (_, every) = self.config.guard.as_ref()?;
-        let n_doublings = self.guard.n_unanswered.saturating_sub(1).min(MAX_RENEWAL_DOUBLINGS);
-        Some(self.guard.set + *every * (1 << n_doublings))
     }
 
     pub(super) fn on_busy(&mut self, what: &str) {
@@ -200,6 +171,18 @@ impl Core {
             _ => return,
         };
         self.handle_command(self.now, command).ok();
+    }
+
+    /// Whether the printer waits, within a line, for somebody.
+    #[must_use]
+    pub const fn is_user_awaited(&self) -> bool {
+        self.user_awaited.is_some()
+    }
+
+    /// Whether it has asked something, with such a button.
+    #[must_use]
+    pub fn is_asking(&self, button_idx: usize) -> bool {
+        self.prompts.has(button_idx)
     }
 
     /// Answers the printer's question; where there is none, or it has no such button, nothing is said.

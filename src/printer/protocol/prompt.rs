@@ -67,6 +67,11 @@ impl Prompts {
         }
     }
 
+    /// Whether there is a question with such a button.
+    pub(super) fn has(&self, button_idx: usize) -> bool {
+        self.shown.as_ref().is_some_and(|prompt| button_idx < prompt.buttons.len())
+    }
+
     /// The button that was chosen; the question is over.
     pub(super) fn answered(&mut self, button_idx: usize) -> Option<Button> {
         let button = self.shown.as_ref()?.buttons.get(button_idx)?.clone();

@@ -53,7 +53,7 @@ pub(super) struct Probe {
 }
 
 impl Probe {
-    const fn new(is_in_order: bool) -> Self {
+    pub(super) const fn new(is_in_order: bool) -> Self {
         Self { tries: 1, garbled: 0, is_in_order }
     }
 }
@@ -71,7 +71,9 @@ impl Core {
         let obeys_halves =
             matches!(self.config.firmware.dialect, Dialect::RepRapFirmware | Dialect::Smoothie);
         let mut text = if obeys_halves { VOID } else { "\n" }.to_owned();
-        if self.probe.is_some_and(|probe| probe.is_in_order) {
+        if self.is_one_by_one() {
+            self.ask_where(&mut text);
+        } else if self.probe.is_some_and(|probe| probe.is_in_order) {
             text.push_str("M105\n");
         } else {
             self.wire.write_probe(&mut text);
@@ -102,6 +104,9 @@ impl Core {
         } else if self.wire.is_damaged_copy(text) {
             // Of the only line in flight; it was not executed.
             self.next_ok = NextOk::EndsDamagedLine;
+        } else if self.is_asked_where() {
+            // A question, damaged.
+            self.next_ok = NextOk::EndsRefusal;
         } else if self.wire.in_flight() > 0 && !is_urgent(text) {
             // A line of ours, damaged: it was not executed, and nothing asks for it again.
             self.fail(Fault::CommandRefused { text: line.to_owned() });
@@ -193,18 +198,17 @@ impl Core {
     /// Without numbers the answer to M105 proves that all before it is done: answers come in order.
     fn acknowledge_unnumbered(&mut self, ok: Acknowledgement) {
         self.quiet_since = self.now;
+        if self.hear_ok_in_doubt(&ok) {
+            return;
+        }
         if self.probe.is_some() && ok.temperatures.is_some() {
             self.probe = None;
             self.owed.forget();
-            if std::mem::take(&mut self.is_suspect) {
-                self.refused_alone();
-            } else {
-                self.lost_oks();
-                self.complete();
-            }
+            self.lost_oks();
+            self.complete();
         } else if ok.temperatures.is_none() || self.wire.oldest_command() == Some("M105") {
             // Else it is the late answer to a greeting or to an earlier question.
-            self.is_suspect &= !self.wire.ack_oldest();
+            self.acknowledge_alone();
         }
     }
 
@@ -243,22 +247,21 @@ impl Core {
     /// Its own number is that of the line in flight. Another one is that of a line whose number was damaged, or means nothing: the answer
     /// to a question behind it tells.
     fn on_resend_uncounted(&mut self, number: u64) {
-        if number == VOID_NUMBER || self.wire.in_flight() == 0 {
+        if number == VOID_NUMBER {
+            self.hear_that_it_asks();
+            return;
+        }
+        // It is asked again when no answer comes.
+        let is_of_question = self.is_asked_where() && number == self.wire.far();
+        if self.wire.in_flight() == 0 || is_of_question {
             return;
         }
         if number == self.wire.acked() + 1 {
             self.refused_alone();
         } else {
-            self.is_suspect = true;
+            self.alone.is_suspect = true;
             self.stats.n_doubtful_resends += 1;
             self.ask();
-        }
-    }
-
-    /// The only line in flight did not pass, whatever number the firmware has read of it.
-    fn refused_alone(&mut self) {
-        if self.wire.in_flight() > 0 {
-            self.go_back(self.wire.acked() + 1, true);
         }
     }
 
@@ -314,7 +317,7 @@ impl Core {
         }
     }
 
-    fn lost_oks(&mut self) {
+    pub(super) fn lost_oks(&mut self) {
         let count = self.wire.in_flight();
         if count > 0 {
             self.wire.all_acked();
@@ -325,7 +328,7 @@ impl Core {
     }
 
     /// The firmware has said that it has everything that was sent.
-    fn complete(&mut self) {
+    pub(super) fn complete(&mut self) {
         if self.wire.unsent() > 0 {
             return;
         }
@@ -340,7 +343,7 @@ impl Core {
     /// Sends `number` again, alone until it is acknowledged. What was on its way behind it is refused too, and each of these
     /// refusals may empty the receive buffer with a copy of the line in it. So copies follow on later refusals: on each of
     /// the first few, then ever more rarely, and on the last one expected. A copy too many is passed over in silence.
-    fn go_back(&mut self, number: u64, is_damaged: bool) {
+    pub(super) fn go_back(&mut self, number: u64, is_damaged: bool) {
         let was_asked = self.probe.take().is_some();
         let mut rewind = match self.rewind {
             Some(rewind) if rewind.from == number => rewind,

@@ -23,6 +23,15 @@ pub(super) fn is_slow(command: &str) -> bool {
     !is_move(command) && (SLOW.contains(&word) || !is_code(word))
 }
 
+/// Commands within which a firmware waits for somebody.
+const WAITS_FOR_USER: [&str; 5] = ["M0", "M1", "M25", "M226", "M600"];
+
+/// Whether a command waits for somebody at the printer.
+pub(super) fn waits_for_user(command: &str) -> bool {
+    command.starts_with('M')
+        && command.split_ascii_whitespace().next().is_some_and(|word| WAITS_FOR_USER.contains(&word))
+}
+
 /// Whether a command is a straight move.
 pub(super) fn is_move(command: &str) -> bool {
     matches!(command.as_bytes(), [b'G', b'0' | b'1'] | [b'G', b'0' | b'1', b' ', ..])

@@ -160,7 +160,7 @@ const BEFORE_MOVES: [&str; 15] = [
 ];
 
 /// Macros, changes of filament and whatever else is not known may not.
-fn may_be_repeated(command: &str) -> bool {
+pub(in crate::printer) fn may_be_repeated(command: &str) -> bool {
     command.split_ascii_whitespace().next().is_none_or(|word| HARMLESS.contains(&word))
 }
 

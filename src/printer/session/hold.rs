@@ -10,7 +10,7 @@ use super::super::control::Control;
 use super::super::job;
 use super::super::journal::recorder::Recorder;
 use super::super::journal::{Place, Record, Track};
-use super::super::policy::{self, Action, Trouble};
+use super::super::policy::{self, Action, Phase, Trouble};
 use super::super::protocol::{Command, Core, Fault, Heater, Instant, State, Temperatures};
 use super::super::replay::{Modal, Tail};
 use super::super::resume::warming;
@@ -22,8 +22,12 @@ use std::io::{BufRead, Seek};
 const CLEARANCE_MM: f64 = 10.0;
 
 impl<R: BufRead + Seek> Session<R> {
-    /// The operator asks for something. What has no meaning now is passed over.
+    /// The operator asks for something. What has no meaning now is passed over, and said to be.
     pub fn control(&mut self, now: Instant, control: Control) {
+        if !self.has_meaning(control) {
+            self.events.push_back(PrintEvent::NothingToDo(control));
+            return;
+        }
         self.events.push_back(PrintEvent::Asked(control));
         match control {
             Control::Pause => self.pause(now, true),
@@ -35,6 +39,18 @@ impl<R: BufRead + Seek> Session<R> {
                 self.command(Command::Answer(button_idx));
                 self.settle();
             }
+        }
+    }
+
+    /// Whether it would change anything.
+    fn has_meaning(&self, control: Control) -> bool {
+        let is_paused = self.is_held || self.core.state().is_paused();
+        match control {
+            Control::Pause => !is_paused,
+            Control::GoOn => is_paused || self.core.is_user_awaited(),
+            Control::Answer(button_idx) => self.core.is_asking(button_idx),
+            Control::Stop => !matches!(self.phase(), Phase::Stopping),
+            Control::EmergencyStop => true,
         }
     }
 

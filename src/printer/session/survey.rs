@@ -48,6 +48,7 @@ impl<R: BufRead + Seek> Session<R> {
         let Exact { place, track, modal, tail } = exact;
         self.records.push_back(Record::Session(track.clone()));
         let prelude = track.prelude.clone();
+        self.core.is_behind(&modal);
         self.follow(Recorder::new(track, modal, tail, self.now));
         self.recorder.hear(self.temperatures);
         self.stage = Stage::Printing;

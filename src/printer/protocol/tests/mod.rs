@@ -1,3 +1,4 @@
+mod alone;
 mod desk;
 mod firmware;
 mod holds;

@@ -1,5 +1,7 @@
 //! The fault matrix: every fault of the simulator, every firmware, three windows, on one made-up clock.
 //!
+//! (`reprapfirmware-silent` asks for no line again, as RepRapFirmware does from 3.6 on.)
+//!
 //! `cargo test --release --lib fault_matrix -- --nocapture` prints it; with `UPDATE_GOLDEN=1` it is written anew into
 //! `tests/golden/fault_matrix.txt`.
 
@@ -7,11 +9,19 @@ use super::super::*;
 use super::rig::{Laid, Rig, Setup, clean, is_same};
 use std::fmt::Write as _;
 
-const FIRMWARES: [&str; 7] =
-    ["marlin", "marlin1", "prusa-mk3s", "repetier", "reprapfirmware", "smoothie", "klipper"];
+const FIRMWARES: [&str; 8] = [
+    "marlin",
+    "marlin1",
+    "prusa-mk3s",
+    "repetier",
+    "reprapfirmware",
+    "reprapfirmware-silent",
+    "smoothie",
+    "klipper",
+];
 
 /// Faults that must leave no trace.
-const OF_THE_WIRE: [&str; 17] = [
+const OF_THE_WIRE: [&str; 19] = [
     "bit-error:rate=0.02",
     "bit-error:rate=0.02,dir=tx",
     "lost-byte:rate=0.02",
@@ -28,6 +38,8 @@ const OF_THE_WIRE: [&str; 17] = [
     "garbage:rate=0.02",
     "garbage:rate=0.02,dir=tx",
     "bit-error:rate=0.02 + lost-ok:rate=0.02",
+    "bit-error:rate=0.02 + bit-error:rate=0.02,dir=tx",
+    "lost-byte:rate=0.02 + delay:rate=0.01,dir=tx",
     "delay:rate=0.01 + half-line:line=70,dir=tx",
 ];
 
@@ -94,47 +106,57 @@ fn setup_for(firmware: &str, window: Window, fault: &str) -> Setup {
 /// What became of the print, as one sign; everything that must hold of it is asserted.
 fn outcome(setup: Setup, fault: &str, expected: &[Laid]) -> char {
     let what = format!("{} {fault} {:?}", setup.profile.name, setup.profile.firmware.rx_buffer_bytes);
-    let is_numbered = setup.profile.firmware.line_numbers;
-    let is_of_the_wire = OF_THE_WIRE.contains(&fault);
+    let must_leave_no_trace = OF_THE_WIRE.contains(&fault) && setup.profile.firmware.line_numbers;
     let mut rig = Rig::new(setup);
     befall(&mut rig, fault);
     let is_paused = |event: &PrintEvent| *event == PrintEvent::Session(Event::Paused);
     if rig.run_until(|rig| rig.events.iter().any(is_paused)) {
-        let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
-        if n_lines_done == n_lines {
-            return 'p';
+        return paused(&rig, &what);
+    }
+    match rig.run() {
+        End::Finished => finished(&rig, must_leave_no_trace, expected, &what),
+        End::Cancelled => {
+            assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
+            'X'
         }
-        assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: a pause keeps the heat");
-        return 'P';
+        End::Faulted(end) => {
+            assert!(!must_leave_no_trace, "{what}: {end}");
+            given_up(&mut rig, &end, OF_THE_WIRE.contains(&fault), &what)
+        }
+        end => panic!("{what}: {end:?}"),
     }
-    let end = rig.run();
-    let decided_s = rig.gave_up_s.unwrap_or(rig.printer.now_s());
+}
+
+fn paused(rig: &Rig, what: &str) -> char {
+    let PrintEvent::Progress { n_lines_done, n_lines } = rig.session.progress() else { unreachable!() };
+    if n_lines_done == n_lines {
+        return 'p';
+    }
+    assert!(rig.printer.summary().hotend_c[1] > 0.0, "{what}: a pause keeps the heat");
+    'P'
+}
+
+fn finished(rig: &Rig, must_leave_no_trace: bool, expected: &[Laid], what: &str) -> char {
+    let same = is_same(&rig.laid, expected);
+    let n_twice = rig.printer.summary().repeated_move_lines;
+    assert!(n_twice == 0 || !same, "{what}: {n_twice} moves were taken twice");
+    assert!(same || !must_leave_no_trace, "{what}: another deposition");
     let went_on = rig.events.iter().any(|event| matches!(event, PrintEvent::WentOn { .. }));
-    if let End::Finished = end {
-        let same = is_same(&rig.laid, expected);
-        let n_twice = rig.printer.summary().repeated_move_lines;
-        assert!(n_twice == 0 || !same, "{what}: {n_twice} moves were taken twice");
-        assert!(same || !is_numbered || !is_of_the_wire, "{what}: another deposition");
-        return if !same {
-            '~'
-        } else if went_on {
-            '>'
-        } else {
-            '='
-        };
+    match (same, went_on) {
+        (false, _) => '~',
+        (true, true) => '>',
+        (true, false) => '=',
     }
-    if let End::Cancelled = end {
-        assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}: still hot");
-        return 'X';
-    }
-    let End::Faulted(fault) = end else { panic!("{what}: {end:?}") };
-    assert!(!is_of_the_wire || !is_numbered, "{what}: {fault}");
-    assert_no_move_twice(&rig, &what);
+}
+
+fn given_up(rig: &mut Rig, fault: &Fault, is_of_the_wire: bool, what: &str) -> char {
+    assert_no_move_twice(rig, what);
     // Damage that no checksum finds shows when the firmware cannot do what has become of the line.
     if !is_of_the_wire {
-        assert_decided_in_time(&rig, &fault, decided_s, &what);
+        let decided_s = rig.gave_up_s.unwrap_or(rig.printer.now_s());
+        assert_decided_in_time(rig, fault, decided_s, what);
     }
-    assert_heaters(&mut rig, &fault, &what);
+    assert_heaters(rig, fault, what);
     match fault {
         Fault::LinkLost => 'G',
         Fault::FirmwareReset => 'R',
@@ -207,13 +229,13 @@ fn assert_heaters(rig: &mut Rig, fault: &Fault, what: &str) {
 }
 
 fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
-    let mut text = format!("{fault:<44}");
+    let mut text = format!("{fault:<49}");
     for (firmware, expected) in FIRMWARES.iter().zip(expected) {
         let cell: String = [Window::One, Window::Profile, Window::Unlimited]
             .map(|window| outcome(setup_for(firmware, window, fault), fault, expected))
             .iter()
             .collect();
-        write!(text, " {cell:<14}").unwrap();
+        write!(text, " {cell:<21}").unwrap();
     }
     text.trim_end().to_owned()
 }
@@ -222,9 +244,9 @@ fn row(fault: &str, expected: &[Vec<Laid>]) -> String {
 #[expect(clippy::print_stdout, reason = "the table is what the command is for")]
 fn fault_matrix() {
     let expected: Vec<_> = FIRMWARES.iter().map(|firmware| clean(&Setup::new(firmware, 2, 40))).collect();
-    let mut text = format!("{LEGEND}\n{:<44}", "");
+    let mut text = format!("{LEGEND}\n{:<49}", "");
     for firmware in FIRMWARES {
-        write!(text, " {firmware:<14}").unwrap();
+        write!(text, " {firmware:<21}").unwrap();
     }
     text = text.trim_end().to_owned() + "\n";
     for fault in OF_THE_WIRE.into_iter().chain(OF_THE_MACHINE) {

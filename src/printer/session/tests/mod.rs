@@ -10,4 +10,5 @@ mod policy;
 mod rate;
 mod reattach;
 mod rig;
+mod uncounted;
 mod vessel;

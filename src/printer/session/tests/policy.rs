@@ -78,7 +78,8 @@ fn strike(rig: &mut Rig, phase: Phase, trouble: Trouble) -> bool {
         Trouble::PortShared if phase == Phase::Greeting => rig.is_echo = true,
         // Another host greets the printer.
         Trouble::PortShared => rig.printer.receive(b"\nM110 N5000\n"),
-        Trouble::FilamentOut if is_away => rig.printer.receive(b"\n"),
+        // It stands and waits for its user, unheard.
+        Trouble::FilamentOut if is_away => rig.printer.receive(b"\nM600\n"),
         Trouble::FilamentOut => rig.session.handle_bytes(now, b"//action:pause filament_runout 0\n"),
         Trouble::StopRequested => ask(rig, Control::Stop),
         Trouble::EmergencyStop => ask(rig, Control::EmergencyStop),
@@ -153,14 +154,19 @@ fn check(phase: Phase, trouble: Trouble) {
         assert_eq!(policy::action(phase, trouble), Action::Nothing, "{what}");
         return;
     }
+    assert_as_the_table_says(&mut rig, phase, trouble, n_sent, &what);
+}
+
+/// What is done, of all that was sent behind the first `n_sent` bytes.
+fn assert_as_the_table_says(rig: &mut Rig, phase: Phase, trouble: Trouble, n_sent: usize, what: &str) {
     match policy::action(phase, trouble) {
-        Action::GiveUp | Action::StopAtOnce => assert_given_up(&mut rig, trouble, &what),
+        Action::GiveUp | Action::StopAtOnce => assert_given_up(rig, trouble, what),
         Action::Leave => {
             assert!(matches!(rig.run(), End::Left), "{what}");
             assert_eq!(rig.sent.len(), n_sent, "{what}");
         }
         Action::Await => {
-            pass(&mut rig, 1.0);
+            pass(rig, 1.0);
             assert!(rig.events.iter().any(|e| matches!(e, PrintEvent::PortLost { .. })), "{what}");
             assert!(matches!(rig.session.stage, Stage::Detached { .. }), "{what}");
         }
@@ -185,7 +191,7 @@ fn check(phase: Phase, trouble: Trouble) {
             assert!(matches!(end, End::Faulted(Fault::LinkLost)), "{what}: {end:?}");
             assert!(matches!(rig.session.heat(), Heat::Unknown(_)), "{what}");
         }
-        Action::Nothing => assert_own_course(&mut rig, phase, &what),
+        Action::Nothing => assert_own_course(rig, phase, what),
     }
 }
 
