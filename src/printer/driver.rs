@@ -36,11 +36,8 @@ const KNOCK: Duration = Duration::from_millis(200);
 /// How long heaters-off may take to be written after a fault.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
-/// How long a print waits for its journal's disk before it goes on without.
-const FLUSH_LIMIT: Duration = Duration::from_secs(3);
-
-/// A disk that takes longer would let the planner run dry wherever the height changes.
-const SLOW_DISK: Duration = Duration::from_millis(250);
+/// How long the end of a print waits for its last records to reach the disk.
+const LAST_FLUSH: Duration = Duration::from_secs(3);
 
 /// Events kept for a listener that does not listen; beyond that the oldest message is dropped.
 const MAX_PENDING_EVENTS: usize = 1024;
@@ -138,29 +135,22 @@ struct Driver<'a, R> {
     cancel: &'a CancelToken,
     is_cancelled: bool,
     controls: Controls,
-    hold: Option<Hold>,
-    /// Up to where the journal lets the height change.
-    heights_to: Option<u64>,
+    /// What the session waits for to be on the disk, and the answer to come.
+    flush: Option<(u64, Flush)>,
     journal_fails: bool,
-}
-
-/// A record is on its way to the disk that what is sent next waits for.
-struct Hold {
-    since: Instant,
-    /// It lets the height change; else it begins a session.
-    lets_heights: bool,
-    is_handed_over: bool,
-    flush: Option<Flush>,
 }
 
 impl<'a, R: BufRead + Seek> Driver<'a, R> {
     fn new(
-        session: Session<R>,
+        mut session: Session<R>,
         journal: Option<Journal>,
         clock: Clock,
         events: &'a mpsc::Sender<PrintEvent>,
         cancel: &'a CancelToken,
     ) -> Self {
+        if journal.is_some() {
+            session.keep_journal();
+        }
         Self {
             session,
             journal,
@@ -174,8 +164,7 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
             cancel,
             is_cancelled: false,
             controls: Controls::default(),
-            hold: None,
-            heights_to: None,
+            flush: None,
             journal_fails: false,
         }
     }
@@ -199,11 +188,11 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
     /// The last records are on the disk before the end is told, unless the disk does not answer.
     async fn await_journal(&mut self) {
         let Some(journal) = &self.journal else { return };
-        let limit = self.clock.now() + FLUSH_LIMIT;
+        let limit = self.clock.now() + LAST_FLUSH;
         let mut flush = None;
         while self.clock.now() < limit {
             flush = flush.or_else(|| journal.ask_flush());
-            if flush.as_ref().is_some_and(Flush::is_done) {
+            if flush.as_ref().and_then(Flush::outcome).is_some() {
                 return;
             }
             tokio::time::sleep(TICK).await;
@@ -258,12 +247,9 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
     /// Takes from the session what it has to say.
     fn exchange(&mut self) {
         loop {
-            self.record();
-            if self.holds_back() {
-                break;
-            }
+            let is_told = self.record();
             self.session.transmit(&mut self.out);
-            if !self.session.has_records() {
+            if !is_told || !self.session.has_records() {
                 break;
             }
         }
@@ -272,57 +258,29 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         }
     }
 
-    /// Hands records to the journal; never waits. One that begins a session, or lets the height change, holds back what is sent until it
-    /// is on the disk.
-    fn record(&mut self) {
+    /// Hands records to the journal; never waits. False where it takes no more for now.
+    fn record(&mut self) -> bool {
         while let Some(record) = self.session.poll_record() {
-            let Some(journal) = &self.journal else { continue };
-            let lets =
-                matches!(&record, Record::Progress(progress) if progress.heights_to != self.heights_to);
-            let holds = lets || matches!(record, Record::Session(_));
-            if holds {
-                let since = self.hold.as_ref().map_or(self.clock.now(), |hold| hold.since);
-                self.hold = Some(Hold { since, lets_heights: lets, is_handed_over: false, flush: None });
-            }
-            if !journal.append(&record) {
+            if self.journal.as_ref().is_some_and(|journal| !journal.append(&record)) {
                 self.session.not_written(record);
-                break;
-            }
-            match &record {
-                Record::Progress(progress) => self.heights_to = progress.heights_to,
-                // What its first record of progress says.
-                Record::Session(track) => self.heights_to = Some(track.n_before),
-                _ => {}
-            }
-            if let Some(hold) = self.hold.as_mut().filter(|_| holds) {
-                hold.is_handed_over = true;
+                return false;
             }
         }
+        self.watch_flush();
         self.watch_journal();
+        true
     }
 
-    /// Whether nothing may be sent yet; heaters-off always may.
-    fn holds_back(&mut self) -> bool {
-        let (Some(hold), Some(journal)) = (&mut self.hold, &self.journal) else { return false };
-        if hold.flush.is_none() && hold.is_handed_over {
-            hold.flush = journal.ask_flush();
+    /// Tells the session what it waits for.
+    fn watch_flush(&mut self) {
+        let (Some(journal), Some(number)) = (&self.journal, self.session.awaits_disk()) else { return };
+        if self.flush.as_ref().is_none_or(|(of, _)| *of != number) {
+            self.flush = journal.ask_flush().map(|flush| (number, flush));
         }
-        let waited = self.clock.now().since(hold.since);
-        let is_late = waited > FLUSH_LIMIT;
-        let is_done = hold.flush.as_ref().is_some_and(Flush::is_done);
-        // A promise that cannot be written down is none.
-        let is_slow = waited > SLOW_DISK || is_done && journal.failure().is_some();
-        if hold.lets_heights && is_slow {
-            self.session.disk_is_slow();
+        if let Some(is_written) = self.flush.as_ref().and_then(|(_, flush)| flush.outcome()) {
+            self.flush = None;
+            self.session.handle_flushed(self.clock.now(), number, is_written);
         }
-        if is_late && !is_done {
-            let why = format!("the disk has not answered for {} s", FLUSH_LIMIT.as_secs());
-            self.tell(PrintEvent::JournalFailed(why));
-        }
-        if is_late || is_done {
-            self.hold = None;
-        }
-        self.hold.is_some() && !self.session.is_giving_up()
     }
 
     /// Tells that the journal cannot be written, and that it can again: each once.

@@ -222,7 +222,7 @@ impl Modal {
 
     /// Whether a command would bring the nozzle to another height.
     #[must_use]
-    pub fn is_at_other_height_after(&self, command: &str) -> bool {
+    pub fn changes_height(&self, command: &str) -> bool {
         // Nearly all lines of a job.
         if !command.contains('Z') && !command.contains("G28") && !command.contains("G92") {
             return false;
@@ -356,12 +356,12 @@ mod tests {
     fn what_changes_the_height_is_seen_before_it_is_done() {
         let modal = after(Dialect::Marlin, &["G28", "G90", "G1 X1 Y1 Z0.2"]);
         for line in ["G0 Z0.4", "G1 X5 Z1 E2", "G28", "G28 Z", "G92 Z0", "G92", "G2 X3 Y1 I1 J0 Z0.5"] {
-            assert!(modal.is_at_other_height_after(line), "{line}");
+            assert!(modal.changes_height(line), "{line}");
         }
         for line in ["G1 X5 E1", "G1 X2 Z0.2", "G28 X Y", "G92 E0", "M104 S200", ";Z:3", "G90"] {
-            assert!(!modal.is_at_other_height_after(line), "{line}");
+            assert!(!modal.changes_height(line), "{line}");
         }
-        assert!(after(Dialect::Marlin, &["G1 Z1", "G91"]).is_at_other_height_after("G1 Z1"));
+        assert!(after(Dialect::Marlin, &["G1 Z1", "G91"]).changes_height("G1 Z1"));
     }
 
     #[test]

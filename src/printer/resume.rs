@@ -19,6 +19,7 @@ mod restore;
 mod words;
 
 pub(super) use places::may_be_repeated;
+pub(super) use recovery::needs_height;
 pub(super) use restore::warming;
 pub use words::{Recovery, Refusal, Why};
 
@@ -127,6 +128,11 @@ pub fn decide<R: BufRead + Seek>(
     }
 }
 
+/// How lines are numbered behind line `last`, `n_before` lines of the job being done.
+fn behind(last: u64, n_before: u64, track: &Track) -> Track {
+    Track { first_number: last + 1, n_before, n_twice: track.n_twice, ..Track::default() }
+}
+
 struct Plan<'a, R> {
     job: &'a mut Job<R>,
     profile: &'a Profile,
@@ -157,8 +163,12 @@ impl<R: BufRead + Seek> Plan<'_, R> {
             None if self.has_let_go(last) => return self.recover(Why::MotorsOff),
             None => {}
         }
-        let place = if let Place::Job(n) = place { Place::Job(n.min(self.job.n_lines())) } else { place };
-        Ok(Decision::Exact(Box::new(Exact { place, track: track.clone(), modal, tail })))
+        let (place, track) = match place {
+            Place::Prelude(_) => (place, track.clone()),
+            // What was sent before is behind it: a session of its own begins there.
+            Place::Job(_) => (Place::Job(n_done), behind(last, n_done, track)),
+        };
+        Ok(Decision::Exact(Box::new(Exact { place, track, modal, tail })))
     }
 
     /// Whether a printer whose heaters are off still is where it was: its motors hold as long as a print is waited for, and the bed

@@ -5,13 +5,14 @@
 //! simulated printer and a made-up one.
 //!
 //! **Contract.** After every `handle_*`, drain [`Session::poll_record`] first: a record that begins a session, or lets the height change
-//! ([`Progress::heights_to`](super::journal::Progress::heights_to)), must be in the journal before anything more is sent. Then
+//! ([`Progress::z_allowed_to`](super::journal::Progress::z_allowed_to)), must be in the journal before anything more is sent. Then
 //! [`Session::transmit`], and both again while it has left records ([`Session::has_records`]); then [`Session::poll_event`].
 //!
 //! When the port vanishes in the middle of the job, the session asks for it again ([`Session::wants_port`]) for
 //! `orphan_hold_s`; then it asks the printer where it is and decides as [`super::resume`] does: exactly, or not at all. A
 //! printer that has started anew meanwhile is never sent the job again.
 
+mod disk;
 mod feed;
 mod hold;
 mod survey;
@@ -25,6 +26,7 @@ use super::policy::{self, Action, Phase, Trouble};
 use super::protocol::{Command, Core, Event, Fault, Heat, Instant, LineSplitter, State, Stats, Temperatures};
 use super::resume::{Known, Recovery, Refusal, Survey};
 use crate::profile::Profile;
+use disk::Disk;
 use std::collections::VecDeque;
 use std::io::{BufRead, Seek};
 use std::time::Duration;
@@ -155,8 +157,9 @@ pub struct Session<R> {
     parked: Option<Vec<String>>,
     /// The firmware was told to throw moves away (M410): from then on the job says no more where it is, however this ends.
     is_cancelled: bool,
-    /// See [`Self::disk_is_slow`].
-    is_disk_slow: bool,
+    disk: Disk,
+    /// The record given out last was none of `records`.
+    is_polled: bool,
     /// How it ends once the heaters are seen to.
     pending: Option<End>,
     heat: Heat,
@@ -186,7 +189,8 @@ impl<R: BufRead + Seek> Session<R> {
             parks_itself: false,
             parked: None,
             is_cancelled: false,
-            is_disk_slow: false,
+            disk: Disk::default(),
+            is_polled: false,
             pending: None,
             heat: Heat::default(),
             temperatures: Temperatures::default(),
@@ -223,6 +227,7 @@ impl<R: BufRead + Seek> Session<R> {
         } else if self.core.poll_timeout().is_some_and(|due| due <= now) {
             self.core.handle_timeout(now);
         }
+        self.disk_timeout();
         self.settle();
     }
 
@@ -275,9 +280,9 @@ impl<R: BufRead + Seek> Session<R> {
         self.settle();
     }
 
-    /// Appends what is to be written to the port.
+    /// Appends what is to be written to the port. May leave records behind, which are to be written down before it goes on.
     pub fn transmit(&mut self, out: &mut Vec<u8>) {
-        loop {
+        while !self.waits_for_disk() {
             while let Some(line) = self.core.poll_transmit() {
                 out.extend_from_slice(line.bytes);
             }
@@ -290,8 +295,10 @@ impl<R: BufRead + Seek> Session<R> {
     /// A record for the journal, if there is one.
     pub fn poll_record(&mut self) -> Option<Record> {
         if let Some(record) = self.records.pop_front() {
+            self.is_polled = false;
             return Some(record);
         }
+        self.is_polled = true;
         let is_printing = matches!(self.stage, Stage::Printing) && !self.is_cancelled;
         is_printing.then(|| self.recorder.poll(self.now, self.core.progress())).flatten()
     }
@@ -304,9 +311,10 @@ impl<R: BufRead + Seek> Session<R> {
 
     /// The record given out last was not taken: it will come again.
     pub fn not_written(&mut self, record: Record) {
-        match record {
-            Record::Progress(_) => self.recorder.not_written(),
-            other => self.records.push_front(other),
+        if self.is_polled {
+            self.recorder.not_written();
+        } else {
+            self.records.push_front(record);
         }
     }
 
@@ -318,11 +326,12 @@ impl<R: BufRead + Seek> Session<R> {
     /// When [`Self::handle_timeout`] is due.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        match self.stage {
+        let due = match self.stage {
             Stage::Detached { until, .. } => Some(until),
-            Stage::Over => None,
+            Stage::Over => return None,
             _ => self.core.poll_timeout(),
-        }
+        };
+        due.into_iter().chain(self.disk_due()).min()
     }
 
     /// Whether the port is to be opened again.
@@ -405,11 +414,6 @@ impl<R: BufRead + Seek> Session<R> {
         self.core.handle_command(self.now, command).ok();
     }
 
-    /// Its records are written down from now on.
-    fn follow(&mut self, recorder: Recorder) {
-        self.recorder = recorder.promising(!self.is_disk_slow);
-    }
-
     fn settle(&mut self) {
         while let Some(event) = self.core.poll_event() {
             self.on_event(&event);
@@ -459,8 +463,16 @@ impl<R: BufRead + Seek> Session<R> {
                     None => {}
                 }
             }
-            Event::Paused => self.paused(),
-            Event::Resumed => self.resumed(),
+            Event::Paused => {
+                self.paused();
+                // It waits within a line of the job, or parks as it likes.
+                let is_away = self.parks_itself || *self.core.state() != State::Paused;
+                self.recorder.set_away(is_away && self.parked.is_none());
+            }
+            Event::Resumed => {
+                self.resumed();
+                self.recorder.set_away(false);
+            }
             Event::Action(action) => {
                 self.parks_itself = hold::parks_itself(action).unwrap_or(self.parks_itself);
             }
@@ -475,13 +487,13 @@ impl<R: BufRead + Seek> Session<R> {
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
         let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice, ..Track::default() };
-        self.records.push_back(Record::Session(track.clone()));
+        self.write_first(Record::Session(track.clone()));
         let dialect = self.profile.firmware.dialect;
         let mut recorder = Recorder::fresh(dialect, track.clone(), self.now);
         if n_before > 0 {
             recorder = std::mem::replace(&mut self.recorder, recorder).on(track, self.now);
         }
-        self.follow(recorder);
+        self.recorder = recorder;
         self.command(Command::Begin);
         for line in &host_lines {
             self.command(Command::HostLine(line));

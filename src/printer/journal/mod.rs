@@ -135,12 +135,16 @@ pub struct Progress {
     pub n_begun: u64,
     /// See above, s.
     pub begun_s: f64,
+    /// The printer has brought the nozzle away from the part by itself, nobody knows where.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_away: bool,
     /// The longest that a record has taken to the disk so far, s; 0 where none has.
     pub delay_s: f64,
     /// A promise, where one is made: no line of the job behind this one that changes the height is sent before a later record is on
-    /// the disk. So what is lost of the journal leaves the height known.
+    /// the disk. So what is lost of the journal leaves the height known. A disk that fails, and never takes the record that takes the
+    /// promise back, leaves it untrue: the operator is told then that the journal cannot be written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub heights_to: Option<u64>,
+    pub z_allowed_to: Option<u64>,
     /// Nozzle, actual and wanted, °C.
     pub hotend_c: Option<[f64; 2]>,
     /// Bed, actual and wanted, °C.
@@ -364,15 +368,19 @@ impl Fold {
             Record::Machine(machine) => self.machine = Some(machine),
             Record::Session(track) => {
                 let n = track.n_before;
+                // Behind a pause or a cable that was out, `n` lines are acknowledged, and a few of them not yet executed.
+                let is_known = self.track.is_some() || self.progress.n_acked > 0;
+                let n_certain = if is_known { self.progress.n_certain.min(n) } else { n };
                 self.progress = Progress {
                     t_s: 0.0,
                     n_sent: n,
                     n_acked: n,
-                    n_certain: n,
+                    n_certain,
                     n_prelude: 0,
                     n_begun: n,
                     begun_s: 0.0,
-                    heights_to: None,
+                    z_allowed_to: None,
+                    is_away: false,
                     ..self.progress
                 };
                 self.track = Some(track);
@@ -382,7 +390,8 @@ impl Fold {
             Record::Progress(progress) if progress.t_s < self.progress.t_s => {}
             Record::Progress(progress) => {
                 self.progress = progress;
-                self.end = None;
+                // Where moves were thrown away, nothing behind tells where it is.
+                self.end = self.end.take().filter(|end| *end == Ending::Cancelled);
             }
             Record::End(end) => self.end = Some(end),
         }

@@ -3,9 +3,9 @@
 //! Pure: time and the core's numbers go in, records come out. A record of progress is due every half second while something has
 //! changed, so that the journal, written by a thread that may need as long again, is no more than a second behind.
 //!
-//! Lines that change the height are let through by a record of their own, which is to be on the disk before they are sent
-//! ([`Progress::heights_to`]); one record lets all through that follow within a few lines, so that a lift and the way down again cost one, and
-//! a job that rises with every line one in some dozens.
+//! A line that changes the height needs a record that allows it, which is to be on the disk before it is sent
+//! ([`Progress::z_allowed_to`]). One record allows all that follow within a few lines, so that a lift and the way down again cost one;
+//! where the next one is needed soon, it allows twice as many.
 
 use super::{Progress, Record, Track};
 use crate::printer::protocol::{self, Instant, Temperatures};
@@ -16,8 +16,11 @@ use std::time::Duration;
 /// Between two records of progress.
 pub const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Lines that one record lets change the height.
-const LET_AT_ONCE: u64 = 32;
+/// Lines that one record allows to change the height, at least and at most.
+const ALLOWED_AT_ONCE: [u64; 2] = [32, 4096];
+
+/// Records that allow a change of height should lie so far apart, or they will allow more.
+const SELDOM: Duration = Duration::from_millis(500);
 
 /// Follows a session.
 #[derive(Debug)]
@@ -31,10 +34,13 @@ pub struct Recorder {
     written: Option<(Instant, Progress)>,
     /// The last record has not reached the journal.
     is_due: bool,
-    temperatures: Progress,
+    /// What is heard of the printer.
+    heard: Progress,
     dialect: Dialect,
-    /// Up to which line of the job the height may change; no promise is made without.
-    heights_to: Option<u64>,
+    /// Up to which line of the job the height may change; `None`: it always may.
+    z_allowed_to: Option<u64>,
+    /// How many lines the last record allowed that, and when.
+    allowed: (u64, Option<Instant>),
     /// The last line of the job that was given.
     n_fed: u64,
     /// The last one that changed the height.
@@ -47,8 +53,8 @@ impl Recorder {
     pub fn new(track: Track, modal: Modal, tail: Tail, now: Instant) -> Self {
         let dialect = modal.dialect();
         let prelude = prelude_of(&track, &modal);
-        let temperatures = Progress::default();
-        let n_fed = track.n_before;
+        let heard = Progress::default();
+        let n_fed = tail.n_lines();
         Self {
             track,
             modal,
@@ -57,21 +63,13 @@ impl Recorder {
             began: now,
             written: None,
             is_due: false,
-            temperatures,
+            heard,
             dialect,
-            heights_to: Some(n_fed),
+            z_allowed_to: None,
+            allowed: (ALLOWED_AT_ONCE[0], None),
             n_fed,
             last_height: n_fed,
         }
-    }
-
-    /// The same; where it does not promise, lines that change the height are sent as any other.
-    #[must_use]
-    pub const fn promising(mut self, promises: bool) -> Self {
-        if !promises {
-            self.heights_to = None;
-        }
-        self
     }
 
     /// One for a job from its beginning.
@@ -84,7 +82,7 @@ impl Recorder {
     /// The same lines done, in a session that goes along another track.
     #[must_use]
     pub fn on(self, track: Track, now: Instant) -> Self {
-        Self { temperatures: self.temperatures, ..Self::new(track, self.modal, self.tail, now) }
+        Self { heard: self.heard, ..Self::new(track, self.modal, self.tail, now) }
     }
 
     /// The same lines done, from now on along a track with other lines of the host's own.
@@ -116,21 +114,39 @@ impl Recorder {
         }
     }
 
-    /// Whether the next line of the job may only be given once a record lets it.
-    #[must_use]
-    pub fn must_let(&self, command: &str) -> bool {
-        self.heights_to.is_some_and(|to| self.n_fed >= to) && self.modal.is_at_other_height_after(command)
+    /// From now on the height changes by leave of a record only.
+    pub const fn guard_z(&mut self) {
+        if self.z_allowed_to.is_none() {
+            self.z_allowed_to = Some(self.n_fed);
+        }
     }
 
-    /// The record that lets the next line change the height, and some behind it.
-    pub fn let_heights(&mut self, now: Instant, core: protocol::Progress) -> Record {
-        self.heights_to = Some(self.n_fed + LET_AT_ONCE);
+    /// Whether it does.
+    #[must_use]
+    pub const fn guards_z(&self) -> bool {
+        self.z_allowed_to.is_some()
+    }
+
+    /// Whether the next line of the job may only be given once a record allows it.
+    #[must_use]
+    pub fn needs_leave(&self, command: &str) -> bool {
+        self.z_allowed_to.is_some_and(|to| self.n_fed >= to) && self.modal.changes_height(command)
+    }
+
+    /// The record that allows the next line, and some behind it, to change the height.
+    pub fn allow_z(&mut self, now: Instant, core: protocol::Progress) -> Record {
+        let (n, at) = self.allowed;
+        let [least, most] = ALLOWED_AT_ONCE;
+        let is_soon = at.is_some_and(|at| now.since(at) < SELDOM);
+        let n = if is_soon { (2 * n).min(most) } else { least };
+        self.allowed = (n, Some(now));
+        self.z_allowed_to = Some(self.n_fed + n);
         self.write(now, self.progress(now, core))
     }
 
-    /// The record that takes the promise back.
-    pub fn promise_nothing(&mut self, now: Instant, core: protocol::Progress) -> Record {
-        self.heights_to = None;
+    /// The record that allows every line to change the height.
+    pub fn allow_all(&mut self, now: Instant, core: protocol::Progress) -> Record {
+        self.z_allowed_to = None;
         self.write(now, self.progress(now, core))
     }
 
@@ -139,9 +155,14 @@ impl Recorder {
         Record::Progress(progress)
     }
 
+    /// The printer has brought the nozzle away from the part by itself, or back.
+    pub const fn set_away(&mut self, is_away: bool) {
+        self.heard.is_away = is_away;
+    }
+
     /// What was heard of temperatures.
     pub fn hear(&mut self, temperatures: Temperatures) {
-        self.temperatures.set_temperatures(temperatures);
+        self.heard.set_temperatures(temperatures);
     }
 
     /// How far the print is now.
@@ -168,8 +189,8 @@ impl Recorder {
             n_prelude,
             n_begun,
             begun_s: (begun_s * 1e3).ceil() / 1e3,
-            heights_to: self.heights_to,
-            ..self.temperatures
+            z_allowed_to: self.z_allowed_to,
+            ..self.heard
         }
     }
 

@@ -31,8 +31,8 @@ pub struct Journal {
 #[derive(Debug)]
 enum Order {
     Append(Record, Instant),
-    /// Answered when all before it is on the disk.
-    Flush(SyncSender<()>),
+    /// Answered when all before it is on the disk, or not: whether it is.
+    Flush(SyncSender<bool>),
 }
 
 impl Journal {
@@ -68,6 +68,7 @@ impl Journal {
             is_torn,
             failure: Arc::clone(&failure),
             delay: Duration::ZERO,
+            written: None,
             next_slot: None,
             path: Some(path.to_owned()),
         };
@@ -126,14 +127,18 @@ impl Drop for Journal {
 
 /// A flush under way.
 #[derive(Debug)]
-pub struct Flush(Receiver<()>);
+pub struct Flush(Receiver<bool>);
 
 impl Flush {
-    /// Whether all is on the disk, or could not be written ([`Journal::failure`] tells).
+    /// Whether all is on the disk; false where it could not be written ([`Journal::failure`] tells why), nothing while it is under way.
     #[must_use]
-    pub fn is_done(&self) -> bool {
-        // The thread ends only with its sender, and answers before.
-        !matches!(self.0.try_recv(), Err(TryRecvError::Empty))
+    pub fn outcome(&self) -> Option<bool> {
+        match self.0.try_recv() {
+            Ok(is_written) => Some(is_written),
+            Err(TryRecvError::Empty) => None,
+            // The thread ends only with its sender, and answers before.
+            Err(TryRecvError::Disconnected) => Some(false),
+        }
     }
 }
 
@@ -169,8 +174,10 @@ struct Disk<F> {
     /// It ends within a line.
     is_torn: bool,
     failure: Arc<Mutex<Option<String>>>,
-    /// The longest that a record has taken.
+    /// The longest that a record of progress has taken.
     delay: Duration,
+    /// When the last record was written: one that waited for that has not waited for the disk to take it.
+    written: Option<Instant>,
     /// Where the lines for progress begin, and which of them is the next; none: records are appended.
     next_slot: Option<(u64, u64)>,
     /// Where it is written anew; never in tests.
@@ -217,7 +224,7 @@ impl Disk<File> {
                     Order::Flush(flush) => {
                         self.progress(late.take());
                         // Whoever asked may have gone.
-                        flush.send(()).ok();
+                        flush.send(!self.fails()).ok();
                     }
                 }
             }
@@ -231,6 +238,7 @@ impl Disk<File> {
             Record::Session(_) => self.anew(record).or_else(|_| self.append(&encode(record))),
             _ => self.append(&encode(record)),
         };
+        self.written = Some(now());
         self.tell(written);
     }
 
@@ -258,10 +266,17 @@ impl<F: Flushed> Disk<F> {
     fn progress(&mut self, handed: Option<(Progress, Instant)>) {
         let Some((mut progress, since)) = handed else { return };
         progress.delay_s = (self.delay.as_secs_f64() * 1e3).ceil() / 1e3;
-        let written = self.try_progress(&Record::Progress(progress));
-        if written.is_ok() {
-            self.delay = self.delay.max(now().duration_since(since));
+        if self.next_slot.is_none() {
+            // What takes a promise back needs no room on the disk, if it is to.
+            progress.z_allowed_to = None;
         }
+        let written = self.try_progress(&Record::Progress(progress));
+        let end = now();
+        if written.is_ok() {
+            let since = self.written.map_or(since, |written| written.max(since));
+            self.delay = self.delay.max(end.duration_since(since));
+        }
+        self.written = Some(end);
         self.tell(written);
     }
 
@@ -274,6 +289,10 @@ impl<F: Flushed> Disk<F> {
             }
             _ => self.append(&encode(record)),
         }
+    }
+
+    fn fails(&self) -> bool {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
     fn tell(&self, written: io::Result<()>) {
@@ -386,6 +405,7 @@ mod tests {
 
     fn disk<F>(file: F) -> Disk<F> {
         Disk {
+            written: None,
             file,
             is_torn: false,
             failure: Arc::new(Mutex::new(None)),
@@ -491,8 +511,9 @@ mod tests {
             n_prelude: u64::MAX,
             n_begun: u64::MAX,
             begun_s: 1e9 + 0.123,
+            is_away: true,
             delay_s: 1e9 + 0.123,
-            heights_to: Some(u64::MAX),
+            z_allowed_to: Some(u64::MAX),
             hotend_c: Some([-273.123_456; 2]),
             bed_c: Some([-273.123_456; 2]),
         };

@@ -22,6 +22,12 @@ impl Tail {
         Self { n_before, ..Self::default() }
     }
 
+    /// Lines of the job up to its end.
+    #[must_use]
+    pub fn n_lines(&self) -> u64 {
+        self.n_before + self.effects.len() as u64
+    }
+
     /// The next line of the job.
     pub fn push(&mut self, effect: Effect) {
         self.effects.push_back(effect);

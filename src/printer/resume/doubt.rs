@@ -45,8 +45,8 @@ pub(super) struct Doubt {
     n_done: u64,
     /// Lines of either kind so far.
     n_taken: u64,
-    /// See [`Progress::heights_to`].
-    heights_to: Option<u64>,
+    /// See [`Progress::z_allowed_to`].
+    z_allowed_to: Option<u64>,
     /// The next line of the job was not sent: it is not let yet.
     is_held: bool,
     /// Time since then: behind these a line is begun only when the moves before it have ended.
@@ -77,6 +77,13 @@ pub(super) fn behind_s(progress: &Progress) -> f64 {
     }
 }
 
+/// Commands in which the firmware brings the nozzle away from the part, and back at their end: filament changes, parking, cleaning.
+const MOVE_AWAY: [&str; 7] = ["M600", "M125", "M701", "M702", "G12", "G27", "PAUSE"];
+
+fn moves_away(command: &str) -> bool {
+    MOVE_AWAY.contains(&command.split_ascii_whitespace().next().unwrap_or_default())
+}
+
 /// Somebody may have turned the speed up at the printer, by half: moves take no less than this share of the time they are told.
 const TURNED_UP: f64 = 0.67;
 
@@ -88,7 +95,7 @@ impl Doubt {
             reach,
             n_done: progress.n_certain,
             n_taken: 0,
-            heights_to: progress.heights_to,
+            z_allowed_to: progress.z_allowed_to,
             is_held: false,
             left_s: since_s,
             n: 0,
@@ -101,8 +108,8 @@ impl Doubt {
 
     /// The next line of the job.
     pub(super) fn take(&mut self, command: &str) {
-        let is_let = self.heights_to.is_none_or(|to| self.n < to);
-        self.is_held |= !is_let && self.modal.is_at_other_height_after(command);
+        let is_let = self.z_allowed_to.is_none_or(|to| self.n < to);
+        self.is_held |= !is_let && self.modal.changes_height(command);
         if self.is_over() {
             return;
         }
@@ -127,6 +134,7 @@ impl Doubt {
     }
 
     fn go(&mut self, command: &str) {
+        let moves_away = moves_away(command);
         let before = self.nozzle.at_mm;
         let effect = self.nozzle.apply(command);
         self.n_taken += 1;
@@ -136,12 +144,16 @@ impl Doubt {
         if self.n_taken >= self.reach.n_certain {
             self.doubt(before);
         }
+        if moves_away && self.n_taken > self.reach.n_certain {
+            self.high_mm = f64::INFINITY;
+        }
     }
 
     fn doubt(&mut self, before: [Option<f64>; 4]) {
-        if let Some(z_mm) = self.nozzle.at_mm[2] {
-            self.low_mm = self.low_mm.min(z_mm);
-            self.high_mm = self.high_mm.max(z_mm);
+        match self.nozzle.at_mm[2] {
+            Some(z_mm) => (self.low_mm, self.high_mm) = (self.low_mm.min(z_mm), self.high_mm.max(z_mm)),
+            // Homing, for one, brings it nobody knows how high.
+            None => self.high_mm = f64::INFINITY,
         }
         let way = |axis: usize| self.nozzle.at_mm[axis].zip(before[axis]).map_or(0.0, |(to, from)| to - from);
         let way_mm = way(0).hypot(way(1)).hypot(way(2));

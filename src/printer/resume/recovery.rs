@@ -6,7 +6,7 @@ use super::{COOLED_K, Decision, Known, MOTOR_STEP_MM, Plan, Recovery, Refusal, W
 use crate::printer::job;
 use crate::printer::journal::Track;
 use crate::printer::replay::Modal;
-use crate::profile::{Dialect, ResumePoint};
+use crate::profile::{Dialect, Profile, ResumePoint};
 use std::io::{BufRead, Seek};
 
 /// A bed that has cooled by more than this holds no part, K.
@@ -21,7 +21,10 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         if self.is_within_recovery() {
             return Ok(Decision::Refuse(Refusal::WithinRecovery { why }));
         }
-        let doubt = self.doubt()?;
+        let mut doubt = self.doubt()?;
+        if self.known.progress.is_away {
+            doubt.high_mm = f64::INFINITY;
+        }
         let recovery = self.recovery(why, doubt);
         Ok(recovery.map_or_else(Decision::Refuse, |recovery| Decision::Recover(Box::new(recovery))))
     }
@@ -120,7 +123,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
         let is_known = high_mm - low_mm <= SAME_MM && (is_near(low_mm, z_mm) || self.tells_height());
         if is_known {
             Ok(low_mm)
-        } else if self.homes_z() {
+        } else if homes_z(self.profile) {
             Ok(z_mm)
         } else {
             Err(Refusal::HeightUnknown { why, low_mm: low_mm.min(z_mm), high_mm: high_mm.max(z_mm), n_lines })
@@ -145,15 +148,20 @@ impl<R: BufRead + Seek> Plan<'_, R> {
     fn told_height(&self) -> Option<f64> {
         self.survey.position.map(|position| position.xyz_mm[2])
     }
+}
 
-    /// Whether the profile's recovery finds the height again by itself.
-    fn homes_z(&self) -> bool {
-        let homes = |line: &String| {
-            let mut words = line.split_ascii_whitespace();
-            let is_homing = words.next() == Some("G28");
-            let axes: Vec<_> = words.collect();
-            is_homing && (axes.is_empty() || axes.iter().any(|axis| axis.starts_with('Z')))
-        };
-        self.profile.scripts.recovery.iter().any(homes)
-    }
+/// Whether the profile's recovery finds the height again by itself.
+fn homes_z(profile: &Profile) -> bool {
+    let homes = |line: &String| {
+        let mut words = line.split_ascii_whitespace();
+        let is_homing = words.next() == Some("G28");
+        let axes: Vec<_> = words.collect();
+        is_homing && (axes.is_empty() || axes.iter().any(|axis| axis.starts_with('Z')))
+    };
+    profile.scripts.recovery.iter().any(homes)
+}
+
+/// Whether a recovery is possible, and has to know the height.
+pub(in crate::printer) fn needs_height(profile: &Profile) -> bool {
+    !profile.scripts.recovery.is_empty() && !homes_z(profile)
 }

@@ -225,7 +225,7 @@ fn an_unknown_height_is_refused_unless_the_profile_homes_z() {
     let known = known(28, 26, 24);
     let Decision::Refuse(refusal) = decided(&mut job, &known, &survey(0, [0.0; 3])) else { panic!() };
     assert_eq!(refusal.code(), "printer.resume_height_unknown");
-    assert!(refusal.to_string().contains("Z may be anywhere from 0.20 to 0.40 mm"), "{refusal}");
+    assert!(refusal.to_string().contains("Z may be anywhere from 0.20 mm to 0.40 mm"), "{refusal}");
     let mut probing = profile();
     probing.scripts.recovery.push("G28".to_owned());
     let decision = decide(&mut job, &probing, &known, &survey(0, [0.0; 3])).unwrap();
@@ -264,10 +264,10 @@ fn a_lift_that_was_not_let_was_not_begun() {
     known.is_behind = true;
     let off = Survey { last: Some(0), position: None, ..survey(0, [0.0; 3]) };
     let n_lift = 6 + 40 + 1;
-    for (heights_to, is_known) in [(Some(n_lift - 1), true), (Some(n_lift), false), (None, false)] {
-        known.progress.heights_to = heights_to;
+    for (z_allowed_to, is_known) in [(Some(n_lift - 1), true), (Some(n_lift), false), (None, false)] {
+        known.progress.z_allowed_to = z_allowed_to;
         let decision = decided(&mut job(40, tail), &known, &off);
-        assert_eq!(matches!(decision, Decision::Recover(_)), is_known, "{heights_to:?} {decision:?}");
+        assert_eq!(matches!(decision, Decision::Recover(_)), is_known, "{z_allowed_to:?} {decision:?}");
     }
 }
 

@@ -100,8 +100,8 @@ pub enum Refusal {
     },
     /// The height of the nozzle is not known.
     #[error(
-        "{why}, and Z may be anywhere from {low_mm:.2} to {high_mm:.2} mm: it moved within the {n_lines} lines of which it is not \
-         known whether they were executed"
+        "{why}, and Z may be anywhere from {low_mm:.2} mm{}: it moved within the {n_lines} lines of which it is not known whether \
+         they were executed, or the printer had brought it away from the part", up_to(*high_mm)
     )]
     HeightUnknown {
         /// Why not exactly.
@@ -147,6 +147,10 @@ pub enum Refusal {
         /// The first.
         first: u64,
     },
+}
+
+fn up_to(high_mm: f64) -> String {
+    if high_mm.is_finite() { format!(" to {high_mm:.2} mm") } else { " upwards".to_owned() }
 }
 
 impl Refusal {

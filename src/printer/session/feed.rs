@@ -1,7 +1,7 @@
 //! The job's lines on their way to the core, and which of them wait for the journal.
 
 use super::super::protocol::Command;
-use super::{Session, Stage};
+use super::Session;
 use std::io::{BufRead, Seek};
 
 impl<R: BufRead + Seek> Session<R> {
@@ -18,11 +18,13 @@ impl<R: BufRead + Seek> Session<R> {
     /// Gives the core the next line of the job. One that changes the height is written down first, as late as can be: when all before
     /// it is sent.
     fn give(&mut self) -> bool {
+        self.guard_z();
         let given = match self.job.next_command() {
-            Ok(Some(line)) if self.recorder.must_let(line) => {
+            Ok(Some(line)) if self.recorder.needs_leave(line) => {
                 self.job.put_back();
                 if !self.core.has_unsent() {
-                    self.records.push_back(self.recorder.let_heights(self.now, self.core.progress()));
+                    let record = self.recorder.allow_z(self.now, self.core.progress());
+                    self.write_first(record);
                 }
                 return false;
             }
@@ -38,12 +40,5 @@ impl<R: BufRead + Seek> Session<R> {
         };
         given.expect("a core that wants lines takes these commands");
         true
-    }
-
-    /// The journal's disk takes its time: the print does not wait for it at each change of height any more.
-    pub fn disk_is_slow(&mut self) {
-        if !std::mem::replace(&mut self.is_disk_slow, true) && matches!(self.stage, Stage::Printing) {
-            self.records.push_back(self.recorder.promise_nothing(self.now, self.core.progress()));
-        }
     }
 }

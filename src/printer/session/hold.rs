@@ -126,8 +126,8 @@ impl<R: BufRead + Seek> Session<R> {
         let (first_number, n_twice) = (n_acked + 1, self.n_twice);
         let track =
             Track { first_number, prelude: away.clone(), n_before: n_done, n_twice, back: back.clone() };
-        self.records.push_back(Record::Session(track.clone()));
-        self.follow(Recorder::new(track, modal, tail, self.now));
+        self.write_first(Record::Session(track.clone()));
+        self.recorder = Recorder::new(track, modal, tail, self.now);
         self.recorder.hear(self.temperatures);
         self.command(Command::Park);
         away.iter().for_each(|line| self.command(Command::HostLine(line)));
@@ -150,7 +150,7 @@ impl<R: BufRead + Seek> Session<R> {
         let Some(back) = self.parked.take() else { return };
         let back: Vec<_> = self.warming().into_iter().chain(back).collect();
         let track = Track { back: back.clone(), ..self.recorder.track().clone() }.gone_on();
-        self.records.push_back(Record::Session(track.clone()));
+        self.write_first(Record::Session(track.clone()));
         self.recorder.follow(track, self.now);
         back.iter().for_each(|line| self.command(Command::HostLine(line)));
     }

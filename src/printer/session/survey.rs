@@ -46,10 +46,10 @@ impl<R: BufRead + Seek> Session<R> {
             return;
         }
         let Exact { place, track, modal, tail } = exact;
-        self.records.push_back(Record::Session(track.clone()));
+        self.write_first(Record::Session(track.clone()));
         let prelude = track.prelude.clone();
         self.core.is_behind(&modal);
-        self.follow(Recorder::new(track, modal, tail, self.now));
+        self.recorder = Recorder::new(track, modal, tail, self.now);
         self.recorder.hear(self.temperatures);
         self.stage = Stage::Printing;
         self.parked = None;
@@ -79,7 +79,7 @@ impl<R: BufRead + Seek> Session<R> {
             return;
         }
         let tail = Tail::after(n_done);
-        self.follow(Recorder::new(Track::default(), modal, tail, self.now));
+        self.recorder = Recorder::new(Track::default(), modal, tail, self.now);
         self.recorder.hear(self.temperatures);
         self.stats = self.stats.plus(self.core.stats());
         self.core = Core::new(&self.profile);

@@ -24,16 +24,23 @@ fn of_the_wire_99_percent_are_used_at_every_rate() {
     }
 }
 
-/// Where the wire carries a vessel's lines faster than they are moved, the planner holds moves at every moment.
+/// Where the wire carries a vessel's lines faster than they are moved, the planner holds moves at every moment, also where a change of
+/// height waits for the journal's disk.
 #[test]
 fn the_planner_never_runs_dry_on_a_vessel() {
-    let mut setup = Setup::new("marlin", 1, 3).with("delay:dir=tx,rate=1,for-s=0.001");
-    setup.job = super::vessel::filled(&setup.profile, 3);
-    setup.baud = Some(setup.profile.firmware.baud);
-    let mut rig = Rig::new(setup);
-    assert!(matches!(rig.run(), End::Finished));
-    let summary = rig.printer.summary();
-    assert!(summary.moving_s > 60.0, "{summary:?}");
-    assert_eq!((summary.planner_dry, summary.planner_dry_s), (0, 0.0));
-    assert!(summary.least_planner_depth >= Some(10), "{:?}", summary.least_planner_depth);
+    let jobs = [super::vessel::filled, super::vessel::wall];
+    for (job, n_layers, disk_s) in
+        [(jobs[0], 3, 0.0), (jobs[0], 3, 0.09), (jobs[1], 8, 0.02), (jobs[1], 8, 0.09)]
+    {
+        let mut setup = Setup::new("marlin", 1, 3).with("delay:dir=tx,rate=1,for-s=0.001");
+        setup.job = job(&setup.profile, n_layers);
+        setup.baud = Some(setup.profile.firmware.baud);
+        let mut rig = Rig::new(setup);
+        rig.disk_s = disk_s;
+        assert!(matches!(rig.run(), End::Finished));
+        let summary = rig.printer.summary();
+        assert!(summary.moving_s > 60.0, "{disk_s} {summary:?}");
+        assert_eq!((summary.planner_dry, summary.planner_dry_s), (0, 0.0), "{disk_s}");
+        assert!(summary.least_planner_depth >= Some(8), "{disk_s} {:?}", summary.least_planner_depth);
+    }
 }

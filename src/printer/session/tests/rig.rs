@@ -133,9 +133,8 @@ pub(super) struct Rig {
     pub(super) states: Vec<(f64, String)>,
     /// How long the journal's disk takes, s.
     pub(super) disk_s: f64,
-    /// Until when a record is on its way that what is sent next waits for, s.
-    held_until_s: f64,
-    heights_to: Option<u64>,
+    /// Which wait of the session for the disk ends when, s.
+    flush: Option<(u64, f64)>,
     /// When the print was given up, s.
     pub(super) gave_up_s: Option<f64>,
     is_connected: bool,
@@ -163,7 +162,8 @@ impl Rig {
         let is_job_gone = Arc::<AtomicBool>::default();
         let text =
             Text { text: Cursor::new(setup.job.clone().into_bytes()), is_gone: Arc::clone(&is_job_gone) };
-        let session = Session::new(setup.job_of(text), &setup.profile, Start::Fresh, Instant::default());
+        let mut session = Session::new(setup.job_of(text), &setup.profile, Start::Fresh, Instant::default());
+        session.keep_journal();
         let mut rig = Self {
             journal: header(),
             session,
@@ -173,8 +173,7 @@ impl Rig {
             events: Vec::new(),
             states: Vec::new(),
             disk_s: 0.0,
-            held_until_s: 0.0,
-            heights_to: None,
+            flush: None,
             gave_up_s: None,
             is_connected: true,
             is_deaf: false,
@@ -212,13 +211,12 @@ impl Rig {
     fn exchange(&mut self) -> bool {
         let mut moved = self.connect();
         let mut out = Vec::new();
-        self.record();
-        while !self.is_held() {
+        loop {
+            self.record();
             self.session.transmit(&mut out);
             if !self.session.has_records() {
                 break;
             }
-            self.record();
         }
         if let Some(share) = self.dies_at.filter(|_| !out.is_empty()) {
             out.truncate(whole(share * out.len() as f64));
@@ -245,24 +243,22 @@ impl Rig {
         moved
     }
 
-    /// Writes down what there is; what lets the height change is waited for.
+    /// Writes down what there is, on a disk that takes its time.
     fn record(&mut self) {
         while let Some(record) = self.session.poll_record() {
-            let heights_to = match &record {
-                Record::Progress(progress) => progress.heights_to,
-                Record::Session(track) => Some(track.n_before),
-                _ => self.heights_to,
-            };
-            if matches!(record, Record::Progress(_)) && heights_to != self.heights_to {
-                self.held_until_s = self.printer.now_s() + self.disk_s;
-            }
-            self.heights_to = heights_to;
             self.write(record);
         }
-    }
-
-    fn is_held(&self) -> bool {
-        self.printer.now_s() < self.held_until_s - 1e-6 && !self.session.is_giving_up()
+        let now_s = self.printer.now_s();
+        let awaited = self.session.awaits_disk();
+        self.flush = awaited.map(|number| match self.flush {
+            Some((of, at_s)) if of == number => (number, at_s),
+            _ => (number, now_s + self.disk_s),
+        });
+        // Instants are whole nanoseconds.
+        if let Some((number, _)) = self.flush.filter(|(_, at_s)| *at_s <= now_s + 1e-6) {
+            self.flush = None;
+            self.session.handle_flushed(self.now(), number, true);
+        }
     }
 
     fn deliver(&mut self, bytes: &[u8]) {
@@ -312,8 +308,8 @@ impl Rig {
         if self.session.is_over() || self.is_dead {
             return false;
         }
-        let held = self.is_held().then(|| Instant::after(Duration::from_secs_f64(self.held_until_s)));
-        let due = self.session.poll_timeout().into_iter().chain(held).min();
+        let flushed = self.flush.map(|(_, at_s)| Instant::after(Duration::from_secs_f64(at_s)));
+        let due = self.session.poll_timeout().into_iter().chain(flushed).min();
         let next = self.printer.next_event_s().map(|s| Instant::after(Duration::from_secs_f64(s)));
         match (due, next) {
             (None, None) => return false,
@@ -365,6 +361,8 @@ impl Rig {
         (self.dies_at, self.is_dead) = (None, false);
         let start = Start::Resume { known: Box::new(known), after_reset };
         self.session = Session::new(self.setup.job(), &self.setup.profile, start, self.now());
+        self.session.keep_journal();
+        self.flush = None;
     }
 
     /// What the journal on disk says, without the last `lost_s`.
