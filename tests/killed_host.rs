@@ -104,40 +104,6 @@ fn until(is_true: impl Fn() -> bool) {
     }
 }
 
-/// What `safe-off` says of the printer on `port`.
-fn safe_off(bench: &Bench, after_s: &str) -> (Option<i32>, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_lumenfab"))
-        .args(["--json", "safe-off", "--port", "port", "--profile", PROFILE, "--after-s", after_s])
-        .current_dir(bench.dir.path())
-        .output()
-        .unwrap();
-    let text =
-        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-    (output.status.code(), text)
-}
-
-#[test]
-fn safe_off_leaves_a_port_in_use_alone_and_cools_a_printer_whose_host_has_died() {
-    let bench = Bench::new();
-    let mut host = bench.host("print");
-    until(|| n_bytes(&bench.path("record/beads.csv")) > 200);
-    let (code, text) = safe_off(&bench, "1");
-    if host.try_wait().unwrap().is_none() {
-        assert!(code == Some(0) && text.contains("in_use"), "{code:?} {text}");
-    }
-    let (code, text) = safe_off(&bench, "0");
-    let is_printing = host.try_wait().unwrap().is_none();
-    assert!(
-        !is_printing || code == Some(1) && text.contains("in use"),
-        "at once it is an error: {code:?} {text}"
-    );
-    host.kill().unwrap();
-    host.wait().unwrap();
-    let (code, text) = safe_off(&bench, "1");
-    assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("\"target_c\":0"), "{text}");
-}
-
 /// Size of a file; nothing where there is none.
 fn n_bytes(path: &Path) -> u64 {
     fs::metadata(path).map_or(0, |m| m.len())
