@@ -59,7 +59,8 @@ pub(crate) enum Command {
     /// On a real port a journal is kept beside the job (JOB.gcode.journal). A cable that was out is waited for, and the print goes on
     /// by itself exactly where it was.
     ///
-    /// Keys, where stdin is a terminal: p pause, c go on, x twice cancel, ! stop at once, a digit answers the printer's question. Else SIGUSR1
+    /// Keys, where stdin is a terminal: p pause, c go on, x twice cancel, ! stop at once, a digit answers the printer's question.
+    /// Else SIGUSR1
     /// pauses, SIGUSR2 goes on.
     Print(PrintArgs),
     /// Go on with a print that broke off

@@ -3,7 +3,8 @@
 //! One task, one loop. Bytes are written in as few calls as the core's window allows; events go out over a bounded
 //! channel, and a listener that is slow loses progress and temperatures, never a fault, and never holds up the
 //! print. The journal is another thread's, and nothing here ever waits for it but by looking now and then whether it is
-//! done. The task reads the job from its file as it goes; that is the page cache's business, not the disk's. A port that vanished is tried again a few times a second, as long as the session waits for it.
+//! done. The task reads the job from its file as it goes; that is the page cache's business, not the disk's. A port that vanished
+//! is tried again a few times a second, as long as the session waits for it.
 
 use super::Error;
 use super::control::Controls;
@@ -86,7 +87,8 @@ pub async fn print<R: BufRead + Seek, L: Link>(
 /// Prints, or goes on with a print, and waits until the printer says that all of it is executed.
 ///
 /// # Errors
-/// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`], which tells whether heaters-off was confirmed, [`Error::Job`]
+/// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`], which tells whether heaters-off was confirmed,
+/// [`Error::Job`]
 /// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`],
 /// nothing having been sent, and [`Error::Refused`], the heaters having been switched off.
 pub async fn run<R: BufRead + Seek, L: Link>(

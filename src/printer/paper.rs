@@ -92,10 +92,11 @@ fn check_machine(now: &Machine, before: &Machine) -> Result<(), Error> {
     }
 }
 
-/// How long a print has been away: since its journal was written last, s. Where the clock was set back, nobody knows.
-fn away_s(job: &Path) -> Option<f64> {
-    let written = std::fs::metadata(path_for(job)).and_then(|data| data.modified()).ok()?;
-    written.elapsed().ok().map(|away| away.as_secs_f64())
+/// How long a print has been away: since its journal was written last, s. Without end where the clock does not know, because it was
+/// set back or has not been set yet: then the motors may have let go long ago.
+fn away_s(job: &Path) -> f64 {
+    let written = std::fs::metadata(path_for(job)).and_then(|data| data.modified());
+    written.ok().and_then(|at| at.elapsed().ok()).map_or(f64::INFINITY, |away| away.as_secs_f64())
 }
 
 /// Where the picture of a job is.
@@ -147,9 +148,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
-        if !anew {
-            self.refuse_unfinished()?;
-        }
+        self.refuse_unfinished(anew)?;
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
         let records = [Record::Job(self.job_id(&job)?), Record::Machine(self.machine(&link))];
@@ -194,7 +193,7 @@ impl Paper<'_> {
         let link = self.open_port(&undisturbed(self.profile)).await?;
         check_machine(&self.machine(&link), &log.machine)?;
         let journal = Journal::append_to(&path_for(self.job))?;
-        let known = Box::new(Known { away_s, ..Known::from(&log) });
+        let known = Box::new(Known { away_s: Some(away_s), ..Known::from(&log) });
         let order = Order {
             job,
             start: Start::Resume { known, after_reset },
@@ -236,9 +235,19 @@ impl Paper<'_> {
         tokio::join!(running, passing).0
     }
 
-    /// The way back to a print that broke off must not be lost by accident, nor a print begun on its part.
-    fn refuse_unfinished(&self) -> Result<(), Error> {
-        let Ok(log) = log_of(self.job) else { return Ok(()) };
+    /// The way back to a print that broke off must not be lost by accident, nor a print begun on its part: neither where its journal
+    /// cannot be read, unless `anew`. Something else of this name is never replaced.
+    fn refuse_unfinished(&self, anew: bool) -> Result<(), Error> {
+        let log = match log_of(self.job) {
+            Ok(log) => log,
+            Err(Error::Journal(journal::Error::Missing(_) | journal::Error::NotBegun(_))) => return Ok(()),
+            Err(error @ Error::Journal(journal::Error::Foreign(_))) => return Err(error),
+            Err(_) if anew => return Ok(()),
+            Err(error) => return Err(error),
+        };
+        if anew {
+            return Ok(());
+        }
         let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
         if is_over || log.progress.n_sent == 0 {
             return Ok(());

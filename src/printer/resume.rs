@@ -63,7 +63,7 @@ pub struct Known {
     pub progress: Progress,
     /// Whether there may have been more than `progress` tells: the host broke off as well.
     pub is_behind: bool,
-    /// How long ago it broke off, s, where that is known.
+    /// How long ago it broke off, s, infinite where nobody knows; `None` within the session that it broke.
     pub away_s: Option<f64>,
 }
 

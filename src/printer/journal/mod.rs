@@ -205,7 +205,7 @@ pub enum Error {
     #[error("{}: found a file that is no print journal, expected one or none; move it away", .0.display())]
     Foreign(PathBuf),
     /// Of another version of the program.
-    #[error("{}: found the format {found:?}, expected {HEADER:?}; resume with the version that wrote it", path.display())]
+    #[error("{}: found the format {found:?}, expected {HEADER:?}; resume with the version that wrote it, or print from the beginning with --anew", path.display())]
     Version {
         /// The journal.
         path: PathBuf,

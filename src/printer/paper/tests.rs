@@ -60,7 +60,7 @@ impl Place {
 #[test]
 fn a_print_that_broke_off_is_not_begun_again_by_accident() {
     let place = Place::new();
-    let refused = || place.with_paper(|paper| paper.refuse_unfinished());
+    let refused = || place.with_paper(|paper| paper.refuse_unfinished(false));
     assert!(refused().is_ok(), "nothing is known of a print");
     place.journal(0, None);
     assert!(refused().is_ok(), "nothing was sent");
@@ -83,9 +83,23 @@ fn a_job_that_has_changed_is_not_sent_back_to_resume() {
     let place = Place::new();
     place.journal(5, None);
     std::fs::write(place.job(), "G28\nG1 X1\n").unwrap();
-    let error = place.with_paper(|paper| paper.refuse_unfinished()).unwrap_err();
+    let error = place.with_paper(|paper| paper.refuse_unfinished(false)).unwrap_err();
     assert_eq!(error.code(), "printer.other_job");
     assert!(error.to_string().contains("--anew"), "{error}");
+}
+
+#[test]
+fn a_journal_that_cannot_be_read_is_none_only_with_consent_and_something_else_never() {
+    let place = Place::new();
+    let refused =
+        |anew| place.with_paper(|paper| paper.refuse_unfinished(anew)).map_err(|error| error.code());
+    std::fs::write(path_for(&place.job()), "lumenfab print journal 1\n{}\n").unwrap();
+    assert_eq!((refused(false), refused(true)), (Err("printer.journal_version"), Ok(())));
+    std::fs::write(path_for(&place.job()), "my notes on the print\n").unwrap();
+    assert_eq!(
+        (refused(false), refused(true)),
+        (Err("printer.journal_foreign"), Err("printer.journal_foreign"))
+    );
 }
 
 #[test]
@@ -188,7 +202,12 @@ fn a_profile_s_file_is_found_again_beside_the_job() {
 #[test]
 fn the_time_since_a_print_broke_off_is_that_of_its_journal() {
     let place = Place::new();
-    assert_eq!(away_s(&place.job()), None);
+    assert!(away_s(&place.job()).is_infinite(), "nobody knows");
     place.journal(5, None);
-    assert!(away_s(&place.job()).is_some_and(|away_s| away_s < 60.0));
+    assert!(away_s(&place.job()) < 60.0);
+    // The clock has not been set yet since the board started.
+    let journal = File::options().append(true).open(path_for(&place.job())).unwrap();
+    let written = journal.metadata().unwrap().modified().unwrap();
+    journal.set_modified(written + std::time::Duration::from_secs(86400)).unwrap();
+    assert!(away_s(&place.job()).is_infinite());
 }

@@ -21,7 +21,8 @@ pub enum Command<'a> {
     Begin,
     /// Go on with a job behind the line that the printer has named as its last.
     GoOn,
-    /// A line of the host's own before the next one of the job. Only while [`Core::wants_line`](super::Core::wants_line), and while parking.
+    /// A line of the host's own before the next one of the job. Only while [`Core::wants_line`](super::Core::wants_line), and while
+    /// parking.
     HostLine(&'a str),
     /// The next line of the job, without number, checksum or line end. Only while [`Core::wants_line`](super::Core::wants_line).
     Line(&'a str),

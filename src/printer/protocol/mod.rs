@@ -21,7 +21,8 @@
 //! - **Echoes.** Lines that were on their way behind a refused one are refused too, each with its own `Resend`, and each time the
 //!   receive buffer is emptied. So the refused line goes alone until it is acknowledged, with further copies on further
 //!   refusals: copies too many are passed over in silence.
-//! - **Foreign commands.** A line whose `N` was damaged runs as a command of its own (`Unknown command`); the `ok` that follows acknowledges no line of
+//! - **Foreign commands.** A line whose `N` was damaged runs as a command of its own (`Unknown command`); the `ok` that follows
+//!   acknowledges no line of
 //!   ours.
 //!
 //! # Faults
