@@ -16,7 +16,8 @@ use lumenfab::progress::Task;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 /// Texts of attributes that name or describe a patient, a visit, a place or a person; retired ones by their numbers (other ids,
 /// place of the record, ethnic group).
@@ -279,6 +280,41 @@ fn the_whole_way_tells_nothing() {
     assert!(case.contains("series = 1"), "{case}");
     let n_written = place.written().len();
     assert!(n_written > 20, "cases, report and exports were looked at: {n_written}");
+    place.assert_nothing_written();
+}
+
+/// A simulated printer on `port` that stops for good in the middle of a print, and ends when its user leaves.
+#[expect(clippy::disallowed_methods, reason = "the test waits for another process")]
+fn printer_that_stops(place: &Place) -> Child {
+    let printer = Command::new(env!("CARGO_BIN_EXE_lumenfab"))
+        .args(["hil-sim", "--profile", "marlin", "--speed", "max", "--link", "port", "--once"])
+        .args(["--fault", "kill:line=200"])
+        .current_dir(place.dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    while !place.dir.path().join("port").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no printer");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    printer
+}
+
+#[test]
+fn what_is_kept_of_a_print_that_broke_off_tells_nothing() {
+    let place = Place::new();
+    let ct = place.ct().display().to_string();
+    place.says_nothing(0, &["segment", "--ct", &ct, &place.seed, "--out", "case"]);
+    place.says_nothing(0, &["solid", "case"]);
+    place.says_nothing(0, &["slice", "case"]);
+    let mut printer = printer_that_stops(&place);
+    place.says_nothing(1, &["print", "case", "--port", "port"]);
+    printer.wait().unwrap();
+    for file in ["job.gcode.journal", "job.gcode.resume.svg"] {
+        assert!(place.dir.path().join("case").join(file).is_file(), "{file}");
+    }
     place.assert_nothing_written();
 }
 
