@@ -401,6 +401,11 @@ fn image_files_tell_nothing() {
     for (name, bytes) in inputs {
         let path = place.put(name, &bytes);
         let case = format!("case-{name}");
+        let leak = format!("leak-{name}");
+        let args =
+            ["segment", "--ct", &path, &place.seed, "--window-hu=-2000,6000", "--out", &leak, "--json"];
+        assert_eq!(place.says_nothing(&args), Some(1), "{name}");
+        assert!(place.dir.path().join(&leak).join("leak.png").is_file(), "{name}");
         place.is_silent_about(
             name,
             &[
@@ -529,4 +534,104 @@ fn a_series_is_not_told_by_what_may_be_a_record() {
     let said = place.run(&["inspect", &format!("{FOLDER}/series"), "--json"]);
     let told = String::from_utf8_lossy(&said.stdout);
     assert!(told.contains("\"number\":2") && !told.contains("1933071") && !told.contains("ZQ717"), "{told}");
+}
+
+/// Attributes that are read, or told of a series, and that must not be quoted whatever stands in them.
+const READ: [(Tag, VR); 28] = [
+    (tags::SPECIFIC_CHARACTER_SET, VR::CS),
+    (tags::IMAGE_TYPE, VR::CS),
+    (tags::SOP_CLASS_UID, VR::UI),
+    (tags::MODALITY, VR::CS),
+    (tags::BODY_PART_EXAMINED, VR::CS),
+    (tags::SLICE_THICKNESS, VR::DS),
+    (tags::KVP, VR::DS),
+    (tags::SPACING_BETWEEN_SLICES, VR::DS),
+    (tags::GANTRY_DETECTOR_TILT, VR::DS),
+    (tags::CONVOLUTION_KERNEL, VR::SH),
+    (tags::PATIENT_POSITION, VR::CS),
+    (tags::SERIES_NUMBER, VR::IS),
+    (tags::ACQUISITION_NUMBER, VR::IS),
+    (tags::INSTANCE_NUMBER, VR::IS),
+    (tags::IMAGE_POSITION_PATIENT, VR::DS),
+    (tags::IMAGE_ORIENTATION_PATIENT, VR::DS),
+    (tags::TEMPORAL_POSITION_IDENTIFIER, VR::IS),
+    (tags::SLICE_LOCATION, VR::DS),
+    (tags::SAMPLES_PER_PIXEL, VR::LO),
+    (tags::PHOTOMETRIC_INTERPRETATION, VR::CS),
+    (tags::NUMBER_OF_FRAMES, VR::IS),
+    (tags::ROWS, VR::LO),
+    (tags::PIXEL_SPACING, VR::DS),
+    (tags::BITS_ALLOCATED, VR::LO),
+    (tags::RESCALE_INTERCEPT, VR::DS),
+    (tags::RESCALE_SLOPE, VR::DS),
+    (tags::RESCALE_TYPE, VR::LO),
+    (tags::LOSSY_IMAGE_COMPRESSION, VR::CS),
+];
+
+#[test]
+fn attributes_that_hold_a_name_are_not_quoted() {
+    let place = Place::new();
+    let mut sound: Vec<PathBuf> = files(&place.input("series"));
+    sound.retain(|p| p.extension().is_some_and(|e| e == "dcm"));
+    let sound: Vec<_> = sound.iter().map(|p| (p, open_file(p).unwrap())).collect();
+    let path = format!("{FOLDER}/series");
+    let uses = |what: &str| {
+        let told = place.says_nothing(&["inspect", &path, "--json"]);
+        assert!(told.is_some_and(|code| code < 2), "{what}: {told:?}");
+        let made = place.says_nothing(&["segment", "--ct", &path, &place.seed, "--out", "case", "--json"]);
+        assert!(made.is_some_and(|code| code < 3), "{what}: {made:?}");
+    };
+    for (tag, vr) in READ {
+        for (path, object) in &sound {
+            let mut object = object.clone();
+            let value = if vr == VR::UI { format!("{UID}9") } else { format!("{WORD}^JANE") };
+            object.put(text(tag, vr, value));
+            object.write_to_file(path).unwrap();
+        }
+        uses(&tag.to_string());
+        place.wrote_nothing();
+        fs::remove_dir_all(place.dir.path().join("case")).ok();
+    }
+    for (path, object) in &sound {
+        object.write_to_file(path).unwrap();
+        // The transfer syntax: the words of an unknown one have as many letters.
+        let mut bytes = fs::read(path).unwrap();
+        let known = uids::EXPLICIT_VR_LITTLE_ENDIAN.as_bytes();
+        let at = bytes.windows(known.len()).position(|w| w == known).unwrap();
+        bytes[at..at + known.len()].copy_from_slice(b"ZQX^JANE^19330717.1");
+        fs::write(path, bytes).unwrap();
+    }
+    uses("transfer syntax");
+    place.wrote_nothing();
+}
+
+#[test]
+fn a_directory_of_files_tells_nothing() {
+    let place = Place::new();
+    let mut named: Vec<PathBuf> = files(&place.input("series"));
+    named.retain(|p| p.extension().is_some_and(|e| e == "dcm"));
+    let record = |path: &PathBuf| {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let mut record = item(vec![
+            text(tags::DIRECTORY_RECORD_TYPE, VR::CS, "IMAGE"),
+            text(tags::REFERENCED_FILE_ID, VR::CS, format!("series\\{name}")),
+        ]);
+        plant(&mut record);
+        record
+    };
+    let mut patient = item(vec![text(tags::DIRECTORY_RECORD_TYPE, VR::CS, "PATIENT")]);
+    plant(&mut patient);
+    let records = std::iter::once(patient).chain(named.iter().map(record)).collect();
+    let directory = item(vec![
+        text(tags::FILE_SET_ID, VR::CS, format!("{WORD}_JANE")),
+        sequence(tags::DIRECTORY_RECORD_SEQUENCE, records),
+    ]);
+    let path = place.put_object("DICOMDIR", directory, uids::MEDIA_STORAGE_DIRECTORY_STORAGE);
+    place.is_silent_about(
+        "DICOMDIR",
+        &[
+            &["inspect", &path, "--json"],
+            &["segment", "--ct", &path, &place.seed, "--out", "case-d", "--json"],
+        ],
+    );
 }

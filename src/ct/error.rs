@@ -50,6 +50,11 @@ pub enum Error {
         /// What is wrong.
         fault: Fault,
     },
+    /// A damaged file that may belong to any of several series.
+    DamagedBeside {
+        /// What is wrong with it.
+        fault: Box<Self>,
+    },
     /// A directory of files none of which is there.
     DirectoryWithoutFiles {
         /// The directory.
@@ -222,6 +227,7 @@ impl Error {
             Self::NoDicom { .. } => "ct.no_dicom",
             Self::NoImages(_) => "ct.no_images",
             Self::Damaged { .. } => "ct.damaged",
+            Self::DamagedBeside { fault } => fault.code(),
             Self::Undecodable { .. } => "ct.undecodable",
             Self::DirectoryWithoutFiles { .. } => "ct.directory_without_files",
             Self::Truncated { .. } => "ct.truncated",
@@ -265,6 +271,10 @@ impl Error {
             Self::NotAFolder(path) => format!(
                 "{} is no folder, no DICOM and no image file (NIfTI, MetaImage, NRRD): name the folder that holds the DICOM files of the series, or an image file",
                 name(path)
+            ),
+            Self::DamagedBeside { fault } => format!(
+                "{}; it does not say which series it is of: if it is none of the one that is wanted, take it out of the folder",
+                fault.text_with(name)
             ),
             Self::Read { path, source } => {
                 format!("cannot read {}: {source}: check that it exists and may be read", name(path))

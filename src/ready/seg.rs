@@ -16,6 +16,7 @@ use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Most frames that are believed.
 const MOST_FRAMES: u32 = 100_000;
@@ -55,8 +56,7 @@ pub(super) fn ready(
     let frames = frames(place, object, pixels.n_frames)?;
     let mut voxels: BTreeMap<u32, usize> = BTreeMap::new();
     for frame in &frames {
-        *voxels.entry(frame.segment).or_default() +=
-            pixels.inside(frame.index).iter().filter(|&&v| v).count();
+        *voxels.entry(frame.segment).or_default() += pixels.n_inside(frame.index);
     }
     let structures = structures(object, &voxels);
     let number = chosen(place.0, &structures, label)?.number;
@@ -126,16 +126,38 @@ impl<'a> Frames<'a> {
         Ok(Self { place, columns, rows, n_frames, least_inside, bytes })
     }
 
-    /// The pixels of a frame that are inside.
-    fn inside(&self, frame: usize) -> Vec<bool> {
+    /// Places of a frame's pixels, among those of all frames.
+    fn pixels(&self, frame: usize) -> Range<usize> {
         debug_assert!(frame < self.n_frames, "{}", self.place.0.display());
         let n = self.columns * self.rows;
-        let values = frame * n..(frame + 1) * n;
+        frame * n..(frame + 1) * n
+    }
+
+    /// Which pixels of a frame are inside: of one frame at a time, so that a volume of bits stays one.
+    fn inside(&self, frame: usize) -> Vec<bool> {
+        let values = self.pixels(frame);
         match self.least_inside {
             Some(least) => self.bytes[values].iter().map(|&v| u16::from(v) >= least).collect(),
             None => values.map(|bit| self.bytes[bit / 8] >> (bit % 8) & 1 == 1).collect(),
         }
     }
+
+    /// How many pixels of a frame are inside.
+    fn n_inside(&self, frame: usize) -> usize {
+        let values = self.pixels(frame);
+        match self.least_inside {
+            Some(least) => self.bytes[values].iter().filter(|&&v| u16::from(v) >= least).count(),
+            None => n_ones(&self.bytes, values),
+        }
+    }
+}
+
+/// How many of these bits are set, the lowest of a byte first.
+fn n_ones(bytes: &[u8], bits: Range<usize>) -> usize {
+    let below =
+        |bit: usize| bytes.get(bit / 8).map_or(0, |b| (b & ((1 << (bit % 8)) - 1)).count_ones() as usize);
+    let whole: usize = bytes[bits.start / 8..bits.end / 8].iter().map(|b| b.count_ones() as usize).sum();
+    whole + below(bits.end) - below(bits.start)
 }
 
 /// What a fractional value must be at least; nothing for bits.
@@ -289,4 +311,20 @@ pub(super) fn gap_warning(plane_z_mm: &[f64]) -> Option<Warning> {
         plane_z_mm[gap + 1]
     );
     Some(Warning::new("segment.gap", text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_are_counted_across_bytes() {
+        let bytes = [0b1010_0110, 0xff, 0b0000_0001];
+        let is_set = |bit: usize| bytes[bit / 8] >> (bit % 8) & 1 == 1;
+        for start in 0..=24 {
+            for end in start..=24 {
+                assert_eq!(n_ones(&bytes, start..end), (start..end).filter(|&b| is_set(b)).count());
+            }
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::consistency::{Origin, Plane};
 use super::fit::{Fitted, HalfLevels, Stack, are_simple, ordered};
-use super::model::{self, Scan, Start};
+use super::model::{self, Footing, Scan, Start};
 use super::parting::{self, LEAST_EVIDENCE};
 use crate::geom::Contour;
 use crate::progress::Cancelled;
@@ -37,7 +37,7 @@ impl Stack<'_> {
                 k: plane.k,
                 z_mm: plane.z_mm,
                 contours: fitted.contours.clone(),
-                free: vec![fitted.n_crossing == 0 && is_image(plane); fitted.contours.len()],
+                footing: vec![footing(plane, fitted); fitted.contours.len()],
                 levels: half.levels,
             })
             .collect();
@@ -64,7 +64,10 @@ impl Stack<'_> {
         let fits = [Some(dense), parted].into_iter().flatten();
         let found = fits.flat_map(|c| [spaced(c), straight(c)]).find(|c| are_simple(c));
         match found {
-            Some(contours) => Fitted { contours: ordered(contours), n_crossing: first.n_crossing, n_parted },
+            Some(contours) => {
+                let n_kept = contours.iter().filter(|c| first.contours.contains(c)).count();
+                Fitted { contours: ordered(contours), n_crossing: n_kept.min(first.n_crossing), n_parted }
+            }
             None => {
                 Fitted { contours: first.contours.clone(), n_crossing: first.contours.len(), n_parted: 0 }
             }
@@ -101,6 +104,14 @@ impl Stack<'_> {
             }
         }
         Ok(found)
+    }
+}
+
+fn footing(plane: &Plane, fitted: &Fitted) -> Footing {
+    match (is_image(plane), fitted.n_crossing) {
+        (false, _) => Footing::Made,
+        (true, 0) => Footing::Measured,
+        _ => Footing::Rough,
     }
 }
 
@@ -146,15 +157,16 @@ impl Start {
     /// Outer contours that the image may move and that have no hole.
     fn undivided(&self) -> impl Iterator<Item = &Contour> {
         let holes: Vec<&Contour> = self.contours.iter().filter(|c| !c.is_ccw()).collect();
-        let free = self.contours.iter().zip(&self.free).filter(|(c, free)| **free && c.is_ccw());
-        free.map(|(c, _)| c).filter(move |c| !holes.iter().any(|h| c.contains(h.points[0])))
+        let shown = self.contours.iter().zip(&self.footing);
+        let shown = shown.filter(|(c, footing)| **footing != Footing::Made && c.is_ccw());
+        shown.map(|(c, _)| c).filter(move |c| !holes.iter().any(|h| c.contains(h.points[0])))
     }
 
     fn replace(&mut self, one: &Contour, by: &[Contour]) {
         let Some(at) = self.contours.iter().position(|c| c == one) else { return };
         self.contours.remove(at);
-        self.free.remove(at);
+        self.footing.remove(at);
         self.contours.extend_from_slice(by);
-        self.free.resize(self.contours.len(), true);
+        self.footing.resize(self.contours.len(), Footing::Rough);
     }
 }

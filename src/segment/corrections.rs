@@ -170,7 +170,7 @@ impl Block {
     }
 
     /// Whether a voxel at this place is blocked; a height in the stack frame, a point in LPS.
-    fn holds(&self, z_mm: f64, p: Point3) -> bool {
+    pub(super) fn holds(&self, z_mm: f64, p: Point3) -> bool {
         if let Some([lo, hi]) = self.z_mm {
             return z_mm >= lo - HEIGHT_SLACK_MM && z_mm <= hi + HEIGHT_SLACK_MM;
         }
@@ -218,7 +218,7 @@ impl Drawn {
     }
 
     /// Corners in the stack frame.
-    fn in_stack(&self, volume: &Volume) -> Vec<Point3> {
+    pub(super) fn in_stack(&self, volume: &Volume) -> Vec<Point3> {
         if let (Some(z), Some(points)) = (self.z_mm, &self.points_mm) {
             return points.iter().map(|&[x, y]| Point3::new(x, y, z)).collect();
         }
@@ -318,13 +318,18 @@ fn reach(volume: &Volume) -> String {
     format!("the planes reach from {first:.3} to {last:.3} mm")
 }
 
+/// The plane nearest to a height in the stack frame, mm.
+pub(super) fn nearest_plane(volume: &Volume, z_mm: f64) -> usize {
+    let distance = |k: &usize| (volume.plane_z_mm[*k] - z_mm).abs();
+    (0..volume.dims[2]).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
+}
+
 /// The plane that a polygon lies on, and the polygon in the stack frame.
 fn on_plane(volume: &Volume, drawn: &Drawn, key: &str) -> Result<(usize, Contour), Fault> {
     let points = drawn.in_stack(volume);
-    let distance = |k: usize, p: &Point3| (volume.plane_z_mm[k] - p.z).abs();
-    let nearest = |p: &Point3| (0..volume.dims[2]).min_by(|&a, &b| distance(a, p).total_cmp(&distance(b, p)));
-    let k = points.first().and_then(nearest).unwrap_or_default();
-    if let Some(p) = points.iter().find(|p| distance(k, p) > 0.5 * volume.plane_interval_mm(k)) {
+    let k = points.first().map_or(0, |p| nearest_plane(volume, p.z));
+    let is_off = |p: &&Point3| (volume.plane_z_mm[k] - p.z).abs() > 0.5 * volume.plane_interval_mm(k);
+    if let Some(p) = points.iter().find(is_off) {
         let expected = format!("all corners within half an interval of one plane; {}", reach(volume));
         return Err(fault(key.into(), format!("a corner at z {:.3} mm", p.z), &expected));
     }

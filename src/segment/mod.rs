@@ -30,6 +30,7 @@
 mod bits;
 pub mod candidates;
 pub mod corrections;
+mod doubtful;
 mod error;
 mod follow;
 mod graph;
@@ -206,6 +207,7 @@ fn segment_in(
     let Lumen { grown, polarity, warnings: told } =
         Growth { slab: &slab, params, seeds: &seeds, source }.lumen(task)?;
     warnings.extend(told);
+    warnings.extend(doubtful::warnings(volume, &params.corrections));
     let mask = grown.into_mask(volume.dims);
     let covered = mask.planes();
     if covered.len() < 2 {

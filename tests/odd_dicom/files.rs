@@ -231,6 +231,13 @@ fn truncated_and_damaged() {
             ),
         ),
         (
+            "a mark of items that there is not, of no stated length",
+            |f| f.insert(&[0xfe, 0xff, 0xf1, 0x1f, 0xff, 0xff, 0xff, 0xff]),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (a mark of items is none that there is): copy or export it again",
+            ),
+        ),
+        (
             "an element between the items of a sequence",
             |f| f.insert(b"\x01\x70\x10\x10SQ\0\0\xff\xff\xff\xff\x01\x70\x11\x10UN\0\0\xf0\xff\xff\xff"),
             Err(
@@ -285,7 +292,7 @@ fn a_damaged_file_spoils_the_series_that_it_names_and_all_where_it_names_none() 
     assert_eq!(first, (Ok(told), Verdict::Usable));
     let truncated = "Z3.dcm: truncated: 1052 bytes, its pixels need 1152: copy or export it again".to_owned();
     assert_eq!(second, (Err(truncated), Verdict::Unusable));
-    let unmarked = "Z3.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again";
+    let unmarked = "Z3.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it does not say which series it is of: if it is none of the one that is wanted, take it out of the folder";
     for told in told_of_two_series(|bytes| bytes[..100].to_vec()) {
         assert_eq!(told, (Err(unmarked.to_owned()), Verdict::Unusable));
     }

@@ -46,6 +46,14 @@ impl Damage {
         self.lies_beside(series) || !all.iter().any(|s| self.lies_beside(s))
     }
 
+    /// What is wrong, with a way out where the file may be of any of several series.
+    pub(super) fn into_fault(self, all: &[Series]) -> Error {
+        if all.len() < 2 || self.is_of_one_of(all) {
+            return self.fault;
+        }
+        Error::DamagedBeside { fault: Box::new(self.fault) }
+    }
+
     fn lies_beside(&self, series: &Series) -> bool {
         series.images.iter().any(|image| image.path.parent() == self.path.parent())
     }

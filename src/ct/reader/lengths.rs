@@ -39,6 +39,8 @@ const DEEPEST: usize = 32;
 const LONGEST_VALUE: u32 = 1 << 28;
 /// The most that all of a deflated file but its pixels may inflate to, bytes: what states its length nowhere else.
 const MOST_INFLATED: u64 = 1 << 28;
+/// Most bytes of a pixel: three samples of 32 bits.
+const MOST_PIXEL_BYTES: u64 = 12;
 /// Longest offset table, bytes: one entry for each of a million frames.
 const LONGEST_TABLE: u32 = 1 << 22;
 
@@ -220,6 +222,8 @@ struct Walk<'a> {
     cuts: Vec<Range<u64>>,
     /// Every SeriesInstanceUID of the data set itself; a sound file has one.
     series: Vec<Vec<u8>>,
+    /// Frames, rows and columns that a deflated file states, before its pixels.
+    image: [u64; 3],
 }
 
 impl<'a> Walk<'a> {
@@ -234,6 +238,7 @@ impl<'a> Walk<'a> {
             is_table_read: false,
             cuts: Vec::new(),
             series: Vec::new(),
+            image: [1, 0, 0],
         }
     }
 
@@ -304,6 +309,8 @@ impl<'a> Walk<'a> {
             (_, ITEM | ITEM_END | SEQUENCE_END) => {
                 Err(damaged(self.path, "an item stands outside of a sequence"))
             }
+            // Without a VR, as items are, and yet none: its length would be taken for one of any kind.
+            (_, Tag(0xfffe, _)) => Err(damaged(self.path, "a mark of items is none that there is")),
             _ => self.visit_value(element, encoding),
         }
     }
@@ -319,6 +326,9 @@ impl<'a> Walk<'a> {
                 self.series.push(uid);
                 Ok(())
             }
+            tags::NUMBER_OF_FRAMES | tags::ROWS | tags::COLUMNS if self.is_inflated_value(element) => {
+                self.image_side(element)
+            }
             _ if element.length > LONGEST_VALUE => {
                 self.check_within(element)?;
                 Err(damaged(self.path, "an element of its header has more than 256 MiB"))
@@ -328,6 +338,34 @@ impl<'a> Walk<'a> {
                 self.skip_value(element)
             }
         }
+    }
+
+    /// Whether it is a short value of an inflated data set itself.
+    fn is_inflated_value(&self, element: &Element) -> bool {
+        let is_inflated = matches!(self.input, Input::Inflated(_));
+        is_inflated && self.levels.is_empty() && element.length <= LONGEST_UID
+    }
+
+    fn image_side(&mut self, element: &Element) -> Result<(), Error> {
+        self.check_whole(element)?;
+        let bytes = self.read_bytes(element.length as usize)?;
+        let text = || std::str::from_utf8(&bytes).ok()?.trim_matches(['\0', ' ']).parse().ok();
+        let word = || Some(u16::from_le_bytes(*bytes.first_chunk()?).into());
+        match element.tag {
+            tags::ROWS => self.image[1] = word().unwrap_or(0),
+            tags::COLUMNS => self.image[2] = word().unwrap_or(0),
+            _ => self.image[0] = text().unwrap_or(1),
+        }
+        Ok(())
+    }
+
+    /// A few bytes may inflate to as many pixels as an element can claim: more than the image's are not waited for.
+    fn check_inflated_pixels(&self, element: &Element) -> Result<(), Error> {
+        let most = self.image.iter().fold(MOST_PIXEL_BYTES, |n, side| n.saturating_mul(*side));
+        if matches!(self.input, Input::Inflated(_)) && u64::from(element.length) > most {
+            return Err(damaged(self.path, "its pixels have more bytes than its rows and columns may have"));
+        }
+        Ok(())
     }
 
     /// Of a value of numbers the library takes those that are whole, and would go on in the middle of what is left.
@@ -369,6 +407,9 @@ impl<'a> Walk<'a> {
                 self.pixels = Some(Pixels::Fragments { offsets: Vec::new(), fragments: Vec::new() });
             }
             return self.enter(element, encoding, LevelKind::Fragments);
+        }
+        if is_outermost {
+            self.check_inflated_pixels(element)?;
         }
         let start = self.position;
         self.skip_value(element)?;

@@ -86,7 +86,7 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
         Err(_) => damages.into_iter().partition(|d| !d.is_of_one_of(&all)),
     };
     if let Some(damage) = own.into_iter().next() {
-        return Err(damage.fault);
+        return Err(damage.into_fault(&all));
     }
     let series = choose(path, &all, options.choice)?;
     warnings.extend(left_out("ct.damaged_elsewhere", elsewhere.len(), "damaged file(s) of other series"));

@@ -74,6 +74,17 @@ const LEAST_CONTRAST: f64 = 0.3;
 /// From a median of absolute deviations to a standard deviation.
 const DEVIATION: f64 = 1.4826;
 
+/// What a contour is that the fit starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Footing {
+    /// Made where the image shows none: it stays.
+    Made,
+    /// Moved to the edge in the image: its details are the image's.
+    Measured,
+    /// Cut, or not moved to the edge: what it has of details are none.
+    Rough,
+}
+
 /// What the fit starts from on one plane.
 #[derive(Debug, Clone)]
 pub(super) struct Start {
@@ -81,8 +92,8 @@ pub(super) struct Start {
     pub(super) k: usize,
     pub(super) z_mm: f64,
     pub(super) contours: Vec<Contour>,
-    /// Whether the image may move the contour.
-    pub(super) free: Vec<bool>,
+    /// What each contour is.
+    pub(super) footing: Vec<Footing>,
     pub(super) levels: Levels,
 }
 
@@ -547,11 +558,18 @@ fn align_centres(planes: &mut [Plane], circle: &Circle) {
 
 impl Plane {
     fn new(start: &Start, around: &[Contour], scan: &Scan<'_>, circle: &Circle) -> Self {
-        let outline = |(contour, free): (&Contour, &bool)| match Ring::of(contour, circle) {
-            Some(ring) if *free => Outline::Free(ring),
-            _ => Outline::Fixed(contour.clone()),
+        let ring = |contour: &Contour, footing: &Footing| match footing {
+            Footing::Made => None,
+            Footing::Measured => Ring::of(contour, circle),
+            // What is smaller than the blur is no detail that the image shows.
+            Footing::Rough => {
+                Ring::of(contour, circle).or_else(|| Ring::roughly(contour, circle, scan.optics.blur_mm))
+            }
         };
-        let outlines: Vec<Outline> = start.contours.iter().zip(&start.free).map(outline).collect();
+        let outline = |(contour, footing): (&Contour, &Footing)| {
+            ring(contour, footing).map_or_else(|| Outline::Fixed(contour.clone()), Outline::Free)
+        };
+        let outlines: Vec<Outline> = start.contours.iter().zip(&start.footing).map(outline).collect();
         let [sx, sy] = scan.volume.pixel_spacing_xy_mm;
         let margin = scan.optics.wall_mm
             + (EDGE_REACH + LIMIT_BLURS) * scan.optics.blur_mm

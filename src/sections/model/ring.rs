@@ -2,6 +2,8 @@
 
 use super::harmonics::Circle;
 use crate::geom::{Contour, Point2, Vector2};
+use crate::sections::curve::{gaussian, smoothed_closed};
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 /// A ray that meets the contour at a flatter angle than this cosine makes no good coordinate.
@@ -10,6 +12,11 @@ const LEAST_COSINE: f64 = 0.15;
 const LIKE_AREA: f64 = 3.0;
 /// Bends of the contours along the vessel are taken into account up to this part of the radius over a slab.
 const MOST_TRAVEL: f64 = 0.8;
+/// A contour that no centre sees whole is seen without its details, smoothed over these parts of what may go, the least first.
+const ROUGHNESS: [f64; 4] = [0.5, 0.7, 1.0, 1.4];
+/// Points of it on the shortest of these lengths.
+const POINTS_PER_LENGTH: f64 = 4.0;
+const MOST_POINTS: f64 = 4096.0;
 
 /// A closed curve that every ray from its centre meets once.
 #[derive(Debug, Clone)]
@@ -27,6 +34,23 @@ impl Ring {
         let points = if is_hole { contour.reversed().points } else { contour.points.clone() };
         let centre = contour.centroid();
         Self::around(&points, centre, circle).map(|radii| Self { centre, radii, is_hole })
+    }
+
+    /// The contour without details, where these alone hide parts of it: a cut's corners, the noise's bumps. `None` where it
+    /// would have to move by more than `detail_mm`.
+    pub(super) fn roughly(contour: &Contour, circle: &Circle, detail_mm: f64) -> Option<Self> {
+        let length_mm = contour.perimeter_mm();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let n =
+            (POINTS_PER_LENGTH * length_mm / (ROUGHNESS[0] * detail_mm)).clamp(48.0, MOST_POINTS) as usize;
+        let fine: Vec<Vector2> = contour.resampled(n).points.iter().map(|p| p.coords).collect();
+        ROUGHNESS.iter().find_map(|part| {
+            let kernel = gaussian(part * detail_mm * n as f64 / length_mm);
+            let smooth = smoothed_closed(&fine, &kernel);
+            let moved = fine.iter().zip(&smooth).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            let smooth = Contour::new(smooth.into_iter().map(Point2::from).collect());
+            (moved <= detail_mm).then(|| Self::of(&smooth, circle))?
+        })
     }
 
     /// The same curve seen from another centre.
@@ -123,6 +147,18 @@ impl Outline {
             Self::Fixed(_) => None,
         }
     }
+
+    /// The ring, or the disk of the same area.
+    fn stand_in(&self, circle: &Circle) -> Cow<'_, Ring> {
+        match self {
+            Self::Free(ring) => Cow::Borrowed(ring),
+            Self::Fixed(contour) => {
+                let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
+                let radii = vec![radius_mm; circle.len()];
+                Cow::Owned(Ring { centre: contour.centroid(), radii, is_hole: !contour.is_ccw() })
+            }
+        }
+    }
 }
 
 /// Place of a contour: plane, then contour of the plane.
@@ -151,11 +187,11 @@ pub(super) fn runs(planes: &[Vec<Outline>], circle: &Circle) -> Vec<Vec<At>> {
     done
 }
 
-/// Pairs of rings of two planes that overlap each other and no other ring.
+/// Pairs of rings of two planes that overlap each other and nothing else, be it a ring or not.
 fn followers(lower: &[Outline], upper: &[Outline], circle: &Circle) -> Vec<(usize, usize)> {
-    let meets = |a: &Outline, b: &Outline| match (a.ring(), b.ring()) {
-        (Some(a), Some(b)) => a.is_hole == b.is_hole && a.overlaps(b, circle),
-        _ => false,
+    let meets = |a: &Outline, b: &Outline| {
+        let (a, b) = (a.stand_in(circle), b.stand_in(circle));
+        a.is_hole == b.is_hole && a.overlaps(&b, circle)
     };
     let only = |of: &Outline, others: &[Outline], first: bool| {
         let mut found =
@@ -237,14 +273,57 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_crescent_is_no_ring() {
+    fn crescent() -> Contour {
         let point = |i: i32| {
             let (t, outer) = (f64::from(i % 40) / 39.0, i < 40);
             let (angle, r) = if outer { (5.0 * t, 3.0) } else { (5.0 * (1.0 - t), 2.0) };
             Point2::new(r * angle.cos(), r * angle.sin())
         };
-        assert!(Ring::of(&Contour::new((0..80).map(point).collect()), &Circle::new(64)).is_none());
+        Contour::new((0..80).map(point).collect())
+    }
+
+    #[test]
+    fn a_crescent_is_no_ring() {
+        assert!(Ring::of(&crescent(), &Circle::new(64)).is_none());
+    }
+
+    /// A circle of 2 mm with a square lug of 0.6 mm and a given length.
+    fn with_lug(depth_mm: f64) -> Contour {
+        let (r, half) = (2.0_f64, 0.3_f64);
+        let turn = (half / r).asin();
+        let arc = (0..=160).map(|i| turn + (TAU - 2.0 * turn) * f64::from(i) / 160.0);
+        let mut points: Vec<Point2> = arc.map(|t| Point2::new(r * t.cos(), r * t.sin())).collect();
+        points.extend([Point2::new(r + depth_mm, -half), Point2::new(r + depth_mm, half)]);
+        Contour::new(points)
+    }
+
+    #[test]
+    fn corners_of_a_cut_do_not_hide_a_contour() {
+        let circle = Circle::new(64);
+        let contour = with_lug(0.3);
+        assert!(Ring::of(&contour, &circle).is_none());
+        let ring = Ring::roughly(&contour, &circle, 0.35).unwrap();
+        for (j, p) in ring.points(&circle).iter().enumerate() {
+            assert!((p.coords.norm() - 2.0).abs() < 0.35, "{j}: {p}");
+        }
+    }
+
+    #[test]
+    fn what_is_larger_than_a_detail_is_no_ring() {
+        let circle = Circle::new(64);
+        assert!(Ring::roughly(&with_lug(0.3), &circle, 0.02).is_none());
+        assert!(Ring::roughly(&crescent(), &circle, 0.35).is_none());
+    }
+
+    #[test]
+    fn a_split_ends_a_run_where_one_branch_is_no_ring() {
+        let circle = Circle::new(64);
+        let ring = |x: f64, r: f64| {
+            Outline::Free(Ring::of(&Contour::circle(Point2::new(x, 0.0), r, 200), &circle).unwrap())
+        };
+        let fixed = Outline::Fixed(Contour::circle(Point2::new(1.9, 0.0), 1.2, 200));
+        let planes = [vec![ring(0.0, 2.5)], vec![ring(-1.0, 1.6), fixed]];
+        assert_eq!(runs(&planes, &circle), [vec![(0, 0)], vec![(1, 0)]]);
     }
 
     #[test]

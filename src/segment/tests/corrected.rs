@@ -58,6 +58,65 @@ fn a_seed_that_a_correction_takes_away_is_told_which_one() {
     assert!(text.contains("outside the contour drawn for its plane (segment.contour, z 0.000 mm)"), "{text}");
 }
 
+/// Codes and texts of what is told of corrections.
+fn told(volume: &Volume, corrections: &str) -> Vec<(String, String)> {
+    let corrections = toml::from_str(corrections).unwrap();
+    let found = run(volume, &corrected(corrections)).unwrap();
+    let of_corrections =
+        |w: &&Warning| ["segment.block_outside", "segment.contour_off_plane"].contains(&&*w.code);
+    found.warnings.iter().filter(of_corrections).map(|w| (w.code.clone(), w.text.clone())).collect()
+}
+
+#[test]
+fn blocks_beside_the_image_are_told() {
+    let mut volume = joined();
+    let outside = [
+        "box_mm = [[900, 900, 900], [901, 901, 901]]",
+        // Between two rows, and between two planes.
+        "box_mm = [[-5, 3.3, -9], [90, 3.4, 9]]",
+        "box_mm = [[-5, -5, 1.1], [90, 90, 1.9]]",
+        "z_mm = [5, 9]",
+        "z_mm = [1.2, 1.8]",
+        "point_mm = [0, 0, 4]\nnormal = [0, 0, 1]",
+    ];
+    let inside = [
+        "box_mm = [[23.6, 13.8, 5], [23.9, 13.7, 3.5]]",
+        "z_mm = [4, 4]",
+        "point_mm = [0, 13.7, 0]\nnormal = [0, 1, 0]",
+    ];
+    let blocks: String = outside.iter().chain(&inside).map(|b| format!("[[block]]\n{b}\n")).collect();
+    let found = told(&volume, &blocks);
+    let named: Vec<bool> = (1..=9)
+        .map(|n| {
+            found.iter().any(|(_, text)| text.starts_with(&format!("segment.block[{n}] holds no voxel")))
+        })
+        .collect();
+    assert_eq!(named, [true, true, true, true, true, true, false, false, false], "{found:?}");
+    assert!(found.iter().all(|(code, _)| code == "segment.block_outside"));
+    // Stack x is patient y, y is z, z is x: what lies beside the image there lies in it here.
+    volume.patient_from_stack =
+        RigidTransform::from_axes(Point3::origin(), Vector3::y(), Vector3::z(), Vector3::x());
+    let block = "[[block]]\nbox_mm = [[3.5, 23.6, 13.8], [5, 23.9, 13.7]]\n";
+    let params = Params {
+        seeds_patient_mm: vec![Point3::new(0.0, 8.0, 7.0)],
+        ..corrected(toml::from_str(block).unwrap())
+    };
+    assert!(run(&volume, &params).unwrap().warnings.iter().all(|w| w.code != "segment.block_outside"));
+}
+
+#[test]
+fn a_contour_between_two_planes_is_told_with_the_plane_it_was_taken_for() {
+    let at = |z: f64| {
+        let points = "[[6, 5], [10, 5], [10, 9], [6, 9]]";
+        told(&joined(), &format!("[[contour]]\nz_mm = {z}\npoints_mm = {points}\n"))
+    };
+    assert_eq!(at(1.0), []);
+    assert_eq!(at(1.01), []);
+    let text =
+        "segment.contour[1] lies 0.400 mm off the nearest plane, z 1.000 mm, whose contour it was taken for";
+    assert_eq!(at(1.4), [("segment.contour_off_plane".to_owned(), text.to_owned())]);
+}
+
 #[test]
 fn blocks_are_patient_coordinates() {
     let mut volume = joined();

@@ -494,12 +494,9 @@ fn an_inspection_prints_as_a_table_without_identifiers() {
     assert!(![text, json].iter().any(|t| t.contains("2.25.") || t.contains("PHANTOM")));
 }
 
-#[test]
-fn a_deflated_file_may_not_inflate_to_any_size() {
+/// Writes a deflated file of elements whose values are zeros, or what is given.
+fn deflated_file(place: &Path, elements: &[(u16, u16, &[u8; 2], u32, &[u8])]) -> PathBuf {
     use std::io::{Read as _, Write as _};
-    let element = |group: u16, number: u16, vr: &[u8; 2], length: u32| {
-        [&group.to_le_bytes()[..], &number.to_le_bytes(), vr, &[0, 0], &length.to_le_bytes()].concat()
-    };
     let syntax = b"1.2.840.10008.1.2.1.99";
     let mut file = vec![0; 128];
     file.extend(b"DICM\x02\x00\x00\x00UL\x04\x00");
@@ -507,15 +504,67 @@ fn a_deflated_file_may_not_inflate_to_any_size() {
     file.extend(b"\x02\x00\x10\x00UI\x16\x00");
     file.extend(syntax);
     let mut deflated = flate2::write::DeflateEncoder::new(file, flate2::Compression::fast());
-    // Each within what an element may have, all together not within what a header may.
-    let length = 90 << 20;
-    for number in 0x1001..0x1005 {
-        deflated.write_all(&element(0x0009, number, b"OB", length)).unwrap();
-        std::io::copy(&mut std::io::repeat(0).take(length.into()), &mut deflated).unwrap();
+    for (group, number, vr, length, value) in elements {
+        deflated.write_all(&[&group.to_le_bytes()[..], &number.to_le_bytes(), *vr].concat()).unwrap();
+        match *vr {
+            b"OB" => deflated.write_all(&[&[0, 0], &length.to_le_bytes()[..]].concat()).unwrap(),
+            _ => deflated.write_all(&u16::try_from(*length).unwrap().to_le_bytes()).unwrap(),
+        }
+        deflated.write_all(value).unwrap();
+        let rest = u64::from(*length) - value.len() as u64;
+        std::io::copy(&mut std::io::repeat(0).take(rest), &mut deflated).unwrap();
     }
-    let place = tempfile::tempdir().unwrap();
-    let path = place.path().join("bomb.dcm");
+    let path = place.join("bomb.dcm");
     fs::write(&path, deflated.finish().unwrap()).unwrap();
-    let refused = lengths::check(&path).unwrap_err().to_string();
+    path
+}
+
+#[test]
+fn a_deflated_file_may_not_inflate_to_any_size() {
+    let place = tempfile::tempdir().unwrap();
+    // Each within what an element may have, all together not within what a header may.
+    let elements: Vec<_> = (0x1001..0x1005).map(|n| (0x0009, n, b"OB", 90 << 20, &[][..])).collect();
+    let refused = lengths::check(&deflated_file(place.path(), &elements)).unwrap_err().to_string();
     assert!(refused.contains("its deflated elements inflate beyond any header's length"), "{refused}");
+}
+
+#[test]
+fn deflated_pixels_have_no_more_bytes_than_rows_and_columns_may_have() {
+    let place = tempfile::tempdir().unwrap();
+    let of = |rows: u8, length: u32| {
+        let elements = [
+            (0x0028, 0x0008, b"IS", 2, &b"2 "[..]),
+            (0x0028, 0x0010, b"US", 2, &[rows, 0][..]),
+            (0x0028, 0x0011, b"US", 2, &[64, 0][..]),
+            (0x7fe0, 0x0010, b"OB", length, &[][..]),
+        ];
+        lengths::check(&deflated_file(place.path(), &elements))
+    };
+    assert!(of(64, 2 * 64 * 64 * 12).is_ok());
+    let refused = of(64, 2 * 64 * 64 * 12 + 2).unwrap_err().to_string();
+    assert!(refused.contains("its pixels have more bytes than its rows and columns may have"), "{refused}");
+    assert!(of(0, 2).is_err());
+}
+
+#[test]
+fn marks_of_items_that_there_are_not_are_refused() {
+    let refused = |mark: [u8; 4]| {
+        let mut bytes = vec![0; 128];
+        bytes.extend(b"DICM\x02\x00\x00\x00UL\x04\x00\x1c\x00\x00\x00");
+        bytes.extend(b"\x02\x00\x10\x00UI\x14\x001.2.840.10008.1.2.1\x00");
+        // A sequence, an item, an element, the mark, the end of a sequence: all of no stated length.
+        bytes.extend(b"\x06\x30\x20\x00SQ\x00\x00\xff\xff\xff\xff\xfe\xff\x00\xe0\xff\xff\xff\xff");
+        bytes.extend(b"\x06\x30\x22\x00IS\x02\x001 ");
+        bytes.extend([&mark[..], &[0xff; 4]].concat());
+        bytes.extend(b"\xfe\xff\xdd\xe0\x00\x00\x00\x00");
+        bytes.extend(b"\xfe\xff\x0d\xe0\x00\x00\x00\x00\xfe\xff\xdd\xe0\x00\x00\x00\x00");
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("marks.dcm");
+        fs::write(&path, bytes).unwrap();
+        lengths::check(&path).unwrap_err().to_string()
+    };
+    for number in [[0xf1, 0x1f], [0x00, 0x00], [0x0e, 0xe0]] {
+        let text = refused([0xfe, 0xff, number[0], number[1]]);
+        assert!(text.contains("a mark of items is none that there is"), "{text}");
+    }
 }

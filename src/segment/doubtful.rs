@@ -1,0 +1,71 @@
+//! Corrections that can be followed but hardly do what was meant: blocks beside the image, polygons between two planes.
+
+use super::corrections::{Block, Corrections, Drawn, nearest_plane};
+use crate::ct::{Volume, Warning};
+use crate::geom::Point3;
+
+/// A polygon further off its plane than this part of the planes' distance was meant for another height.
+const OFF_PLANE: f64 = 0.02;
+
+/// What is to be told of corrections that were resolved.
+pub(super) fn warnings(volume: &Volume, corrections: &Corrections) -> Vec<Warning> {
+    let blocks = (1..).zip(&corrections.block).filter(|(_, block)| !holds_any(block, volume));
+    let blocks = blocks.map(|(n, _)| {
+        let text = format!("segment.block[{n}] holds no voxel of the image and keeps nothing out: check its numbers (box_mm and point_mm are LPS, z_mm runs along the stack's normal)");
+        Warning::new("segment.block_outside", text)
+    });
+    let contours = (1..)
+        .zip(&corrections.contour)
+        .filter_map(|(n, drawn)| off_plane(&format!("segment.contour[{n}]"), drawn, volume));
+    blocks.chain(contours).collect()
+}
+
+fn off_plane(key: &str, drawn: &Drawn, volume: &Volume) -> Option<Warning> {
+    let corners = drawn.in_stack(volume);
+    let k = nearest_plane(volume, corners.first()?.z);
+    let plane_z_mm = volume.plane_z_mm[k];
+    let off_mm = corners.iter().map(|p| (p.z - plane_z_mm).abs()).fold(0.0, f64::max);
+    let text = format!(
+        "{key} lies {off_mm:.3} mm off the nearest plane, z {plane_z_mm:.3} mm, whose contour it was taken for"
+    );
+    (off_mm > OFF_PLANE * volume.plane_interval_mm(k))
+        .then(|| Warning::new("segment.contour_off_plane", text))
+}
+
+/// Whether any voxel's centre is blocked. A row of voxels is a line, which a block holds from one place to another.
+fn holds_any(block: &Block, volume: &Volume) -> bool {
+    let [nx, ny, nz] = volume.dims;
+    let at = |i: usize, j: usize, k: usize| {
+        let in_stack = volume.stack_from_voxel(i as f64, j as f64, k);
+        (in_stack.z, volume.patient_from_stack.apply(in_stack))
+    };
+    if let Some(corners) = block.box_mm {
+        let rows = || (0..nz).flat_map(|k| (0..ny).map(move |j| (j, k)));
+        return nx > 0 && rows().any(|(j, k)| is_met(corners, at(0, j, k).1, at(nx - 1, j, k).1, nx - 1));
+    }
+    // Planes and half-spaces reach to a corner of the image, if to any voxel; planes in the middle are looked at each.
+    let ends = |n: usize| [0, n.saturating_sub(1)];
+    let corner = |k: usize| ends(nx).into_iter().flat_map(move |i| ends(ny).map(move |j| (i, j, k)));
+    (0..nz).flat_map(corner).any(|(i, j, k)| {
+        let (z_mm, p) = at(i, j, k);
+        block.holds(z_mm, p)
+    })
+}
+
+/// Whether one of the points that divide a line into `n` equal parts, its ends included, lies in a box of two opposite corners.
+fn is_met([a, b]: [[f64; 3]; 2], from: Point3, to: Point3, n: usize) -> bool {
+    let mut range = [0.0, n as f64];
+    for d in 0..3 {
+        let (low, high) = (a[d].min(b[d]), a[d].max(b[d]));
+        let step = (to[d] - from[d]) / (n as f64).max(1.0);
+        if step.abs() < 1e-12 {
+            if from[d] < low || from[d] > high {
+                return false;
+            }
+            continue;
+        }
+        let [s, t] = [(low - from[d]) / step, (high - from[d]) / step];
+        range = [range[0].max(s.min(t)), range[1].min(s.max(t))];
+    }
+    range[0].ceil() <= range[1].floor()
+}
