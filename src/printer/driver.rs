@@ -9,7 +9,6 @@
 use super::Error;
 use super::control::Controls;
 use super::job::Job;
-use super::journal::Record;
 use super::journal::writer::{Flush, Journal};
 use super::link::Link;
 use super::protocol::{Event, Fault, Instant, Stats};

@@ -494,8 +494,11 @@ fn an_inspection_prints_as_a_table_without_identifiers() {
     assert!(![text, json].iter().any(|t| t.contains("2.25.") || t.contains("PHANTOM")));
 }
 
+/// Group, element, kind of value, its length as it is said, value.
+type Element<'a> = (u16, u16, &'a [u8; 2], u32, &'a [u8]);
+
 /// Writes a deflated file of elements whose values are zeros, or what is given.
-fn deflated_file(place: &Path, elements: &[(u16, u16, &[u8; 2], u32, &[u8])]) -> PathBuf {
+fn deflated_file(place: &Path, elements: &[Element<'_>]) -> PathBuf {
     use std::io::{Read as _, Write as _};
     let syntax = b"1.2.840.10008.1.2.1.99";
     let mut file = vec![0; 128];

@@ -174,7 +174,7 @@ fn assert_as_the_table_says(rig: &mut Rig, phase: Phase, trouble: Trouble, n_sen
         Action::GoOn => {
             assert!(matches!(rig.run(), End::Finished), "{what}");
             assert!(rig.events.iter().any(|e| matches!(e, PrintEvent::WentOn { .. })), "{what}");
-            assert!(is_same(&rig.laid, &clean(&self::setup())), "{what}");
+            assert!(is_same(&rig.laid, &clean(&setup())), "{what}");
         }
         Action::Pause => {
             assert!(rig.run_until(|rig| *rig.session.core.state() == State::Paused), "{what}");
