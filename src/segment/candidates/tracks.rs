@@ -4,6 +4,7 @@ use super::super::graph::root;
 use super::super::levels::median;
 use super::blobs::Blob;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Sections of neighbouring planes belong together where their middles lie closer than this part of the sum of
 /// their radii,
@@ -74,21 +75,34 @@ pub(super) fn of(by_plane: &[Vec<Blob>], z_mm: &[f64], sign: f64) -> Vec<Track> 
     for blobs in by_plane {
         starts.push(starts[starts.len() - 1] + blobs.len());
     }
-    for w in starts.windows(3) {
-        for a in w[0]..w[1] {
-            for b in w[1]..w[2] {
-                if continues(&all[a].1, &all[b].1) {
-                    let (a, b) = (root(&mut above, a), root(&mut above, b));
-                    above[a.max(b)] = a.min(b);
-                }
-            }
-        }
+    for (a, b) in links(&all, &starts) {
+        let (a, b) = (root(&mut above, a), root(&mut above, b));
+        above[a.max(b)] = a.min(b);
     }
     let mut members: BTreeMap<usize, Vec<(usize, Blob)>> = BTreeMap::new();
     for (n, section) in all.iter().enumerate() {
         members.entry(root(&mut above, n)).or_default().push(*section);
     }
     members.into_values().filter_map(|sections| Track::try_new(sections, z_mm, sign)).collect()
+}
+
+/// Sections that continue each other, those of plane k being `starts[k]..starts[k + 1]`: in neighbouring planes, and over one plane
+/// in which noise has spoilt the section.
+fn links(all: &[(usize, Blob)], starts: &[usize]) -> Vec<(usize, usize)> {
+    let pairs = |from: &Range<usize>, to: &Range<usize>| -> Vec<(usize, usize)> {
+        let all_pairs = from.clone().flat_map(|a| to.clone().map(move |b| (a, b)));
+        all_pairs.filter(|&(a, b)| continues(&all[a].1, &all[b].1)).collect()
+    };
+    let planes: Vec<Range<usize>> = starts.windows(2).map(|w| w[0]..w[1]).collect();
+    let mut found: Vec<(usize, usize)> = planes.windows(2).flat_map(|w| pairs(&w[0], &w[1])).collect();
+    let mut goes_on = vec![[false; 2]; all.len()];
+    for &(a, b) in &found {
+        (goes_on[a][1], goes_on[b][0]) = (true, true);
+    }
+    for w in planes.windows(3) {
+        found.extend(pairs(&w[0], &w[2]).into_iter().filter(|&(a, b)| !goes_on[a][1] && !goes_on[b][0]));
+    }
+    found
 }
 
 fn continues(a: &Blob, b: &Blob) -> bool {

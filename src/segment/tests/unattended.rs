@@ -257,3 +257,18 @@ proptest! {
         prop_assert_eq!(again, found);
     }
 }
+
+/// Noise spoils its section in single planes, at every level that tells it from the wall.
+#[test]
+fn a_faint_tube_is_followed_over_planes_that_noise_has_spoilt() {
+    let tube = Tube {
+        at: [30.068744203316196, 27.65949795730659],
+        bend: [-1.7076760990926807, -2.6676753444496617],
+        radius: 2.7265723847589154,
+        contrast: 200.0,
+        bone_at: 52.0,
+        in_air: true,
+    };
+    let found = find_unattended(&tube.volume(), &Params::default(), &Task::quiet()).unwrap();
+    assert_eq!(found.segmentation.mask.planes(), 0..N[2], "{:?}", found.candidates);
+}
