@@ -44,8 +44,14 @@ impl Keys {
         let work = move || {
             let mut keyboard = Keyboard::default();
             while !ends.load(Ordering::Relaxed) {
-                let pressed = read_key().and_then(|key| keyboard.pressed(key));
-                pressed.into_iter().for_each(|control| controls.ask(control));
+                let Some(key) = read_key() else {
+                    keyboard.idle();
+                    continue;
+                };
+                keyboard.pressed(key).into_iter().for_each(|control| controls.ask(control));
+                if keyboard.is_cancelling {
+                    super::face::say("x once more within 5 seconds cancels the print for good");
+                }
             }
         };
         // Without a thread there is nobody to listen, but still a terminal to put back.
@@ -99,11 +105,25 @@ fn read_key() -> Option<u8> {
 struct Keyboard {
     /// Whether the last key was the one that cancels: pressed by mistake, it would cost the print.
     is_cancelling: bool,
+    /// Looks since then that found no key.
+    n_idle: u32,
 }
 
+/// Looks without a key, a tenth of a second each or more, after which a key that cancels stands alone.
+const FORGOTTEN: u32 = 50;
+
 impl Keyboard {
+    /// No key was pressed.
+    const fn idle(&mut self) {
+        self.n_idle += 1;
+        if self.n_idle >= FORGOTTEN {
+            self.is_cancelling = false;
+        }
+    }
+
     fn pressed(&mut self, key: u8) -> Option<Control> {
         let is_again = std::mem::take(&mut self.is_cancelling);
+        self.n_idle = 0;
         Some(match key {
             b'p' | b'P' => Control::Pause,
             b'c' | b'C' => Control::GoOn,
@@ -139,5 +159,10 @@ mod tests {
         assert_eq!(asked(b"x"), []);
         assert_eq!(asked(b"xpx"), [Control::Pause]);
         assert_eq!(asked(b"xxx"), [Control::Stop]);
+        let mut keyboard = Keyboard::default();
+        keyboard.pressed(b'x');
+        (0..FORGOTTEN).for_each(|_| keyboard.idle());
+        assert_eq!(keyboard.pressed(b'x'), None, "that was long ago");
+        assert_eq!(keyboard.pressed(b'x'), Some(Control::Stop));
     }
 }

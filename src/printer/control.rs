@@ -1,6 +1,7 @@
 //! What the operator asks for while a print runs, on its way from a face to the driver.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// More than this at once is a key that is stuck.
@@ -23,12 +24,28 @@ pub enum Control {
 
 /// Wishes on their way: the faces put them in, the driver takes them out. Clones are the same.
 #[derive(Debug, Clone, Default)]
-pub struct Controls(Arc<Mutex<VecDeque<Control>>>);
+pub struct Controls(Arc<Shared>);
+
+#[derive(Debug, Default)]
+struct Shared {
+    waiting: Mutex<VecDeque<Control>>,
+    is_heard: AtomicBool,
+}
+
+/// Wishes are heard as long as this lives.
+#[derive(Debug)]
+pub struct Hearing(Controls);
+
+impl Drop for Hearing {
+    fn drop(&mut self) {
+        self.0.0.is_heard.store(false, Ordering::Relaxed);
+    }
+}
 
 impl Controls {
     /// Asks for something. Beyond sixteen that wait nothing is taken, but an emergency stop always is, and goes first.
     pub fn ask(&self, control: Control) {
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut waiting = self.0.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         if control == Control::EmergencyStop {
             waiting.push_front(control);
         } else if waiting.len() < MAX_WAITING {
@@ -40,18 +57,37 @@ impl Controls {
     /// What was asked for first.
     #[must_use]
     pub fn take(&self) -> Option<Control> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
+        self.0.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
     }
 
-    /// What was asked for before a print began is not meant for it.
-    pub fn clear(&self) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    /// A print begins: what was asked for before is not meant for it.
+    #[must_use]
+    pub fn hear(&self) -> Hearing {
+        self.0.waiting.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.0.is_heard.store(true, Ordering::Relaxed);
+        Hearing(self.clone())
+    }
+
+    /// Whether a print is under way: a printer may be hot.
+    #[must_use]
+    pub fn are_heard(&self) -> bool {
+        self.0.is_heard.load(Ordering::Relaxed)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn wishes_are_heard_while_a_print_is_under_way() {
+        let controls = Controls::default();
+        controls.ask(Control::Stop);
+        let hearing = controls.hear();
+        assert_eq!((controls.take(), controls.clone().are_heard()), (None, true));
+        drop(hearing);
+        assert!(!controls.are_heard());
+    }
 
     #[test]
     fn an_emergency_stop_goes_before_all_that_waits() {

@@ -101,7 +101,7 @@ pub async fn run<R: BufRead + Seek, L: Link>(
     let stream = link.open().await?;
     let clock = Clock::start();
     let session = Session::new(order.job, profile, order.start, clock.now());
-    order.controls.clear();
+    let _hearing = order.controls.hear();
     let mut driver = Driver::new(session, order.journal, clock, events, cancel);
     driver.controls = order.controls;
     let end = driver.serve(stream, &mut link).await;

@@ -63,10 +63,18 @@ pub enum Error {
     /// The journal cannot be used.
     #[error(transparent)]
     Journal(#[from] journal::Error),
+    /// Another process prints this very job.
+    #[error(
+        "{job}: is being printed by another lumenfab; wait for its end, or stop that one; a copy of the job can be printed elsewhere"
+    )]
+    BeingPrinted {
+        /// The job.
+        job: String,
+    },
     /// The job is not the one of the journal.
     #[error(
         "{job}: found another job than the journal {journal} tells of, expected the same bytes; free the bed and begin the new one \
-         with `lumenfab print --anew`"
+         with `lumenfab print --anew`; if the printer is hot, `lumenfab safe-off` switches its heaters off"
     )]
     OtherJob {
         /// The job.
@@ -83,7 +91,9 @@ pub enum Error {
         heat: Heat,
     },
     /// The print cannot go on, which the journal tells; the printer was not asked.
-    #[error("not resumed: {0}")]
+    #[error(
+        "not resumed: {0}; nothing was sent to the printer: if it is hot, `lumenfab safe-off` switches its heaters off"
+    )]
     NotResumable(#[from] Refusal),
     /// The print cannot go on, which the printer has told; its heaters were switched off.
     #[error("not resumed: {refusal}; {heat}")]
@@ -183,6 +193,7 @@ impl Error {
             Self::Open { problem: PortProblem::Ambiguous(_), .. } => "printer.port_ambiguous",
             Self::Open { problem: PortProblem::Other(_), .. } => "printer.port_failed",
             Self::Journal(error) => error.code(),
+            Self::BeingPrinted { .. } => "printer.being_printed",
             Self::OtherJob { .. } => "printer.other_job",
             Self::NeedsConsent { .. } => "printer.resume_needs_consent",
             Self::NotResumable(refusal) | Self::Refused { refusal, .. } => refusal.code(),
@@ -209,6 +220,7 @@ impl Error {
                 "see that the job can be read; `lumenfab resume` then tells whether its print can go on"
             }
             Self::Open { problem, .. } => next_step_of(problem),
+            Self::BeingPrinted { .. } => "wait for its end, or stop that one",
             Self::Journal(_) | Self::OtherJob { .. } => {
                 "free the bed and print the job from its beginning with --anew"
             }

@@ -148,6 +148,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
+        let _lock = self.lock()?;
         self.refuse_unfinished(anew)?;
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
@@ -181,6 +182,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
+        let _lock = self.lock()?;
         let (log, away_s) = (log_of(self.job)?, away_s(self.job));
         let job = self.open_job()?;
         self.check_same(&job, &log)?;
@@ -258,6 +260,18 @@ impl Paper<'_> {
         }
         let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
         Err(Error::Unfinished { job: self.job.display().to_string(), n_done, n_lines })
+    }
+
+    /// The job is this process's own as long as this lives: two prints of one job would write one journal. A file system that knows no
+    /// locks is believed.
+    fn lock(&self) -> Result<Option<File>, Error> {
+        let Ok(file) = File::open(self.job) else { return Ok(None) };
+        match file.try_lock() {
+            Err(std::fs::TryLockError::WouldBlock) => {
+                Err(Error::BeingPrinted { job: self.job.display().to_string() })
+            }
+            Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(Some(file)),
+        }
     }
 
     fn open_job(&self) -> Result<Job<BufReader<File>>, Error> {

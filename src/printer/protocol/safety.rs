@@ -54,6 +54,7 @@ impl Heat {
         match temperatures.are_off() {
             Some(true) => Self::Off(temperatures),
             Some(false) => Self::On(temperatures),
+            None if temperatures.hotend.is_none() && temperatures.bed.is_none() => Self::Unknown(None),
             None => Self::Unknown(Some(temperatures)),
         }
     }
