@@ -61,6 +61,13 @@ pub enum PrintEvent {
     JournalFailed(String),
     /// It can be written again.
     JournalWorks,
+    /// The job's last word leaves heaters on.
+    LeftHot {
+        /// What the nozzle was set to, °C; 0 where it is off.
+        hotend_c: f64,
+        /// The bed.
+        bed_c: f64,
+    },
 }
 
 /// How a session ended.

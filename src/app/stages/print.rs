@@ -472,6 +472,13 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
         PrintEvent::JournalWorks => {
             return Some(("printer.journal_works", "the journal can be written again".to_owned()));
         }
+        PrintEvent::LeftHot { hotend_c, bed_c } => {
+            let text = format!(
+                "the job ends with its heaters on (nozzle {hotend_c:.0} °C, bed {bed_c:.0} °C): `lumenfab safe-off` switches them off; \
+                 firmware with a time-out of its own does so when nothing has moved for the profile's orphan_hold_s"
+            );
+            return Some(("printer.left_hot", text));
+        }
         PrintEvent::Asked(control) => return Some(("printer.asked", asked(*control))),
         PrintEvent::NothingToDo(control) => {
             return Some(("printer.nothing_to_do", nothing_to_do(*control).to_owned()));

@@ -115,6 +115,8 @@ struct Config {
     boot: Duration,
     prelude: Vec<String>,
     postlude: Vec<String>,
+    /// What of it takes the guard of the heaters back.
+    guard_end: Vec<String>,
     safe: Vec<String>,
     /// The firmware's time-out for hosts that are gone.
     guard: Option<guard::Words>,
@@ -209,6 +211,7 @@ impl Core {
             boot: Duration::from_secs_f64(firmware.boot_timeout_s),
             prelude: prelude_of(profile),
             postlude: postlude_of(profile),
+            guard_end: profile.orphan_end_gcode().into_iter().collect(),
             safe: profile.safe_gcode(),
             guard: guard_of(profile),
             firmware,
@@ -464,6 +467,12 @@ impl Core {
         for line in &self.config.prelude {
             self.wire.push(line, Origin::Host);
         }
+    }
+
+    /// The job leaves heaters on: the firmware's own time-out for them is not taken back at its end.
+    pub fn leave_guarded(&mut self) {
+        let taken_back = self.config.guard_end.clone();
+        self.config.postlude.retain(|line| !taken_back.contains(line));
     }
 
     fn end_job(&mut self) {

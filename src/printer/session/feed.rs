@@ -1,7 +1,7 @@
 //! The job's lines on their way to the core, and which of them wait for the journal.
 
 use super::super::protocol::Command;
-use super::Session;
+use super::{PrintEvent, Session};
 use std::io::{BufRead, Seek};
 
 impl<R: BufRead + Seek> Session<R> {
@@ -32,7 +32,10 @@ impl<R: BufRead + Seek> Session<R> {
                 self.recorder.feed(line);
                 self.core.handle_command(self.now, Command::Line(line))
             }
-            Ok(None) => self.core.handle_command(self.now, Command::EndOfJob),
+            Ok(None) => {
+                self.see_heat_left();
+                self.core.handle_command(self.now, Command::EndOfJob)
+            }
             Err(error) => {
                 self.job_error = Some(error);
                 self.core.handle_command(self.now, Command::Cancel)
@@ -40,5 +43,15 @@ impl<R: BufRead + Seek> Session<R> {
         };
         given.expect("a core that wants lines takes these commands");
         true
+    }
+
+    /// A job that ends without switching its heaters off leaves them to the firmware's own time-out, and the operator is told.
+    fn see_heat_left(&mut self) {
+        let modal = self.recorder.modal();
+        let [hotend_c, bed_c] = [modal.hotend_c, modal.bed_c].map(|c| c.unwrap_or(0.0));
+        if hotend_c > 0.0 || bed_c > 0.0 {
+            self.core.leave_guarded();
+            self.events.push_back(PrintEvent::LeftHot { hotend_c, bed_c });
+        }
     }
 }

@@ -501,3 +501,20 @@ fn only_words_about_pauses_tell_who_parks() {
     assert_eq!(parks_itself("notification 12 %"), None);
     assert_eq!(parks_itself("resumed"), Some(false));
 }
+
+#[test]
+fn a_job_that_leaves_its_heaters_on_is_told_and_they_go_off_by_themselves() {
+    for profile in ["marlin", "klipper"] {
+        let mut setup = Setup::new(profile, 1, 3);
+        setup.job = "M104 S200\nG28\nG1 X10 F3000\n".to_owned();
+        let hold_s = setup.profile.firmware.orphan_hold_s;
+        let mut rig = Rig::new(setup);
+        assert!(matches!(rig.run(), End::Finished), "{profile}");
+        let left = PrintEvent::LeftHot { hotend_c: 200.0, bed_c: 0.0 };
+        assert!(rig.events.contains(&left), "{profile}: {:?}", rig.events);
+        assert!(rig.printer.summary().heaters_on, "{profile}");
+        rig.printer.host_left();
+        rig.drain(hold_s + 60.0);
+        assert!(!rig.printer.summary().heaters_on, "{profile}");
+    }
+}
