@@ -60,8 +60,7 @@ pub(crate) enum Command {
     /// by itself exactly where it was.
     ///
     /// Keys, where stdin is a terminal: p pause, c go on, x twice cancel, ! stop at once, a digit answers the printer's question.
-    /// Else SIGUSR1
-    /// pauses, SIGUSR2 goes on.
+    /// Else SIGUSR1 pauses, SIGUSR2 goes on.
     Print(PrintArgs),
     /// Go on with a print that broke off
     ///

@@ -87,9 +87,8 @@ pub async fn print<R: BufRead + Seek, L: Link>(
 ///
 /// # Errors
 /// [`Error::Open`], [`Error::PortVanished`], [`Error::Fault`], [`Error::Cancelled`], which tells whether heaters-off was confirmed,
-/// [`Error::Job`]
-/// if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also [`Error::NeedsConsent`],
-/// nothing having been sent, and [`Error::Refused`], the heaters having been switched off.
+/// [`Error::Job`] if the job's file changed meanwhile (the print is cancelled first); for a print that is resumed also
+/// [`Error::NeedsConsent`], nothing having been sent, and [`Error::Refused`], the heaters having been switched off.
 pub async fn run<R: BufRead + Seek, L: Link>(
     order: Order<R>,
     mut link: L,

@@ -12,9 +12,8 @@
 //! G-code before the first line of it is sent; [`journal`] keeps on disk how far a print is, [`replay`] what that means for
 //! the machine, [`resume`] whether and where it can go on, [`picture`] the layer where it does; [`paper`] is a job from a file
 //! with what is kept beside it; [`policy`] is what is done when something goes wrong, [`control`] what the operator asks for
-//! meanwhile; [`ask`] asks a
-//! printer that is not printing; [`sim`] runs the simulated printer as a process of its own. Nothing here knows of layers or
-//! meshes.
+//! meanwhile; [`ask`] asks a printer that is not printing; [`sim`] runs the simulated printer as a process of its own. Nothing
+//! here knows of layers or meshes.
 
 pub mod ask;
 pub mod control;

@@ -66,12 +66,8 @@ fn right_angle_is_taken_at_the_junction_speed() {
     assert_eq!(done.len(), 2);
 }
 
-/// Time of two moves of 50 mm with a right angle between them, taken at `corner` mm/s, begun and ended at `rest`.
-fn right_angle_s(cornering: Cornering) -> f64 {
-    let limits = Limits { cornering, ..LIMITS };
-    let mut planner = Planner::new(16);
-    planner.push(0.0, [[0.0; 4], [50.0, 0.0, 0.0, 0.0]], 100.0, &limits);
-    planner.push(0.0, [[50.0, 0.0, 0.0, 0.0], [50.0, 50.0, 0.0, 0.0]], 100.0, &limits);
+/// When all that it holds has ended, s.
+fn drained_s(mut planner: Planner) -> f64 {
     planner.release(0.0);
     while planner.depth() > 0 {
         planner.start();
@@ -80,6 +76,16 @@ fn right_angle_s(cornering: Cornering) -> f64 {
     planner.free_s
 }
 
+/// Time of two moves of 50 mm with a right angle between them.
+fn right_angle_s(cornering: Cornering) -> f64 {
+    let limits = Limits { cornering, ..LIMITS };
+    let mut planner = Planner::new(16);
+    planner.push(0.0, [[0.0; 4], [50.0, 0.0, 0.0, 0.0]], 100.0, &limits);
+    planner.push(0.0, [[50.0, 0.0, 0.0, 0.0], [50.0, 50.0, 0.0, 0.0]], 100.0, &limits);
+    drained_s(planner)
+}
+
+/// The same in closed form: taken at `corner` mm/s, begun and ended at `rest`.
 fn expected_s(rest: f64, corner: f64) -> f64 {
     let (v, a) = (100.0_f64, LIMITS.travel_acceleration);
     let ramps = 2.0f64.mul_add(v * v, -rest * rest - corner * corner) / (2.0 * a);
@@ -114,12 +120,7 @@ fn speed_up_s(cornering: Cornering, e: [f64; 2]) -> f64 {
     for (pair, speed) in points.windows(2).zip([30.0, 100.0]) {
         planner.push(0.0, [pair[0], pair[1]], speed, &limits);
     }
-    planner.release(0.0);
-    while planner.depth() > 0 {
-        planner.start();
-        planner.finish();
-    }
-    planner.free_s
+    drained_s(planner)
 }
 
 /// The same in closed form: begun and ended at `rest`, joined at `corner`.

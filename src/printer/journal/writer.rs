@@ -4,8 +4,7 @@
 //! one says more. Each session begins with a file written anew, whole or not at all, with its lines for progress laid out; records of
 //! progress then go over the oldest of these, so that a disk that fills up does not matter. Where the file cannot be written
 //! anew, they are appended: a write that fails may leave half a line behind; the next one begins with a line feed, so that only
-//! that line is
-//! lost, and writing goes on once there is room.
+//! that line is lost, and writing goes on once there is room.
 
 use super::{Error, Log, N_SLOTS, Progress, Record, SLOT_BYTES, encode, encode_slot, header};
 use std::fs::{File, OpenOptions};

@@ -22,8 +22,7 @@
 //!   receive buffer is emptied. So the refused line goes alone until it is acknowledged, with further copies on further
 //!   refusals: copies too many are passed over in silence.
 //! - **Foreign commands.** A line whose `N` was damaged runs as a command of its own (`Unknown command`); the `ok` that follows
-//!   acknowledges no line of
-//!   ours.
+//!   acknowledges no line of ours.
 //!
 //! # Faults
 //!

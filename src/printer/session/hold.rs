@@ -136,8 +136,7 @@ impl<R: BufRead + Seek> Session<R> {
     }
 
     /// The script, with the motors on for as long as it takes, and then lines of which the first ends only when the nozzle is
-    /// there, and as many more as may be acknowledged before
-    /// they are executed: then it certainly is, whatever happens in the pause.
+    /// there, and as many more as may be acknowledged before they are executed: then it certainly is, whatever happens in the pause.
     fn away_gcode(&self, at: &ResumePoint) -> Vec<String> {
         let n_doubtful = usize::try_from(self.core.progress().ahead.n_lines).unwrap_or(0);
         let waits = std::iter::repeat_n("M400".to_owned(), 1 + n_doubtful);

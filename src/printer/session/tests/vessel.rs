@@ -20,8 +20,7 @@ pub(super) fn filled(profile: &Profile, n_layers: u32) -> String {
 }
 
 /// The wall of a vessel that splits, 1 mm of it: contours of short lines, slow for want of time to cool, no lift in the trunk but
-/// from layer
-/// to layer, and one between the branches.
+/// from layer to layer, and one between the branches.
 pub(super) fn wall(profile: &Profile, n_layers: u32) -> String {
     written(profile, n_layers, |writer, layer| writer.wall_layer(layer, layer >= n_layers / 2))
 }
