@@ -8,7 +8,7 @@ use crate::{
     brep, ct, mesh, model, motion, phantom, preview, printer, profile, progress, ready, report, sections,
     segment, slice, solid, toolpath, topology, view,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a case could not be worked on.
 #[derive(Debug, thiserror::Error)]
@@ -88,6 +88,14 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong with it.
         source: model::Error,
+    },
+    /// A model that cannot be printed.
+    #[error("{}: {source}", path.display())]
+    ModelJob {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: Box<Self>,
     },
     /// Reading the CT.
     #[error(transparent)]
@@ -210,6 +218,7 @@ impl Error {
             | Self::Volume { .. }
             | Self::SectionsFile { .. }
             | Self::Model { .. }
+            | Self::ModelJob { .. }
             | Self::Phantom(_)
             | Self::Segment(_)
             | Self::Leaked { .. }
@@ -241,6 +250,16 @@ impl Error {
             Self::Sections(e) => Some(e.code()),
             Self::Printer(e) => Some(e.code()),
             _ => None,
+        }
+    }
+
+    /// The same fault with the model's file that has it; an interruption is none.
+    #[must_use]
+    pub(crate) fn of_model(self, path: &Path) -> Self {
+        if self.is_interruption() {
+            self
+        } else {
+            Self::ModelJob { path: path.to_owned(), source: Box::new(self) }
         }
     }
 

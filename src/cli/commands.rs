@@ -495,8 +495,10 @@ fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
         ProfilesCommand::Check { profiles } => {
             let all: Vec<String> = profile::builtin_names().into_iter().map(str::to_owned).collect();
             let wanted = if profiles.is_empty() { &all } else { profiles };
-            let checked: Result<Vec<_>, _> = wanted.iter().map(|name| profile::load::by_name(name)).collect();
-            let checked = checked?;
+            let read = wanted.iter().map(|name| profile::load::by_name(name));
+            let (checked, faulty): (Vec<_>, Vec<_>) = read.partition(Result::is_ok);
+            profile::Error::all_of(faulty.into_iter().filter_map(Result::err).collect())?;
+            let checked: Vec<_> = checked.into_iter().filter_map(Result::ok).collect();
             let rows: Vec<_> = checked.iter().map(|p| json!({"name": p.name, "valid": true})).collect();
             let text: String = checked.iter().map(|p| format!("{}: valid\n", p.name)).collect();
             // One profile is told as it always was.

@@ -38,14 +38,18 @@ pub(crate) fn stroke(
     width: f32,
     dash: Option<StrokeDash>,
 ) {
-    let stroke = tiny_skia::Stroke {
+    let stroke = tiny_skia::Stroke { dash, ..plain_stroke(width) };
+    canvas.stroke_path(path, &paint(colour), &stroke, Transform::identity(), None);
+}
+
+/// A line with blunt ends and round corners.
+pub(crate) fn plain_stroke(width: f32) -> tiny_skia::Stroke {
+    tiny_skia::Stroke {
         width,
-        dash,
         line_cap: LineCap::Butt,
         line_join: LineJoin::Round,
         ..tiny_skia::Stroke::default()
-    };
-    canvas.stroke_path(path, &paint(colour), &stroke, Transform::identity(), None);
+    }
 }
 
 /// Writes a line of text, its upper left corner at the given place, `unit` pixels a glyph unit (a sixth of a capital's height).

@@ -1,7 +1,7 @@
 //! A bead's centre line to the moves that draw it: arcs where the firmware has them, straight segments where not, thinned
 //! and slowed where they are denser than wire and planner take.
 //!
-//! Slowed are whole runs of moves of one bead; a short bead, and what is left at the end of a long one, may be denser than asked.
+//! Slowed are runs of moves of one bead, as long as half of the planner's buffer; a shorter bead may be denser than asked.
 //!
 //! - Where the profile says so, a run of segments that lies on a circle becomes an arc through its two ends. The circle is the
 //!   best one through both ends (least squares over vertices and middles of the segments). It is taken where every vertex and
@@ -9,7 +9,8 @@
 //!   bead's edges move because an arc has one width.
 //! - Segments that would take less than the planner's least time are joined while what is left out lies within the
 //!   tolerance.
-//! - Where segments are still too dense, the run is driven slower.
+//! - Where segments are still too dense, the run is driven slower; so is a bead of which the hotend would have to melt more
+//!   than it can.
 //!
 //! Filament is kept: a move carries what its segments would have. Places are the steps of 1 um that are written.
 
@@ -68,7 +69,10 @@ pub(super) fn pieces(
             Some((to, arc)) => (to, Some(arc)),
             None => (joined(points, from, shortest_mm, tolerance_mm), None),
         };
-        pieces.push(piece(&points[from..=to], arc, model, speed_mm_s));
+        let piece = piece(&points[from..=to], arc, model, speed_mm_s);
+        let area_mm2 = piece.mm3 / piece.length_mm.max(1e-9);
+        let speed_mm_s = profile.filament.speed_within_flow_mm_s(speed_mm_s, area_mm2);
+        pieces.push(Piece { speed_mm_s, ..piece });
         from = to;
     }
     limit_density(&mut pieces, profile);
@@ -203,14 +207,15 @@ fn on_grid(p: Point2) -> Point2 {
     Point2::new((p.x * 1e3).round() / 1e3, (p.y * 1e3).round() / 1e3)
 }
 
-/// Slows runs of moves down in which the planner would be asked for more a second than it takes. Half of its buffer evens
-/// out what is denser for a moment.
+/// Slows moves down so that no run of them, wherever it begins, asks the planner for more a second than it takes. Half of its
+/// buffer evens out what is denser for a moment, and a bead of fewer moves.
 fn limit_density(pieces: &mut [Piece], profile: &Profile) {
     let n_together = (profile.firmware.planner_moves / 2).max(4);
-    for run in pieces.chunks_mut(n_together).filter(|run| run.len() == n_together) {
-        let length: f64 = run.iter().map(|p| p.length_mm).sum();
-        let fastest = length / n_together as f64 * profile.firmware.segments_per_s;
-        run.iter_mut().for_each(|p| p.speed_mm_s = p.speed_mm_s.min(fastest.max(SLOWEST_MM_S)));
+    let lengths: Vec<f64> = pieces.iter().map(|p| p.length_mm).collect();
+    for (first, run) in lengths.windows(n_together).enumerate() {
+        let mean_mm = run.iter().sum::<f64>() / n_together as f64;
+        let fastest = (mean_mm * profile.firmware.segments_per_s).max(SLOWEST_MM_S);
+        pieces[first..first + n_together].iter_mut().for_each(|p| p.speed_mm_s = p.speed_mm_s.min(fastest));
     }
 }
 

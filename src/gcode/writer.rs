@@ -10,7 +10,7 @@
 //! Before a travel through air the filament is drawn back, where the profile says so while the nozzle goes back along its bead
 //! and forth again (a wipe): it leaves from where the travel was planned to.
 //!
-//! How long the job takes is not known here: [`timed`](super::timed) adds it. Not done: volumetric flow limits.
+//! How long the job takes is not known here: [`timed`](super::timed) adds it.
 
 use super::path::{self, Arc};
 use super::{Thumbnail, label, limits};
@@ -76,7 +76,9 @@ struct Job<'a> {
     model: BeadModel,
     is_first_layer: bool,
     slow_down: f64,
+    /// The fan as it is, and as this layer wants it where it lays nothing over air.
     fan_percent: f64,
+    layer_fan_percent: f64,
     retracted: bool,
     /// The last bead's way back from its end, as far as a wipe may go.
     back: Vec<[i64; 2]>,
@@ -99,6 +101,7 @@ impl<'a> Job<'a> {
             is_first_layer: true,
             slow_down: 1.0,
             fan_percent: 0.0,
+            layer_fan_percent: 0.0,
             retracted: false,
             back: Vec::new(),
             is_labelled: false,
@@ -153,7 +156,9 @@ impl<'a> Job<'a> {
         if idx == 1 {
             self.after_first_layer();
         }
-        self.fan(fan_percent(idx, layer_time_s(layer, self.profile, self.is_first_layer), self.profile));
+        let time_s = layer_time_s(layer, self.profile, self.is_first_layer);
+        self.layer_fan_percent = fan_percent(idx, time_s, self.profile);
+        self.fan(self.layer_fan_percent);
         let straight = Travel::default();
         for (i, bead) in layer.beads.iter().enumerate() {
             let travel = layer.travels.get(i).unwrap_or(&straight);
@@ -290,9 +295,11 @@ impl<'a> Job<'a> {
     fn bead(&mut self, bead: &Bead) {
         if self.kind != Some(bead.kind) {
             self.kind = Some(bead.kind);
+            let over_air = self.profile.filament.bridge_fan_percent.max(self.layer_fan_percent);
+            self.fan(if bead.kind == BeadKind::Bridge { over_air } else { self.layer_fan_percent });
             let _infallible = writeln!(self.text, ";TYPE:{}", bead.kind.gcode_name());
         }
-        let speed = speed(bead.kind, self.profile, self.is_first_layer);
+        let speed = speed(bead, self.profile, self.is_first_layer);
         let least = self.profile.print.min_speed_mm_s.min(speed);
         let speed = (speed * self.slow_down).max(least);
         for piece in path::pieces(&bead.points, self.model, speed, self.profile) {
@@ -421,16 +428,30 @@ pub fn volume_mm3(layer: &LayerPaths, profile: &Profile) -> f64 {
     segments.map(|pair| segment_mm3(pair, model)).sum()
 }
 
-fn speed(kind: BeadKind, profile: &Profile, is_first_layer: bool) -> f64 {
+fn speed(bead: &Bead, profile: &Profile, is_first_layer: bool) -> f64 {
     let print = &profile.print;
-    let speed = match kind {
-        BeadKind::ExternalPerimeter => print.external_perimeter_mm_s,
-        BeadKind::Perimeter => print.perimeter_mm_s,
+    let of_loop = |speed: f64| {
+        let is_small = is_small_loop(bead, print.small_loop_mm);
+        if is_small { speed.min(print.small_loop_mm_s) } else { speed }
+    };
+    let speed = match bead.kind {
+        BeadKind::ExternalPerimeter => of_loop(print.external_perimeter_mm_s),
+        BeadKind::Perimeter => of_loop(print.perimeter_mm_s),
         BeadKind::InternalInfill | BeadKind::SolidInfill => print.infill_mm_s,
+        BeadKind::Bridge => print.bridge_mm_s,
         BeadKind::SupportMaterial | BeadKind::SupportInterface => print.perimeter_mm_s,
         BeadKind::SkirtBrim => print.first_layer_mm_s,
     };
     if is_first_layer { print.first_layer_mm_s.min(speed) } else { speed }
+}
+
+/// Whether a bead runs round less than so many mm and ends, but for a gap, where it began.
+fn is_small_loop(bead: &Bead, length_mm: f64) -> bool {
+    let (first, last) = (&bead.points[0], &bead.points[bead.points.len() - 1]);
+    let is_loop =
+        bead.points.len() > 3 && (last.at - first.at).norm() < 1.5 * first.width_mm.max(last.width_mm);
+    let steps = bead.points.windows(2).map(|p| (p[1].at - p[0].at).norm());
+    is_loop && steps.sum::<f64>() < length_mm
 }
 
 /// The way back from the end of a bead, so far or to its begin; without the end itself.
@@ -451,9 +472,14 @@ fn way_back(points: &[BeadPoint], length_mm: f64) -> Vec<[i64; 2]> {
 
 /// Time of a layer's beads at full speed, accelerations left out, s.
 fn full_speed_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
+    let model = BeadModel::new(profile.print.bead_shape, layer.slot.height_mm);
     let time = |b: &Bead| {
-        let length: f64 = b.points.windows(2).map(|p| (p[1].at - p[0].at).norm()).sum();
-        length / speed(b.kind, profile, is_first_layer)
+        let speed = speed(b, profile, is_first_layer);
+        let segment = |p: &[BeadPoint]| {
+            let area_mm2 = model.area_mm2(p[0].width_mm);
+            (p[1].at - p[0].at).norm() / profile.filament.speed_within_flow_mm_s(speed, area_mm2)
+        };
+        b.points.windows(2).map(segment).sum::<f64>()
     };
     layer.beads.iter().map(time).sum()
 }

@@ -2,7 +2,8 @@
 //!
 //! Colours are those that G-code viewers give the kinds of beads. All layers of a job share one frame and one scale, so
 //! that leafing through them moves nothing but the part. What was to be filled lies under the beads in grey: where it
-//! shows there is a gap; ways without extrusion are thin lines.
+//! shows there is a gap wider than a pixel; ways without extrusion are thin lines. Beside each picture stands what the colours
+//! of the job mean.
 
 mod portrait;
 mod svg;
@@ -14,7 +15,8 @@ use crate::geom::{Bounds2, Point2};
 use crate::progress::{Cancelled, Task};
 use crate::toolpath::{Bead, BeadKind, LayerPaths, Toolpaths};
 use rayon::prelude::*;
-use tiny_skia::{Color, FillRule, PathBuilder, Pixmap, Transform};
+use std::collections::BTreeSet;
+use tiny_skia::{Color, FillRule, Mask, PathBuilder, Pixmap, Rect, Transform};
 
 /// Free space around the part, mm.
 const MARGIN_MM: f64 = 2.0;
@@ -25,6 +27,12 @@ const SAME_WIDTH_MM: f64 = 0.004;
 const GROUND: [u8; 4] = [255, 255, 255, 255];
 const MATERIAL: [u8; 4] = [205, 205, 205, 255];
 const TRAVEL: [u8; 4] = [70, 110, 150, 255];
+/// Width of the column beside a picture that says what the colours mean, its lines, and the size of its letters, pixels.
+const LEGEND_PX: u32 = 290;
+const LEGEND_LINE_PX: f32 = 24.0;
+const LEGEND_UNIT: f32 = 1.6;
+/// Beads that touch are drawn so much wider beneath, pixels: the soft edges of two strokes would let the ground through.
+const SEAM_PX: f64 = 1.2;
 const INK: Ink = Ink { line: [30, 30, 30, 255], shade: [255, 255, 255, 200] };
 
 /// A layer could not be drawn.
@@ -77,10 +85,12 @@ pub fn of_layers(paths: &Toolpaths, task: &Task<'_>) -> Result<Vec<Preview>, Err
 }
 
 /// The part of the bed that is shown, and how large.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Frame {
     shown: Bounds2,
     px_per_mm: f64,
+    /// Kinds of beads of the job.
+    kinds: Vec<BeadKind>,
 }
 
 impl Frame {
@@ -89,7 +99,10 @@ impl Frame {
         let none = Bounds2 { min: Point2::origin(), max: Point2::origin() };
         let shown = Bounds2::of(points).unwrap_or(none).grown(MARGIN_MM);
         let size = shown.size();
-        Self { shown, px_per_mm: (SIDE_PX / size.x.max(size.y)).clamp(0.5, 100.0) }
+        let beads = layers.iter().flat_map(|l| &l.beads);
+        let kinds: BTreeSet<BeadKind> = beads.map(|b| b.kind).collect();
+        let px_per_mm = (SIDE_PX / size.x.max(size.y)).clamp(0.5, 100.0);
+        Self { shown, px_per_mm, kinds: kinds.into_iter().collect() }
     }
 
     /// Width and height, pixels.
@@ -113,6 +126,7 @@ const fn colour(kind: BeadKind) -> [u8; 3] {
         BeadKind::Perimeter => [255, 230, 77],
         BeadKind::InternalInfill => [176, 48, 41],
         BeadKind::SolidInfill => [150, 84, 204],
+        BeadKind::Bridge => [40, 120, 216],
         BeadKind::SkirtBrim => [0, 135, 110],
         BeadKind::SupportMaterial => [0, 190, 0],
         BeadKind::SupportInterface => [0, 127, 0],
@@ -150,40 +164,85 @@ fn travels(own: &LayerPaths) -> impl Iterator<Item = Vec<Point2>> + '_ {
 
 fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
     let [width, height] = frame.size_px();
-    let mut canvas = Pixmap::new(width, height).expect("sides of 64 to 4096 pixels");
+    let mut canvas = Pixmap::new(width + LEGEND_PX, height).expect("sides of 64 to 5000 pixels");
     let [r, g, b, a] = GROUND;
     canvas.fill(Color::from_rgba8(r, g, b, a));
-    fill_material(&mut canvas, own, frame);
-    for bead in &own.beads {
-        let [r, g, b] = colour(bead.kind);
-        for (width_mm, points) in runs(bead) {
-            line(&mut canvas, frame, &points, [r, g, b, 255], width_mm * frame.px_per_mm);
-        }
+    let material = material(own, frame);
+    if let Some(path) = &material {
+        canvas.fill_path(path, &draw::paint(MATERIAL), FillRule::EvenOdd, Transform::identity(), None);
     }
+    let inside = material.and_then(|path| {
+        let mut mask = Mask::new(canvas.width(), canvas.height())?;
+        mask.fill_path(&path, FillRule::EvenOdd, true, Transform::identity());
+        Some(mask)
+    });
+    let part = own.beads.iter().filter(|b| b.kind.is_part());
+    beads(&mut canvas, frame, part, SEAM_PX, inside.as_ref());
+    beads(&mut canvas, frame, own.beads.iter(), 0.0, None);
     for way in travels(own) {
-        line(&mut canvas, frame, &way, TRAVEL, 1.0);
+        line(&mut canvas, frame, &way, TRAVEL, 1.0, None);
     }
+    legend(&mut canvas, px(f64::from(width)), &frame.kinds);
     draw::text(&mut canvas, &caption(layer, own), (12.0, 12.0), 2.2, INK);
     draw::scale_bar(&mut canvas, (12.0, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
     draw::encode(&canvas)
 }
 
-fn fill_material(canvas: &mut Pixmap, own: &LayerPaths, frame: &Frame) {
+fn material(own: &LayerPaths, frame: &Frame) -> Option<tiny_skia::Path> {
     let mut builder = PathBuilder::new();
     for contour in &own.material.contours {
         add_polyline(&mut builder, contour.points.iter().map(|p| frame.place(*p)));
         builder.close();
     }
-    if let Some(path) = builder.finish() {
-        canvas.fill_path(&path, &draw::paint(MATERIAL), FillRule::EvenOdd, Transform::identity(), None);
+    builder.finish()
+}
+
+/// Strokes beads, each so many pixels wider than it is.
+fn beads<'a>(
+    canvas: &mut Pixmap,
+    frame: &Frame,
+    beads: impl Iterator<Item = &'a Bead>,
+    wider_px: f64,
+    within: Option<&Mask>,
+) {
+    for bead in beads {
+        let [r, g, b] = colour(bead.kind);
+        for (width_mm, points) in runs(bead) {
+            line(canvas, frame, &points, [r, g, b, 255], width_mm * frame.px_per_mm + wider_px, within);
+        }
     }
 }
 
-fn line(canvas: &mut Pixmap, frame: &Frame, points: &[Point2], colour: [u8; 4], width_px: f64) {
+fn line(
+    canvas: &mut Pixmap,
+    frame: &Frame,
+    points: &[Point2],
+    colour: [u8; 4],
+    width_px: f64,
+    within: Option<&Mask>,
+) {
     let mut builder = PathBuilder::new();
     add_polyline(&mut builder, points.iter().map(|p| frame.place(*p)));
     if let Some(path) = builder.finish() {
-        draw::stroke(canvas, &path, colour, px(width_px), None);
+        let stroke = draw::plain_stroke(px(width_px));
+        canvas.stroke_path(&path, &draw::paint(colour), &stroke, Transform::identity(), within);
+    }
+}
+
+/// What the colours mean, line by line, from `left` on.
+fn legend(canvas: &mut Pixmap, left: f32, kinds: &[BeadKind]) {
+    let swatch = |kind: &BeadKind| {
+        let [r, g, b] = colour(*kind);
+        ([r, g, b, 255], kind.gcode_name())
+    };
+    let lines = kinds.iter().map(swatch).chain([(TRAVEL, "Travel"), (MATERIAL, "Left empty")]);
+    let mut top = 12.0;
+    for (colour, name) in lines {
+        if let Some(rect) = Rect::from_xywh(left, top, 14.0, 14.0) {
+            canvas.fill_rect(rect, &draw::paint(colour), Transform::identity(), None);
+        }
+        draw::text(canvas, name, (left + 22.0, top), LEGEND_UNIT, INK);
+        top += LEGEND_LINE_PX;
     }
 }
 

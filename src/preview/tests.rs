@@ -1,5 +1,5 @@
 use super::*;
-use crate::geom::{Contour, Region, RigidTransform};
+use crate::geom::{Contour, Region};
 use crate::profile;
 use crate::slice::{Layer, LayerSlot};
 use crate::toolpath::plan;
@@ -70,11 +70,36 @@ fn beads_cover_the_material_in_their_colours() {
     let wall = 7.0 * std::f64::consts::PI;
     let beads = n_of(colour(BeadKind::ExternalPerimeter)) + n_of(colour(BeadKind::Perimeter));
     assert!((beads / px2 / wall - 1.0).abs() < 0.1, "{}", beads / px2 / wall);
-    assert!(n_of([205, 205, 205]) / px2 / wall < 0.02);
+    // Its colour in the legend is all that shows of what is left empty.
+    assert!((n_of([205, 205, 205]) - 14.0 * 14.0) / px2 / wall < 1e-3);
 }
 
 #[test]
 fn a_job_without_beads_is_drawn_empty() {
-    let empty = Toolpaths { bed_from_stack: RigidTransform::identity(), layers: Vec::new() };
+    let empty = Toolpaths { layers: Vec::new(), ..ring() };
     assert!(of_layers(&empty, &Task::quiet()).unwrap().is_empty());
+}
+
+#[test]
+fn the_legend_names_the_kinds_of_the_job() {
+    let mut paths = ring();
+    paths.layers[1].beads[0].kind = BeadKind::Bridge;
+    let frame = Frame::of(&paths.layers);
+    assert!(frame.kinds.contains(&BeadKind::Bridge) && frame.kinds.contains(&BeadKind::ExternalPerimeter));
+    assert!(!frame.kinds.contains(&BeadKind::SupportMaterial));
+    let [width, height] = frame.size_px();
+    assert!(f64::from(height) > 20.0 + 10.0 * f64::from(LEGEND_LINE_PX), "there is room for every kind");
+    for kind in &frame.kinds {
+        assert!(draw::is_drawn(kind.gcode_name()), "{kind:?}");
+        let text_px = draw::text_width(kind.gcode_name(), LEGEND_UNIT);
+        assert!(f64::from(text_px) + 22.0 < f64::from(LEGEND_PX), "{kind:?} is cut off");
+    }
+    // In the first layer, too, where there is no bridge.
+    let png = &of_layers(&paths, &Task::quiet()).unwrap()[0].png;
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!(info.width, width + LEGEND_PX);
+    let swatch = colour(BeadKind::Bridge);
+    assert_eq!(pixels.chunks_exact(3).filter(|p| *p == swatch).count(), 14 * 14);
 }

@@ -5,32 +5,21 @@ use super::{Dialect, Error, Firmware, NUMBERING_BYTES, ObjectLabels, Profile, Re
 use serde::Serialize;
 use toml::Value;
 
-/// What the firmware must know for the profile to be of use.
-fn check_dialect(profile: &Profile, fail: &dyn Fn(&str, String) -> Result<(), Error>) -> Result<(), Error> {
-    let Firmware { dialect, object_labels, .. } = profile.firmware;
-    let cornerings = dialect.cornerings();
-    if !cornerings.contains(&profile.machine.cornering) {
-        let words: Vec<String> = cornerings.iter().map(|c| word(*c)).collect();
-        let expected = format!("{} with firmware.dialect = {}", words.join(" or "), word(dialect));
-        return fail("machine.cornering", expected);
-    }
-    if (object_labels == ObjectLabels::ExcludeObject) != (dialect == Dialect::Klipper)
-        && object_labels != ObjectLabels::None
-    {
-        let known = if dialect == Dialect::Klipper { "exclude-object" } else { "m486" };
-        let expected = format!("{known} or none with firmware.dialect = {}", word(dialect));
-        return fail("firmware.object_labels", expected);
-    }
-    let one_for_all = matches!(dialect, Dialect::Klipper | Dialect::Smoothie);
-    let print = profile.machine.print_acceleration_mm_s2;
-    if one_for_all && profile.machine.travel_acceleration_mm_s2 != print {
-        let expected = format!(
-            "{print} mm/s2, that of printing moves: firmware.dialect = {} has one for all",
-            word(dialect)
-        );
-        return fail("machine.travel_acceleration_mm_s2", expected);
-    }
-    Ok(())
+/// A key at odds with others, and what it should say.
+type Fault = (String, String);
+
+/// Every key that is at odds with another one.
+pub(super) fn together(profile: &Profile, layers: &Layers) -> Vec<Error> {
+    let checks = [sizes, speeds, corners, labels, accelerations, scripts];
+    let wrong = |(key, expected): Fault| {
+        let (value, origin) = layers.keys.get(&key).expect("the schema's check found every key");
+        schema::wrong(&key, &value.to_string(), expected, origin)
+    };
+    checks.iter().flat_map(|check| check(profile)).map(wrong).collect()
+}
+
+fn fault(key: &str, expected: String) -> Fault {
+    (key.to_owned(), expected)
 }
 
 /// A value of an enumeration as profiles write it.
@@ -38,51 +27,87 @@ fn word(value: impl Serialize) -> String {
     Value::try_from(value).map(|v| v.to_string()).unwrap_or_default()
 }
 
-/// Checks that need more than one key.
-pub(super) fn together(profile: &Profile, layers: &Layers) -> Result<(), Error> {
-    let fail = |key: &str, expected: String| {
-        let (value, origin) = layers.keys.get(key).expect("the schema's check found every key");
-        Err(schema::wrong(key, &value.to_string(), expected, origin))
-    };
-    let Profile { machine, print, scripts, .. } = profile;
+fn sizes(profile: &Profile) -> Vec<Fault> {
+    let Profile { machine, print, .. } = profile;
     let [narrowest_mm, widest_mm] = machine.extrusion_width_mm;
-    if machine.layer_height_mm[1] > machine.nozzle_mm {
-        return fail(
-            "machine.layer_height_mm",
-            format!(
-                "layers no thicker than the nozzle is wide, machine.nozzle_mm = {} mm",
-                machine.nozzle_mm
-            ),
-        );
-    }
-    if !(narrowest_mm..=widest_mm).contains(&print.extrusion_width_mm) {
-        return fail(
-            "print.extrusion_width_mm",
-            format!("a number from {narrowest_mm} to {widest_mm} mm (machine.extrusion_width_mm)"),
-        );
-    }
+    let nozzle_mm = machine.nozzle_mm;
+    let too_thick = (machine.layer_height_mm[1] > nozzle_mm).then(|| {
+        let expected =
+            format!("layers no thicker than the nozzle is wide, machine.nozzle_mm = {nozzle_mm} mm");
+        fault("machine.layer_height_mm", expected)
+    });
+    let other_width = (!(narrowest_mm..=widest_mm).contains(&print.extrusion_width_mm)).then(|| {
+        let expected = format!("a number from {narrowest_mm} to {widest_mm} mm (machine.extrusion_width_mm)");
+        fault("print.extrusion_width_mm", expected)
+    });
+    too_thick.into_iter().chain(other_width).collect()
+}
+
+fn speeds(profile: &Profile) -> Vec<Fault> {
+    let Profile { machine, print, .. } = profile;
     let fastest_mm_s = machine.max_speed_mm_s[0].min(machine.max_speed_mm_s[1]);
-    for (key, speed_mm_s) in [
+    let wanted = [
         ("print.external_perimeter_mm_s", print.external_perimeter_mm_s),
         ("print.perimeter_mm_s", print.perimeter_mm_s),
         ("print.infill_mm_s", print.infill_mm_s),
+        ("print.small_loop_mm_s", print.small_loop_mm_s),
+        ("print.bridge_mm_s", print.bridge_mm_s),
         ("print.first_layer_mm_s", print.first_layer_mm_s),
         ("print.travel_mm_s", print.travel_mm_s),
-    ] {
-        if speed_mm_s > fastest_mm_s {
-            return fail(key, format!("at most {fastest_mm_s} mm/s (machine.max_speed_mm_s)"));
-        }
+    ];
+    let too_fast = wanted.into_iter().filter(|(_, speed_mm_s)| *speed_mm_s > fastest_mm_s);
+    too_fast
+        .map(|(key, _)| fault(key, format!("at most {fastest_mm_s} mm/s (machine.max_speed_mm_s)")))
+        .collect()
+}
+
+/// The firmware must know the rule of corners.
+fn corners(profile: &Profile) -> Vec<Fault> {
+    let dialect = profile.firmware.dialect;
+    let known = dialect.cornerings();
+    if known.contains(&profile.machine.cornering) {
+        return Vec::new();
     }
-    check_dialect(profile, &fail)?;
-    if scripts.safe.is_empty() {
-        return fail("scripts.safe", "at least the lines that switch the heaters off".to_owned());
+    let words: Vec<String> = known.iter().map(|c| word(*c)).collect();
+    let expected = format!("{} with firmware.dialect = {}", words.join(" or "), word(dialect));
+    vec![fault("machine.cornering", expected)]
+}
+
+/// It must know how objects are named.
+fn labels(profile: &Profile) -> Vec<Fault> {
+    let Firmware { dialect, object_labels, .. } = profile.firmware;
+    let is_klipper = dialect == Dialect::Klipper;
+    let is_known = (object_labels == ObjectLabels::ExcludeObject) == is_klipper;
+    if is_known || object_labels == ObjectLabels::None {
+        return Vec::new();
     }
+    let known = if is_klipper { "exclude-object" } else { "m486" };
+    let expected = format!("{known} or none with firmware.dialect = {}", word(dialect));
+    vec![fault("firmware.object_labels", expected)]
+}
+
+/// Some firmwares have one acceleration for all moves.
+fn accelerations(profile: &Profile) -> Vec<Fault> {
+    let dialect = profile.firmware.dialect;
+    let print = profile.machine.print_acceleration_mm_s2;
+    let one_for_all = matches!(dialect, Dialect::Klipper | Dialect::Smoothie);
+    if !one_for_all || profile.machine.travel_acceleration_mm_s2 == print {
+        return Vec::new();
+    }
+    let expected = format!(
+        "{print} mm/s2, that of printing moves: firmware.dialect = {} has one for all",
+        word(dialect)
+    );
+    vec![fault("machine.travel_acceleration_mm_s2", expected)]
+}
+
+/// A print that is given up must leave the heaters off, and the firmware must be able to read every line.
+fn scripts(profile: &Profile) -> Vec<Fault> {
     let n_bytes = profile.firmware.line_bytes;
-    let [x_mm, y_mm, z_mm] = machine.bed_mm;
     let far = ResumePoint {
-        xyz_mm: [x_mm, y_mm, z_mm].map(|mm| mm - 0.001),
-        nozzle_z_mm: z_mm - 0.001,
-        clear_z_mm: z_mm - 0.001,
+        xyz_mm: profile.machine.bed_mm.map(|mm| mm - 0.001),
+        nozzle_z_mm: profile.machine.bed_mm[2] - 0.001,
+        clear_z_mm: profile.machine.bed_mm[2] - 0.001,
         hotend_c: profile.filament.hotend_c.0,
         bed_c: profile.filament.bed_c.0,
     };
@@ -94,15 +119,16 @@ pub(super) fn together(profile: &Profile, layers: &Layers) -> Result<(), Error> 
         ("resume", profile.resume_gcode(&far)),
         ("recovery", profile.recovery_gcode(&far)),
     ];
-    for (script, lines) in filled {
-        if lines.iter().any(|line| line.len() + NUMBERING_BYTES > n_bytes) {
-            return fail(
-                &format!("scripts.{script}"),
-                format!(
-                    "lines that leave room for number and checksum in {n_bytes} bytes (firmware.line_bytes)"
-                ),
-            );
-        }
-    }
-    Ok(())
+    let too_long = |lines: &[String]| lines.iter().any(|line| line.len() + NUMBERING_BYTES > n_bytes);
+    let long = filled.iter().filter(|(_, lines)| too_long(lines)).map(|(script, _)| {
+        let expected =
+            format!("lines that leave room for number and checksum in {n_bytes} bytes (firmware.line_bytes)");
+        fault(&format!("scripts.{script}"), expected)
+    });
+    let unsafe_end = profile
+        .scripts
+        .safe
+        .is_empty()
+        .then(|| fault("scripts.safe", "at least the lines that switch the heaters off".to_owned()));
+    unsafe_end.into_iter().chain(long).collect()
 }

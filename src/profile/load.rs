@@ -27,7 +27,10 @@ pub fn from_file(path: &Path) -> Result<Profile, Error> {
 /// # Errors
 /// As [`builtin`] and [`from_file`].
 pub fn by_name(name_or_path: &str) -> Result<Profile, Error> {
+    if is_file(name_or_path) { from_file(Path::new(name_or_path)) } else { builtin(name_or_path) }
+}
+
+fn is_file(name_or_path: &str) -> bool {
     let path = Path::new(name_or_path);
-    let is_file = path.extension().is_some_and(|e| e == "toml") || path.components().count() > 1;
-    if is_file { from_file(path) } else { builtin(name_or_path) }
+    path.extension().is_some_and(|e| e == "toml") || path.components().count() > 1
 }

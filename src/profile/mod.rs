@@ -57,7 +57,7 @@ pub enum Error {
         known: Vec<&'static str>,
     },
     /// The file cannot be read.
-    #[error("{}: the profile cannot be read: {source}", path.display())]
+    #[error("{}: the profile cannot be read: {source}{}", path.display(), if path.is_relative() { "; it is looked for from where the command is typed: name it with --profile" } else { "" })]
     Read {
         /// The file.
         path: PathBuf,
@@ -110,6 +110,35 @@ pub enum Error {
         /// Range and unit.
         expected: String,
     },
+    /// Several of these, in one file or in some.
+    #[error("{}", told(.0))]
+    Several(Vec<Self>),
+}
+
+/// More faults than this are not told one by one.
+const MOST_FAULTS: usize = 20;
+
+/// Faults line by line.
+fn told(faults: &[Error]) -> String {
+    let mut lines: Vec<String> = faults.iter().take(MOST_FAULTS).map(Error::to_string).collect();
+    if faults.len() > MOST_FAULTS {
+        lines.push(format!("and {} more", faults.len() - MOST_FAULTS));
+    }
+    lines.join("\n")
+}
+
+impl Error {
+    /// Nothing, the only fault, or all of them.
+    ///
+    /// # Errors
+    /// Where there is any.
+    pub fn all_of(mut faults: Vec<Self>) -> Result<(), Self> {
+        match faults.len() {
+            0 => Ok(()),
+            1 => Err(faults.remove(0)),
+            _ => Err(Self::Several(faults)),
+        }
+    }
 }
 
 /// The names of the profiles that come with the program.
@@ -140,16 +169,17 @@ fn builtin_file(name: &str) -> String {
 /// Reads a profile from TOML text; `file` is what errors call it.
 ///
 /// # Errors
-/// The text is not TOML, or says something that no printer can be.
+/// The text is not TOML, or says something that no printer can be: every key that is wrong by itself, or, where none is, every
+/// one that is at odds with others.
 pub fn parse(text: &str, file: &str) -> Result<Profile, Error> {
     let layers = with_bases(text, file)?;
-    schema::check(&layers, file)?;
+    Error::all_of(schema::check(&layers, file))?;
     let profile: Profile = layers.table().try_into().map_err(|e: toml::de::Error| Error::Syntax {
         file: file.to_owned(),
         line: 1,
         message: e.to_string().trim().replace('\n', "; "),
     })?;
-    check::together(&profile, &layers)?;
+    Error::all_of(check::together(&profile, &layers))?;
     Ok(profile)
 }
 
@@ -412,12 +442,25 @@ pub struct Filament {
     pub fan_least_percent: f64,
     /// A layer as short as the first is short, one as long as the second is long, s; between them the fan is between.
     pub fan_layer_time_s: [f64; 2],
+    /// Part-cooling fan while lines over air are laid, percent.
+    pub bridge_fan_percent: f64,
     /// The first layer, counted from 0, with the fan on.
     pub fan_from_layer: u32,
     /// Flow correction, percent; 100 is what the bead model says.
     pub flow_percent: f64,
     /// Linear shrinkage when the part cools, percent.
     pub shrinkage_percent: f64,
+    /// Most that the hotend melts, mm³/s: wider and higher beads are driven slower.
+    pub max_flow_mm3_s: f64,
+}
+
+impl Filament {
+    /// `speed_mm_s`, or what the hotend melts for a bead of this cross-section where that is slower.
+    #[must_use]
+    pub fn speed_within_flow_mm_s(&self, speed_mm_s: f64, area_mm2: f64) -> f64 {
+        let flowing_mm2 = area_mm2 * self.flow_percent / 100.0;
+        speed_mm_s.min(self.max_flow_mm3_s / flowing_mm2.max(1e-9))
+    }
 }
 
 /// The cross-section that a bead is taken to have.
@@ -452,12 +495,20 @@ pub struct PrintSettings {
     pub perimeters: u32,
     /// Fill of what the perimeters leave, percent.
     pub infill_percent: f64,
+    /// Thickness of floors and roofs of fill that is not full, mm; 0: none.
+    pub shell_mm: f64,
     /// Speed of contours at the skins.
     pub external_perimeter_mm_s: f64,
     /// Speed of the other contours.
     pub perimeter_mm_s: f64,
     /// Speed of raster fill.
     pub infill_mm_s: f64,
+    /// Contours shorter than this, all around, are small features, mm; 0: none is.
+    pub small_loop_mm: f64,
+    /// Speed of these.
+    pub small_loop_mm_s: f64,
+    /// Speed of lines over air.
+    pub bridge_mm_s: f64,
     /// Speed of everything in the first layer.
     pub first_layer_mm_s: f64,
     /// Speed of travels.
@@ -486,6 +537,12 @@ pub struct PrintSettings {
     pub brim_mm: f64,
     /// A part higher than so many times the width that it stands on gets a brim, or a wider one; 0: never.
     pub brim_slenderness: f64,
+    /// Layers of a raft below the part; 0: none.
+    pub raft_layers: u32,
+    /// How far the raft reaches beyond what stands on it, mm.
+    pub raft_margin_mm: f64,
+    /// Air between raft and part, mm.
+    pub raft_gap_mm: f64,
     /// What holds overhangs up.
     pub support: SupportStyle,
     /// Walls that lean farther from the vertical are held up, degrees.
@@ -496,6 +553,11 @@ pub struct PrintSettings {
     pub support_percent: f64,
     /// Whether supports may stand in the lumen: they have to be taken out again.
     pub support_in_lumen: bool,
+    /// Whether supports may stand on the part, where marks are left; else they stand on the bed alone.
+    pub support_on_part: bool,
+    /// Move of all outlines against what beads bulge beyond the width that their model gives them, mm, into the material
+    /// positive.
+    pub squeeze_compensation_mm: f64,
     /// Move of a contour at the lumen against hole shrinkage, mm, into the wall positive.
     pub hole_compensation_mm: f64,
     /// Move of the first layer's outline against its spread, mm, inward positive.

@@ -104,16 +104,22 @@ pub(super) const FIELDS: &[Field] = &[
     field("filament.fan_percent", "percent", number(0.0, 100.0)),
     field("filament.fan_least_percent", "percent", number(0.0, 100.0)),
     field("filament.fan_layer_time_s", "s", Kind::Span { min: 0.0, max: 3600.0 }),
+    field("filament.bridge_fan_percent", "percent", number(0.0, 100.0)),
     field("filament.fan_from_layer", "layers", whole(0, 10_000)),
     field("filament.flow_percent", "percent", number(50.0, 150.0)),
     field("filament.shrinkage_percent", "percent", number(-2.0, 5.0)),
+    field("filament.max_flow_mm3_s", "mm3/s", number(0.1, 1000.0)),
     field("print.bead_shape", "", Kind::Choice(&["rectangle", "stadium"])),
     field("print.extrusion_width_mm", "mm", number(0.03, 6.0)),
-    field("print.perimeters", "loops", whole(0, 100)),
+    field("print.perimeters", "loops", whole(1, 100)),
     field("print.infill_percent", "percent", number(0.0, 100.0)),
+    field("print.shell_mm", "mm", number(0.0, 100.0)),
     field("print.external_perimeter_mm_s", "mm/s", number(0.5, 1000.0)),
     field("print.perimeter_mm_s", "mm/s", number(0.5, 1000.0)),
     field("print.infill_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.small_loop_mm", "mm", number(0.0, 1000.0)),
+    field("print.small_loop_mm_s", "mm/s", number(0.5, 1000.0)),
+    field("print.bridge_mm_s", "mm/s", number(0.5, 1000.0)),
     field("print.first_layer_mm_s", "mm/s", number(0.5, 1000.0)),
     field("print.travel_mm_s", "mm/s", number(0.5, 2000.0)),
     field("print.retract_mm", "mm", number(0.0, 20.0)),
@@ -128,11 +134,16 @@ pub(super) const FIELDS: &[Field] = &[
     field("print.skirt_distance_mm", "mm", number(0.0, 100.0)),
     field("print.brim_mm", "mm", number(0.0, 100.0)),
     field("print.brim_slenderness", "", number(0.0, 1000.0)),
+    field("print.raft_layers", "layers", whole(0, 100)),
+    field("print.raft_margin_mm", "mm", number(0.0, 100.0)),
+    field("print.raft_gap_mm", "mm", number(0.0, 2.0)),
     field("print.support", "", Kind::Choice(&["none", "column"])),
     field("print.support_overhang_deg", "degrees", number(1.0, 85.0)),
     field("print.support_gap_mm", "mm", number(0.0, 5.0)),
     field("print.support_percent", "percent", number(1.0, 100.0)),
     field("print.support_in_lumen", "", Kind::Flag),
+    field("print.support_on_part", "", Kind::Flag),
+    field("print.squeeze_compensation_mm", "mm", number(-1.0, 1.0)),
     field("print.hole_compensation_mm", "mm", number(-1.0, 1.0)),
     field("print.first_layer_compensation_mm", "mm", number(-1.0, 1.0)),
     field("scripts.start", "", Kind::Script),
@@ -143,29 +154,12 @@ pub(super) const FIELDS: &[Field] = &[
     field("scripts.recovery", "", Kind::Script),
 ];
 
-/// Checks every key by itself: all there, none unknown, each of its type and in its range.
-pub(super) fn check(layers: &Layers, file: &str) -> Result<(), Error> {
-    for (key, (_, origin)) in &layers.keys {
-        if !FIELDS.iter().any(|f| f.key == key) {
-            return Err(unknown_key(key, origin));
-        }
-    }
-    for field in FIELDS {
-        let Some((value, origin)) = layers.keys.get(field.key) else {
-            return Err(Error::MissingKey {
-                file: file.to_owned(),
-                key: field.key,
-                expected: field.expected(),
-            });
-        };
-        if !field.kind.accepts(value) {
-            return Err(wrong(field.key, &shown(value), field.expected(), origin));
-        }
-        if let Kind::Script = field.kind {
-            check_script(field.key, value, origin)?;
-        }
-    }
-    Ok(())
+/// Checks every key by itself: all there, none unknown, each of its type and in its range. Every fault is told.
+pub(super) fn check(layers: &Layers, file: &str) -> Vec<Error> {
+    let is_known = |key: &str| FIELDS.iter().any(|f| f.key == key);
+    let unknown = layers.keys.iter().filter(|(key, _)| !is_known(key));
+    let unknown = unknown.map(|(key, (_, origin))| unknown_key(key, origin));
+    unknown.chain(FIELDS.iter().filter_map(|field| field.fault(layers, file))).collect()
 }
 
 /// An error at a key.
@@ -179,15 +173,12 @@ pub(super) fn wrong(key: &str, found: &str, expected: String, origin: &Origin) -
     }
 }
 
-fn check_script(key: &str, value: &Value, origin: &Origin) -> Result<(), Error> {
-    let lines = value.as_array().into_iter().flatten().filter_map(Value::as_str);
-    for line in lines {
-        if let Some(name) = scripts::unknown_placeholder(key, line) {
-            let expected = format!("one of {{{}}}", scripts::placeholders(key).join("}, {"));
-            return Err(wrong(key, &format!("{{{name}}} in {line:?}"), expected, origin));
-        }
-    }
-    Ok(())
+fn script_fault(key: &str, value: &Value, origin: &Origin) -> Option<Error> {
+    let mut lines = value.as_array().into_iter().flatten().filter_map(Value::as_str);
+    let (line, name) =
+        lines.find_map(|line| scripts::unknown_placeholder(key, line).map(|name| (line, name)))?;
+    let expected = format!("one of {{{}}}", scripts::placeholders(key).join("}, {"));
+    Some(wrong(key, &format!("{{{name}}} in {line:?}"), expected, origin))
 }
 
 fn unknown_key(key: &str, origin: &Origin) -> Error {
@@ -219,6 +210,18 @@ fn shown(value: &Value) -> String {
 }
 
 impl Field {
+    /// What is wrong with this key, if anything is.
+    fn fault(&self, layers: &Layers, file: &str) -> Option<Error> {
+        let Some((value, origin)) = layers.keys.get(self.key) else {
+            let (file, expected) = (file.to_owned(), self.expected());
+            return Some(Error::MissingKey { file, key: self.key, expected });
+        };
+        if !self.kind.accepts(value) {
+            return Some(wrong(self.key, &shown(value), self.expected(), origin));
+        }
+        matches!(self.kind, Kind::Script).then(|| script_fault(self.key, value, origin)).flatten()
+    }
+
     /// What the key takes, in words.
     pub(super) fn expected(&self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };

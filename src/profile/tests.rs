@@ -191,3 +191,23 @@ proptest::proptest! {
         }
     }
 }
+
+#[test]
+fn every_fault_of_a_profile_is_told() {
+    let text =
+        "inherits = \"marlin\"\n[machine]\nnozzle_mm = 400\n[print]\nretract = 1\nsupport = \"wood\"\n";
+    let error = error_of(text);
+    let lines: Vec<&str> = error.lines().collect();
+    assert_eq!(lines.len(), 3, "{error}");
+    for (line, key) in lines.iter().zip([
+        "x.toml:5: print.retract",
+        "x.toml:3: machine.nozzle_mm",
+        "x.toml:6: print.support",
+    ]) {
+        assert!(line.starts_with(key), "{line}");
+    }
+    let at_odds = "inherits = \"marlin\"\n[machine]\nlayer_height_mm = [0.1, 0.5]\n[print]\ntravel_mm_s = 900\ninfill_mm_s = 700\n";
+    assert_eq!(error_of(at_odds).lines().count(), 3, "{}", error_of(at_odds));
+    let nothing = error_of("name = \"mine\"\n");
+    assert!(nothing.lines().count() == 21 && nothing.contains("\nand "), "{nothing}");
+}

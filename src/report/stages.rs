@@ -12,11 +12,11 @@ use super::{
     Verdict, anatomy,
 };
 use crate::ct::Warning;
-use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
+use crate::geom::{Contour, Point3, Region, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::slice::Layer;
 use crate::solid::CrossSection;
-use crate::toolpath::{Bead, LayerPaths};
+use crate::toolpath::{Bead, LayerPaths, StackFromBed};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -99,13 +99,15 @@ fn check(inputs: &Inputs<'_>) -> Result<(), Error> {
 /// around both, which move with any shift, turn or mirroring, without a fit.
 fn registration_mm(inputs: &Inputs<'_>, paths: &LayerPaths) -> Option<f64> {
     let layer = layer_of(inputs, paths)?;
-    let (planned, sliced) = match inputs.body {
-        BodyKind::Wall => (&paths.lumen, &layer.lumen),
-        BodyKind::Cast => (&paths.material, &layer.material),
+    let compensation = &inputs.paths.compensation;
+    // By how much each box is meant to be larger.
+    let (planned, sliced, larger_mm) = match inputs.body {
+        BodyKind::Wall => (&paths.lumen, &layer.lumen, compensation.lumen_mm),
+        BodyKind::Cast => (&paths.material, &layer.material, -compensation.material_mm),
     };
-    let back = inputs.paths.bed_from_stack.inverse();
+    let back = inputs.paths.stack_from_bed();
     let planned = moved(planned, &back).bounds()?;
-    let sliced = sliced.bounds()?;
+    let sliced = sliced.bounds()?.grown(larger_mm);
     Some((planned.min - sliced.min).norm().max((planned.max - sliced.max).norm()))
 }
 
@@ -116,12 +118,8 @@ fn layer_of<'a>(inputs: &Inputs<'a>, paths: &LayerPaths) -> Option<&'a Layer> {
     inputs.layers.get(after).filter(|l| (l.slot.z_mid_mm - z).abs() < 1e-6)
 }
 
-fn moved_point(p: Point2, by: &RigidTransform) -> Point2 {
-    by.apply(Point3::new(p.x, p.y, 0.0)).xy()
-}
-
-fn moved(region: &Region, by: &RigidTransform) -> Region {
-    let contour = |c: &Contour| Contour::new(c.points.iter().map(|&p| moved_point(p, by)).collect());
+fn moved(region: &Region, by: &StackFromBed) -> Region {
+    let contour = |c: &Contour| Contour::new(c.points.iter().map(|&p| by.point(p)).collect());
     Region::new(region.contours.iter().map(contour).collect())
 }
 
@@ -139,7 +137,7 @@ struct Recorded {
 /// Gives every recorded segment to the layer whose top it was printed at.
 fn assign(inputs: &Inputs<'_>) -> Recorded {
     let layers = &inputs.paths.layers;
-    let back = inputs.paths.bed_from_stack.inverse();
+    let back = inputs.paths.stack_from_bed();
     let boxes: Vec<_> = layers.iter().map(|l| bounds_of(l).map(|b| b.grown(ELSEWHERE_MM))).collect();
     let mut recorded = Recorded { of_layer: vec![Vec::new(); layers.len()], ..Recorded::default() };
     let mut last: Option<(usize, Point3)> = None;
@@ -165,14 +163,14 @@ fn assign(inputs: &Inputs<'_>) -> Recorded {
     recorded
 }
 
-fn append(strokes: &mut Vec<Stroke>, segment: &Segment, goes_on: bool, back: &RigidTransform) {
-    let place = |p: Point3| moved_point(p.xy(), back);
+fn append(strokes: &mut Vec<Stroke>, segment: &Segment, goes_on: bool, back: &StackFromBed) {
+    let place = |p: Point3| back.point(p.xy());
     if !goes_on || strokes.is_empty() {
         strokes.push(Stroke { points: vec![place(segment.from)], widths_mm: Vec::new() });
     }
     if let Some(stroke) = strokes.last_mut() {
         stroke.points.push(place(segment.to));
-        stroke.widths_mm.push(segment.width_mm);
+        stroke.widths_mm.push(back.length_mm(segment.width_mm));
     }
 }
 
@@ -202,7 +200,7 @@ fn layers(
     recorded: &[Vec<Stroke>],
     counter: &Counter<'_>,
 ) -> Result<Vec<LayerWork>, Cancelled> {
-    let back = inputs.paths.bed_from_stack.inverse();
+    let back = inputs.paths.stack_from_bed();
     inputs
         .paths
         .layers
@@ -216,10 +214,15 @@ fn layers(
         .collect()
 }
 
-fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &RigidTransform) -> LayerWork {
+fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &StackFromBed) -> LayerWork {
     let stroke = |bead: &Bead| Stroke {
-        points: bead.points.iter().map(|p| moved_point(p.at, back)).collect(),
-        widths_mm: bead.points.iter().map(|p| p.width_mm).take(bead.points.len().max(2) - 1).collect(),
+        points: bead.points.iter().map(|p| back.point(p.at)).collect(),
+        widths_mm: bead
+            .points
+            .iter()
+            .map(|p| back.length_mm(p.width_mm))
+            .take(bead.points.len().max(2) - 1)
+            .collect(),
     };
     let (around, part): (Vec<&Bead>, Vec<&Bead>) = paths.beads.iter().partition(|b| !b.kind.is_part());
     let part = strokes::union(&part.into_iter().map(stroke).collect::<Vec<_>>());
@@ -434,12 +437,12 @@ fn pictures(
         median(levels.iter().map(|l| l[1])),
         inputs.image.map(|i| i.volume),
     );
-    let back = inputs.paths.bed_from_stack.inverse();
+    let back = inputs.paths.stack_from_bed();
     let all = planes.par_iter().enumerate().map(|(k, work)| {
         counter.tick()?;
         let centre_lines = work.layer_idx.map_or_else(Vec::new, |i| {
             let beads = inputs.paths.layers[i].beads.iter();
-            beads.map(|b| b.points.iter().map(|p| moved_point(p.at, &back)).collect()).collect()
+            beads.map(|b| b.points.iter().map(|p| back.point(p.at)).collect()).collect()
         });
         paint(&Scene {
             plane: k,

@@ -7,7 +7,7 @@ use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
 use crate::slice::{Layer, LayerSlot};
 use crate::solid::{CrossSection, Sectioned};
-use crate::toolpath::{Bead, BeadKind, BeadPoint, LayerPaths, Toolpaths};
+use crate::toolpath::{Bead, BeadKind, BeadPoint, Compensation, LayerPaths, Toolpaths};
 
 /// Blur of the synthetic images, mm.
 const BLUR_MM: f64 = 0.35;
@@ -127,8 +127,11 @@ impl Case {
         let top = INTERVAL_MM * (n_planes - 1) as f64 + half;
         let layers: Vec<Layer> = slots(n_planes).into_iter().map(layer).collect();
         let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 90.0, half));
-        let paths =
-            Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
+        let paths = Toolpaths {
+            bed_from_stack,
+            compensation: Compensation::default(),
+            layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect(),
+        };
         Self {
             volume: blurred_cylinder(Polarity::Bright, RADIUS_MM, n_planes, 0.0),
             sections: SectionStack {

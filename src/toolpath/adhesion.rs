@@ -23,11 +23,9 @@ pub(super) fn loops(
 ) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outline = Region::new(material.contours.iter().filter(|c| c.is_ccw()).cloned().collect());
+    let outline = outline(material);
     let hull = outline.union(supports).convex_hull();
-    let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]
-    let n_brim = (brim_mm / pitch).round() as usize;
+    let n_brim = n_brim(material, height_mm, profile, params);
     let brim = (0..n_brim).map(|i| (&outline, (i as f64 + 0.5) * pitch));
     let skirt_begin = n_brim as f64 * pitch + print.skirt_distance_mm;
     let skirt = (0..print.skirt_loops).map(|i| (&hull, skirt_begin + (f64::from(i) + 0.5) * pitch));
@@ -51,6 +49,21 @@ pub(super) fn loops(
         )
     });
     (paths, warning)
+}
+
+fn outline(material: &Region) -> Region {
+    Region::new(material.contours.iter().filter(|c| c.is_ccw()).cloned().collect())
+}
+
+fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
+    let print = &profile.print;
+    if print.raft_layers > 0 {
+        return 0;
+    }
+    let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]
+    let n_brim = (brim_mm / params.pitch_mm()).round() as usize;
+    n_brim
 }
 
 /// The brim that a part needs so that it stands on no less than its height by the slenderness, mm: what pushes at its top turns

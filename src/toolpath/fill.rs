@@ -14,6 +14,9 @@ use crate::geom::{Contour, Point2, Region, Vector2};
 
 /// What a change of the bead count costs, mm of skin at double the wanted width.
 const FLIP_COST: f64 = 0.3;
+/// What a raster costs for each bead's pitch that it has room for, as the square of a relative width: the ends of its lines leave
+/// gaps and overlaps at its border, the more the narrower it is.
+const RASTER_COST: f64 = 0.05;
 /// What a width outside the limits costs more than any inside.
 const OUTSIDE_COST: f64 = 100.0;
 /// A bead may come this much nearer to the skin than half its width at a trimmed corner, mm.
@@ -170,7 +173,14 @@ impl Filler<'_> {
             s.share_mm * ((width / p.width_mm - 1.0).powi(2) + forbidden + OUTSIDE_COST * outside)
         });
         let room = s.wall_mm - p.raster_depth_mm() - 1.5 * p.pitch_mm();
-        let raster = if room < 0.0 { OUTSIDE_COST * (1.0 - room) } else { 0.0 };
+        let raster = if room < 0.0 {
+            OUTSIDE_COST * (1.0 - room)
+        } else if s.wall_mm > p.cap_mm() - TRIM_MM {
+            // How deep it is was not measured: no number of beads is known to fill it.
+            0.0
+        } else {
+            RASTER_COST * p.pitch_mm() / (s.wall_mm - p.raster_depth_mm())
+        };
         beads.chain([s.share_mm * raster]).collect()
     }
 

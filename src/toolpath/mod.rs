@@ -7,7 +7,8 @@
 //!   skin; in place of the axis itself the touching balls are used (after Kuipers, Doubrovski, Wu, Wang:
 //!   A framework for adaptive width control of dense contour-parallel toolpaths in fused deposition
 //!   modeling, CAD 128, 2020, whose bead counts along a skeleton these are in effect).
-//! - A raster in what is too deep for that, at alternating angles.
+//! - A raster in what is too deep for that, at alternating angles; where it is sparse, with solid floors and roofs; along the
+//!   span over air.
 //! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and
 //!   end inside the wall.
 //!
@@ -15,7 +16,7 @@
 //!
 //! - Columns under overhangs, where the profile asks for supports.
 //!
-//! Not done: rafts, floors and roofs of sparse fill, bridges.
+//! - A raft below, where the profile asks for one.
 //!
 //! Layers are filled in parallel, some at a time, while those before them are put in order one after the
 //! other: the result is the same on any number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
@@ -23,8 +24,10 @@
 mod adhesion;
 mod fill;
 mod flow;
+mod interior;
 mod order;
 mod place;
+mod raft;
 mod raster;
 mod sequence;
 mod simplify;
@@ -33,6 +36,7 @@ mod supports;
 mod travel;
 
 pub use flow::BeadModel;
+pub use place::{Compensation, StackFromBed};
 pub use travel::Travel;
 
 use crate::ct::Warning;
@@ -41,12 +45,14 @@ use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
+use interior::{Interior, Stack};
 use order::Order;
 use place::Placement;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use skin::Skins;
 use std::sync::atomic::{AtomicU64, Ordering};
+use supports::{Slab, Support};
 
 /// What a bead is for; the names are those that G-code viewers know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -59,6 +65,8 @@ pub enum BeadKind {
     InternalInfill,
     /// Raster of a floor or roof, or wherever the fill is 100 %.
     SolidInfill,
+    /// Lines over air from side to side.
+    Bridge,
     /// Loops around the part that prime the nozzle or hold the part down.
     SkirtBrim,
     /// What holds overhangs up.
@@ -76,6 +84,7 @@ impl BeadKind {
             Self::Perimeter => "Perimeter",
             Self::InternalInfill => "Internal infill",
             Self::SolidInfill => "Solid infill",
+            Self::Bridge => "Bridge infill",
             Self::SkirtBrim => "Skirt/Brim",
             Self::SupportMaterial => "Support material",
             Self::SupportInterface => "Support material interface",
@@ -130,8 +139,18 @@ pub struct LayerPaths {
 pub struct Toolpaths {
     /// Where the stack lies on the bed: a translation.
     pub bed_from_stack: RigidTransform,
+    /// What is not only moved, on purpose.
+    pub compensation: Compensation,
     /// Layers from the bed upward.
     pub layers: Vec<LayerPaths>,
+}
+
+impl Toolpaths {
+    /// From places on the bed back to the stack.
+    #[must_use]
+    pub fn stack_from_bed(&self) -> StackFromBed {
+        StackFromBed::of(&self.bed_from_stack, self.compensation)
+    }
 }
 
 /// How far a bead's centre line and edges may lie off the exact ones, mm.
@@ -213,21 +232,22 @@ pub enum Error {
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
     let placement = place::place(layers, profile)?;
-    let columns = columns(layers, &placement, profile, task)?;
+    let placed = placed(layers, &placement, profile, task)?;
+    let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
+    let (columns, on_part) = columns(layers, &placed, profile);
+    let stack = Stack { layers, placed: &placed, columns: &columns };
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
     let draft_at = |idx: usize| {
         task.check()?;
-        let layer = &layers[idx];
-        let (material, lumen) = placement.layer(layer, idx == 0, profile);
-        let mut draft = draft(idx, layer.slot, material, lumen, profile)?;
+        let mut draft = draft(idx, &stack, profile)?;
         draft.supports = columns.get(idx).map(|c| c.paths(idx, &draft.params, profile)).unwrap_or_default();
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         Ok(draft)
     };
-    let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
-    let on_bed = columns.first().map(supports::Support::area).unwrap_or_default();
-    let mut order = Order::of_part(height_mm, on_bed);
+    let on_bed = columns.first().map(Support::area).unwrap_or_default();
+    let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
+    let mut order = Order::of_part(height_mm, on_bed, raft, placement.raft.height_mm());
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -239,37 +259,50 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let warnings = order.warnings();
-    let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, layers: order.paths };
+    let warnings = order.warnings().into_iter().chain(on_part).collect();
+    let compensation = placement.compensation(profile);
+    let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
 
-/// The supports of all layers; none where the profile wants none. They are planned from the top downward, before any layer.
-fn columns(
+/// Material and lumen of all layers on the bed.
+fn placed(
     layers: &[Layer],
     placement: &Placement,
     profile: &Profile,
     task: &Task<'_>,
-) -> Result<Vec<supports::Support>, Cancelled> {
-    if profile.print.support == SupportStyle::None {
-        return Ok(Vec::new());
-    }
-    let placed = |(idx, layer): (usize, &Layer)| {
+) -> Result<Vec<(Region, Region)>, Cancelled> {
+    let place = |(idx, layer): (usize, &Layer)| {
         task.check()?;
         let (material, lumen) = placement.layer(layer, idx == 0, profile);
         let width_mm = fill_params(profile, layer.slot.height_mm).width_mm;
         Ok((without_dust(material, width_mm), lumen))
     };
-    let placed: Vec<Result<_, Cancelled>> = layers.par_iter().enumerate().map(placed).collect();
-    let placed = placed.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let slab = |(layer, (material, lumen)): (&Layer, _)| supports::Slab {
-        material,
-        lumen,
-        height_mm: layer.slot.height_mm,
-    };
-    let slabs: Vec<supports::Slab<'_>> =
-        layers.iter().zip(placed.iter().map(|(m, l)| (m, l))).map(slab).collect();
-    Ok(supports::columns(&slabs, profile))
+    let placed: Vec<Result<_, Cancelled>> = layers.par_iter().enumerate().map(place).collect();
+    placed.into_iter().collect()
+}
+
+/// The supports of all layers, and what is to be known of them; none where the profile wants none. They are planned from the top
+/// downward, before any layer.
+fn columns(
+    layers: &[Layer],
+    placed: &[(Region, Region)],
+    profile: &Profile,
+) -> (Vec<Support>, Option<Warning>) {
+    if profile.print.support == SupportStyle::None {
+        return (Vec::new(), None);
+    }
+    let slabs: Vec<Slab<'_>> = layers.iter().zip(placed).map(|(l, p)| Slab::of(l, p)).collect();
+    let columns = supports::columns(&slabs, profile);
+    let on_part = supports::on_part(&columns, &slabs, profile).map(|(layer, at)| {
+        let text = format!(
+            "supports stand on the part, first at z {:.2} mm (x {:.2}, y {:.2} on the bed), and may stand in a bore that no layer \
+             shows as a hole; print.support_on_part = false in the profile keeps them on the bed",
+            layers[layer].slot.z_mid_mm, at.x, at.y
+        );
+        Warning::new("toolpath.support_on_part", text)
+    });
+    (columns, on_part)
 }
 
 /// A layer whose beads are not yet in order.
@@ -285,15 +318,10 @@ struct Draft {
     lost: Vec<Point2>,
 }
 
-fn draft(
-    idx: usize,
-    slot: LayerSlot,
-    material: Region,
-    lumen: Region,
-    profile: &Profile,
-) -> Result<Draft, Error> {
+fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
+    let slot = stack.layers[idx].slot;
     let params = fill_params(profile, slot.height_mm);
-    let material = without_dust(material, params.width_mm);
+    let (material, lumen) = stack.placed[idx].clone();
     let mut draft = Draft {
         slot,
         material,
@@ -310,7 +338,8 @@ fn draft(
     };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
-    let raster = raster::raster(&filled.rest, &params, profile.print.infill_percent, angle.to_radians());
+    let interior = Interior::of(filled.rest, idx, stack, &params, profile);
+    let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
     draft.net = Some(travel::Net::new(&skins));

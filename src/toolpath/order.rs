@@ -32,15 +32,18 @@ pub(super) struct Order {
     n_floating: usize,
     floating: Option<(f64, Point2)>,
     adhesion: Option<Warning>,
+    /// Layers that are a raft's.
+    n_raft: usize,
     /// How high the part is, mm, and what of its supports stands on the bed.
     height_mm: f64,
     on_bed: Region,
 }
 
 impl Order {
-    /// Of a part so high, with supports that stand on this part of the bed.
-    pub(super) fn of_part(height_mm: f64, on_bed: Region) -> Self {
-        Self { height_mm, on_bed, ..Self::default() }
+    /// Of a part so high, with supports that stand on this part of the bed, or all of it on a raft, which with its air is so high.
+    pub(super) fn of_part(height_mm: f64, on_bed: Region, raft: Vec<LayerPaths>, raft_mm: f64) -> Self {
+        let at = raft.iter().flat_map(|l| &l.beads).last().and_then(|b| b.points.last()).map(|p| p.at);
+        Self { height_mm, on_bed, at, z_mm: raft_mm, n_raft: raft.len(), paths: raft, ..Self::default() }
     }
 
     /// Puts the next layers in order.
@@ -97,6 +100,9 @@ impl Order {
 
     /// Looks for islands of a layer under which there is nothing.
     fn find_floating(&mut self, draft: &Draft) {
+        if self.paths.len() == self.n_raft {
+            return;
+        }
         let Some(below) = self.paths.last().map(|layer| &layer.material) else { return };
         let outers = draft.material.contours.iter().filter(|c| c.is_ccw());
         for island in outers.filter(|c| !rests(c, below)) {

@@ -1,11 +1,13 @@
 //! Layers from the stack frame onto the bed, with the compensations of the profile.
 //!
-//! The part is only moved: its bounding box is centred on the bed, its lowest layer stands on it. Then,
-//! where the profile asks for it: scaled up in the bed's plane against shrinkage, the lumen's outline
-//! moved against hole shrinkage, the first layer's outlines moved against spreading.
+//! The part is only moved: its bounding box is centred on the bed, its lowest layer stands on it, or on
+//! its raft. Then,
+//! where the profile asks for it: scaled up in the bed's plane against shrinkage, all outlines moved against
+//! the bulge of beads, the lumen's besides against hole shrinkage, the first layer's against spreading.
 
 use super::Error;
-use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};
+use super::raft::Raft;
+use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, Vector3};
 use crate::profile::Profile;
 use crate::slice::Layer;
 
@@ -13,12 +15,59 @@ use crate::slice::Layer;
 const TOLERANCE_MM: f64 = 1e-3;
 
 /// Where the stack lies on the bed.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Placement {
     pub(super) bed_from_stack: RigidTransform,
+    pub(super) raft: Raft,
     by: Vector3,
     centre: Point2,
     scale: f64,
+}
+
+/// What the profile has changed of the part on the bed besides moving it, in every layer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compensation {
+    /// Against shrinkage the part is printed so many times as large in the bed's plane,
+    pub enlarged: f64,
+    /// around this place on the bed.
+    pub around: Point2,
+    /// The lumen's outline was moved so far into the wall, mm.
+    pub lumen_mm: f64,
+    /// All outlines were moved so far into the material, mm.
+    pub material_mm: f64,
+}
+
+impl Default for Compensation {
+    fn default() -> Self {
+        Self { enlarged: 1.0, around: Point2::origin(), lumen_mm: 0.0, material_mm: 0.0 }
+    }
+}
+
+/// Places on the bed to places in the stack, of the part as it is when it has cooled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StackFromBed {
+    moved: RigidTransform,
+    compensation: Compensation,
+}
+
+impl StackFromBed {
+    pub(super) fn of(bed_from_stack: &RigidTransform, compensation: Compensation) -> Self {
+        Self { moved: bed_from_stack.inverse(), compensation }
+    }
+
+    /// A place in the bed's plane.
+    #[must_use]
+    pub fn point(&self, p: Point2) -> Point2 {
+        let Compensation { enlarged, around, .. } = self.compensation;
+        let cooled = around + (p - around) / enlarged;
+        self.moved.apply(Point3::new(cooled.x, cooled.y, 0.0)).xy()
+    }
+
+    /// A length in the bed's plane, mm.
+    #[must_use]
+    pub fn length_mm(&self, mm: f64) -> f64 {
+        mm / self.compensation.enlarged
+    }
 }
 
 /// Finds the place of the layers on the bed.
@@ -27,7 +76,8 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     let bounds =
         layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).ok_or(Error::Empty)?;
     let bottom = layers[0].slot.z_mid_mm - layers[0].slot.height_mm / 2.0;
-    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
+    let raft = Raft::under(&layers[0].slot, profile);
+    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft.height_mm();
     let scale = 1.0 / (1.0 - profile.filament.shrinkage_percent / 100.0);
     let size = bounds.size() * scale;
     let part_mm = [size.x, size.y, height];
@@ -37,11 +87,21 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     }
     let centre = Point2::new(bed[0] / 2.0, bed[1] / 2.0);
     let middle = nalgebra::center(&bounds.min, &bounds.max);
-    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, -bottom);
-    Ok(Placement { bed_from_stack: RigidTransform::translation(by), by, centre, scale })
+    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, raft.height_mm() - bottom);
+    Ok(Placement { bed_from_stack: RigidTransform::translation(by), raft, by, centre, scale })
 }
 
 impl Placement {
+    /// What is done to the part besides moving it.
+    pub(super) const fn compensation(&self, profile: &Profile) -> Compensation {
+        Compensation {
+            enlarged: self.scale,
+            around: self.centre,
+            lumen_mm: profile.print.hole_compensation_mm,
+            material_mm: profile.print.squeeze_compensation_mm,
+        }
+    }
+
     fn region(&self, region: &Region) -> Region {
         let carry = |p: &Point2| self.centre + (p + self.by.xy() - self.centre) * self.scale;
         let contour = |c: &Contour| Contour::new(c.points.iter().map(carry).collect());
@@ -51,14 +111,16 @@ impl Placement {
     /// Material and lumen of a layer on the bed.
     pub(super) fn layer(&self, layer: &Layer, is_first: bool, profile: &Profile) -> (Region, Region) {
         let (mut material, mut lumen) = (self.region(&layer.material), self.region(&layer.lumen));
-        let widen = profile.print.hole_compensation_mm;
+        let print = &profile.print;
+        let widen = print.hole_compensation_mm;
         if widen != 0.0 && !lumen.is_empty() {
             let whole = material.union(&lumen);
             lumen = lumen.offset(widen, TOLERANCE_MM);
             material = whole.difference(&lumen);
         }
-        let inward = profile.print.first_layer_compensation_mm;
-        if is_first && inward != 0.0 {
+        let spread = if is_first && self.raft.is_none() { print.first_layer_compensation_mm } else { 0.0 };
+        let inward = print.squeeze_compensation_mm + spread;
+        if inward != 0.0 {
             material = material.offset(-inward, TOLERANCE_MM);
         }
         (material, lumen)

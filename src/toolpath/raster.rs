@@ -4,7 +4,7 @@
 //! joined along the border where the joint stays inside, so that a piece is one path where its shape
 //! allows. The direction alternates from layer to layer.
 //!
-//! Not done: floors and roofs of sparse fill, bridging.
+//! What is filled how, is said by the module `interior`.
 
 use super::BeadKind;
 use super::fill::{FillParams, Path, Role, Vertex};
@@ -26,9 +26,14 @@ pub(super) fn raster(rest: &Region, params: &FillParams, percent: f64, angle_rad
     }
     let pitch = params.pitch_mm();
     let inset = rest.offset(-END_INSET * pitch, TOLERANCE_MM);
-    let is_solid = percent >= 99.9;
+    let is_solid = is_solid(percent);
     let rows = Rows { params, pitch_mm: pitch * 100.0 / percent.min(100.0), is_solid, angle_rad };
     inset.islands().iter().flat_map(|piece| rows.fill(piece)).collect()
+}
+
+/// Whether a fill leaves nothing open.
+pub(super) fn is_solid(percent: f64) -> bool {
+    percent >= 99.9
 }
 
 struct Rows<'a> {
@@ -40,9 +45,9 @@ struct Rows<'a> {
 
 /// The part of a row inside the piece.
 #[derive(Debug, Clone, Copy)]
-struct Span {
-    from: f64,
-    to: f64,
+pub(super) struct Span {
+    pub(super) from: f64,
+    pub(super) to: f64,
     used: bool,
 }
 
@@ -88,7 +93,7 @@ impl Rows<'_> {
 }
 
 /// The parts of the horizontal line at `y` that lie inside.
-fn spans(region: &Region, y: f64) -> Vec<Span> {
+pub(super) fn spans(region: &Region, y: f64) -> Vec<Span> {
     let crosses = |(a, b): (Point2, Point2)| {
         ((a.y > y) != (b.y > y)).then(|| a.x + (b.x - a.x) * (y - a.y) / (b.y - a.y))
     };

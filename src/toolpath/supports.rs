@@ -4,14 +4,16 @@
 //! tangent of the angle from the vertical) is to be held up. It is followed downward: a column ends on the bed, or on the
 //! part. Between column and part there is air, beside and above it (and below, where it stands on the part), so that it comes
 //! off; its uppermost layers are dense. The lumen counts as held up by itself unless the profile wants it otherwise: no
-//! column stands or passes in it.
+//! column stands or passes in it. Where the profile wants columns that stand on the bed alone, those over the part are left out:
+//! of another program's model the lumen is known only where a layer shows it as a hole.
 //!
 //! Not done: trees; columns are as large as what they hold up. Cost: a few boolean operations a layer, from the top downward.
 
 use super::fill::{FillParams, Path};
 use super::{BeadKind, raster};
-use crate::geom::Region;
+use crate::geom::{Point2, Region};
 use crate::profile::{Profile, SupportStyle};
+use crate::slice::Layer;
 use std::collections::VecDeque;
 
 /// Chord tolerance of columns, mm: they are no part of the print.
@@ -19,7 +21,7 @@ const TOLERANCE_MM: f64 = 0.02;
 /// Narrower overhangs than this are noise of the layers' outlines, mm.
 const NARROWEST_MM: f64 = 0.02;
 /// Layers of air between a column and what it holds up.
-const AIR_LAYERS: usize = 1;
+pub(super) const AIR_LAYERS: usize = 1;
 /// Dense layers at a column's top.
 const INTERFACE_LAYERS: usize = 2;
 /// Fill of these, percent.
@@ -44,7 +46,28 @@ pub(super) struct Support {
     pub(super) interface: Region,
 }
 
+impl<'a> Slab<'a> {
+    pub(super) const fn of(layer: &Layer, placed: &'a (Region, Region)) -> Self {
+        Self { material: &placed.0, lumen: &placed.1, height_mm: layer.slot.height_mm }
+    }
+
+    /// Where no column may be.
+    fn filled(&self, profile: &Profile) -> Region {
+        if profile.print.support_in_lumen { self.material.clone() } else { self.material.union(self.lumen) }
+    }
+}
+
 impl Support {
+    fn is_empty(&self) -> bool {
+        self.body.is_empty() && self.interface.is_empty()
+    }
+
+    /// Takes away what lies in a region.
+    pub(super) fn leave_out(&mut self, region: &Region) {
+        self.body = self.body.difference(region);
+        self.interface = self.interface.difference(region);
+    }
+
     /// Where there is any.
     pub(super) fn area(&self) -> Region {
         self.body.union(&self.interface)
@@ -70,9 +93,7 @@ pub(super) fn columns(slabs: &[Slab<'_>], profile: &Profile) -> Vec<Support> {
     if profile.print.support == SupportStyle::None {
         return supports;
     }
-    let filled = |slab: &Slab<'_>| {
-        if profile.print.support_in_lumen { slab.material.clone() } else { slab.material.union(slab.lumen) }
-    };
+    let filled = |slab: &Slab<'_>| slab.filled(profile);
     // What the layers above have to be held up, the nearest first: air, then the dense layers.
     let mut fresh: VecDeque<Region> = VecDeque::new();
     let mut carried = Region::default();
@@ -95,7 +116,39 @@ pub(super) fn columns(slabs: &[Slab<'_>], profile: &Profile) -> Vec<Support> {
         fresh.push_front(overhang.unwrap_or_default());
         above = here;
     }
+    if !profile.print.support_on_part {
+        keep_to_the_bed(&mut supports, slabs, profile);
+    }
     supports
+}
+
+/// Takes away what stands above any of the part.
+fn keep_to_the_bed(supports: &mut [Support], slabs: &[Slab<'_>], profile: &Profile) {
+    let mut part_below = Region::default();
+    for (support, slab) in supports.iter_mut().zip(slabs) {
+        if !support.is_empty() {
+            let near = part_below.offset(profile.print.support_gap_mm, TOLERANCE_MM);
+            support.leave_out(&near);
+        }
+        part_below = part_below.union(&slab.filled(profile));
+    }
+}
+
+/// The lowest place where a column stands on the part: its layer, and where.
+pub(super) fn on_part(
+    supports: &[Support],
+    slabs: &[Slab<'_>],
+    profile: &Profile,
+) -> Option<(usize, Point2)> {
+    (1 + AIR_LAYERS..supports.len()).find_map(|idx| {
+        let column = &supports[idx];
+        if column.is_empty() {
+            return None;
+        }
+        let foot = column.area().intersection(&slabs[idx - 1 - AIR_LAYERS].filled(profile));
+        let wide = foot.offset(-NARROWEST_MM, TOLERANCE_MM);
+        Some((idx, wide.contours.first()?.centroid()))
+    })
 }
 
 /// The column of a layer: what is carried, less the air around the part.
@@ -133,7 +186,7 @@ fn overhang(slab: &Slab<'_>, below: &Region, profile: &Profile) -> Region {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::{Contour, Point2};
+    use crate::geom::Contour;
     use crate::profile;
     use std::f64::consts::PI;
 
@@ -216,6 +269,44 @@ mod tests {
         assert!(outside > 100.0, "the tube's lower side is held up: {outside}");
         profile.print.support_in_lumen = true;
         assert!(in_lumen(&profile) > 10.0, "its roof, too");
+    }
+
+    #[test]
+    fn no_column_stands_on_the_part_where_that_is_not_wanted() {
+        // A table top of radius 10 on a foot of radius 8 with a stem of radius 2: columns from foot and bed.
+        let part = |i: usize| {
+            disc(
+                0.0,
+                if i < 5 {
+                    8.0
+                } else if i < 25 {
+                    2.0
+                } else {
+                    10.0
+                },
+            )
+        };
+        let part: Vec<Region> = (0..30).map(part).collect();
+        let mut profile = with_supports(45.0);
+        let lumens = none(30);
+        let slabs: Vec<Slab<'_>> = part
+            .iter()
+            .zip(&lumens)
+            .map(|(material, lumen)| Slab { material, lumen, height_mm: HEIGHT_MM })
+            .collect();
+        let gap_mm = profile.print.support_gap_mm;
+        let both = columns(&slabs, &profile);
+        // A layer of air above the foot.
+        assert_eq!(on_part(&both, &slabs, &profile).unwrap().0, 5 + AIR_LAYERS);
+        let ring = |from: f64| PI * (100.0 - from * from);
+        assert!((both[15].area().area_mm2() / ring(2.0 + gap_mm) - 1.0).abs() < 0.01);
+        profile.print.support_on_part = false;
+        let from_bed = columns(&slabs, &profile);
+        assert_eq!(on_part(&from_bed, &slabs, &profile), None);
+        for support in &from_bed[..23] {
+            let area = support.area().area_mm2();
+            assert!((area / ring(8.0 + gap_mm) - 1.0).abs() < 0.01, "{area}");
+        }
     }
 
     #[test]

@@ -297,6 +297,15 @@ fn compensations_move_the_outline_by_what_they_say() {
         let first = with(&|p| p.print.first_layer_compensation_mm = by);
         assert_moved(&first, 0, [by, -by]);
         assert_eq!(moved(&first, 1), [0.0, 0.0]);
+        let squeezed = with(&|p| p.print.squeeze_compensation_mm = by);
+        assert_moved(&squeezed, 0, [by, -by]);
+        assert_moved(&squeezed, 1, [by, -by]);
+        let both = with(&|p| {
+            p.print.squeeze_compensation_mm = by;
+            p.print.first_layer_compensation_mm = 0.05;
+        });
+        assert_moved(&both, 0, [by + 0.05, -by - 0.05]);
+        assert_moved(&both, 1, [by, -by]);
     }
     let shrinking = with(&|p| p.filament.shrinkage_percent = 2.0);
     for radius in [&lumen_radius as &dyn Fn(&Profile, usize) -> f64, &outer_radius] {
@@ -328,6 +337,7 @@ fn compensations_move_the_printed_edges_as_they_move_the_outlines() {
     for (change, layer, expected) in [
         (&(|_: &mut Profile| ()) as &dyn Fn(&mut Profile), 1, [3.0, 4.0]),
         (&|p| p.print.hole_compensation_mm = 0.1, 1, [3.1, 4.0]),
+        (&|p| p.print.squeeze_compensation_mm = 0.03, 1, [3.03, 3.97]),
         (&|p| p.print.first_layer_compensation_mm = 0.1, 0, [3.1, 3.9]),
         (&|p| p.print.first_layer_compensation_mm = 0.1, 1, [3.0, 4.0]),
         (&|p| p.filament.shrinkage_percent = 2.0, 1, [3.0 / 0.98, 4.0 / 0.98]),
@@ -480,6 +490,20 @@ proptest! {
                 prop_assert!(bead.points.len() >= 2);
                 prop_assert!(bead.points.iter().all(|p| p.at.x.is_finite() && p.width_mm > 0.0 && p.width_mm < 2.0));
             }
+        }
+    }
+}
+
+#[test]
+fn a_wall_that_beads_fill_needs_no_raster() {
+    for (wall, n_beads) in [(2.5, 6), (3.0, 8), (3.4, 8)] {
+        let profile = reference();
+        let planned = planned(&Tubes::new(vec![Tube::upright(0.0, 3.0)], wall, [0.0, 0.4]), &profile);
+        for layer in &planned.paths.layers {
+            assert_eq!(layer.beads.len(), n_beads, "{wall} mm");
+            let cover = cover(layer, &profile);
+            assert!(cover.iou > 0.997 && cover.overlap < 0.005 && cover.gap < 0.003, "{wall} mm: {cover:?}");
+            assert!((cover.volume_ratio - 1.0).abs() < 0.003, "{wall} mm: {cover:?}");
         }
     }
 }

@@ -8,7 +8,7 @@ use lumenfab::report::{self, BodyKind, Gate, Image, Inputs, Polarity, Record};
 use lumenfab::sections::{PlaneSections, SectionStack};
 use lumenfab::slice::{Layer, LayerSlot};
 use lumenfab::solid::{CrossSection, Sectioned};
-use lumenfab::toolpath::{Bead, BeadKind, BeadPoint, LayerPaths, Toolpaths};
+use lumenfab::toolpath::{Bead, BeadKind, BeadPoint, Compensation, LayerPaths, Toolpaths};
 use std::hint::black_box;
 
 const N_PLANES: usize = 46;
@@ -62,8 +62,11 @@ impl Case {
         };
         let layers: Vec<Layer> = (0..N_PLANES * LAYERS_PER_PLANE).map(layer).collect();
         let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 100.0, 1.5));
-        let paths =
-            Toolpaths { bed_from_stack, layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect() };
+        let paths = Toolpaths {
+            bed_from_stack,
+            compensation: Compensation::default(),
+            layers: layers.iter().map(|l| plan(l, &bed_from_stack)).collect(),
+        };
         let record = report::record::parse(&beads_csv(&paths)).expect("the text was made here");
         Self { volume: image(&sections), sections, layers, paths, record }
     }

@@ -103,7 +103,7 @@ impl Session<'_> {
         let (job, estimate) = job_text(&sliced.paths, profile, settings, task)?;
         let document = LayersDocument {
             bed_from_stack: sliced.paths.bed_from_stack,
-            layers: sliced.layers.iter().map(|l| l.slot).collect(),
+            layers: sliced.paths.layers.iter().map(|l| l.slot).collect(),
             print_time_s: estimate.total_s,
             filament_mm: estimate.filament_mm,
             filament_g: estimate.filament_g,

@@ -149,3 +149,22 @@ proptest! {
         prop_assert!((laid - planned).abs() < 1e-9);
     }
 }
+
+#[test]
+fn no_bead_asks_the_hotend_for_more_than_it_melts() {
+    let mut profile = with_arcs(0.005);
+    profile.filament.flow_percent = 110.0;
+    let speed_mm_s = 80.0;
+    let straight = bead([(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)].into_iter());
+    for (most_mm3_s, expected_mm_s) in [(1.0, 1.0 / (0.4 * 0.2 * 1.1)), (100.0, speed_mm_s)] {
+        profile.filament.max_flow_mm3_s = most_mm3_s;
+        for points in [&straight, &ellipse(20.0, 20.0, 0.0, PI, 200)] {
+            for piece in pieces(points, model(), speed_mm_s, &profile) {
+                assert!(
+                    (piece.speed_mm_s / expected_mm_s - 1.0).abs() < 1e-3,
+                    "{piece:?}, {expected_mm_s} mm/s"
+                );
+            }
+        }
+    }
+}

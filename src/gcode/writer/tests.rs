@@ -3,6 +3,7 @@ use crate::gcode::reader;
 use crate::geom::{Region, RigidTransform, Vector3};
 use crate::profile;
 use crate::slice::LayerSlot;
+use crate::toolpath::Compensation;
 
 fn layer(idx: usize, beads: Vec<Bead>, travels: Vec<Travel>) -> LayerPaths {
     let z_mm = 0.2 * (idx + 1) as f64;
@@ -27,7 +28,8 @@ fn job() -> Toolpaths {
             vec![Travel::default(), far],
         ),
     ];
-    Toolpaths { bed_from_stack: RigidTransform::translation(Vector3::new(1.0, 2.0, 3.0)), layers }
+    let bed_from_stack = RigidTransform::translation(Vector3::new(1.0, 2.0, 3.0));
+    Toolpaths { bed_from_stack, compensation: Compensation::default(), layers }
 }
 
 fn text() -> String {
@@ -162,4 +164,40 @@ fn other_settings_give_another_hash_and_the_same_ones_the_same_bytes() {
     let profile = profile::builtin("reference").unwrap();
     let other = write(&job(), &profile, &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
     assert_ne!(text().lines().nth(1), other.lines().nth(1));
+}
+
+#[test]
+fn a_bridge_is_laid_at_its_own_speed_under_its_own_fan() {
+    let mut profile = profile::builtin("reference").unwrap();
+    (profile.print.min_layer_time_s, profile.print.bridge_mm_s) = (0.0, 17.0);
+    (profile.filament.fan_percent, profile.filament.fan_least_percent) = (40.0, 40.0);
+    let line = |kind, y| bead(kind, &[(20.0, y), (40.0, y)]);
+    let beads = [BeadKind::SolidInfill, BeadKind::Bridge, BeadKind::SolidInfill];
+    let beads = beads.iter().zip([20.0, 30.0, 40.0]).map(|(&kind, y)| line(kind, y)).collect();
+    let layers = vec![layer(0, vec![line(BeadKind::SolidInfill, 20.0)], vec![]), layer(1, beads, vec![])];
+    let job = Toolpaths { layers, ..job() };
+    let text = write(&job, &profile, &Header::default());
+    let second = &text[text.find(";LAYER:1").unwrap()..];
+    let told: Vec<&str> =
+        second.lines().filter(|l| l.starts_with("M106") || l.starts_with(";TYPE")).collect();
+    let [solid, bridge] = [";TYPE:Solid infill", ";TYPE:Bridge infill"];
+    assert_eq!(told[..6], ["M106 S102", solid, "M106 S255", bridge, "M106 S102", solid]);
+    assert!(second.contains(" F1020\n") && second.contains(" F3600\n"), "{second}");
+}
+
+#[test]
+fn a_small_loop_is_driven_at_its_own_speed() {
+    let mut profile = profile::builtin("reference").unwrap();
+    (profile.print.small_loop_mm, profile.print.small_loop_mm_s) = (8.0, 11.0);
+    let circle = |radius: f64| {
+        let at = |i: u32| (f64::from(i) / 24.0 * std::f64::consts::TAU).sin_cos();
+        let points: Vec<(f64, f64)> =
+            (0..=24).map(at).map(|(s, c)| (50.0 + radius * c, 50.0 + radius * s)).collect();
+        bead(BeadKind::ExternalPerimeter, &points)
+    };
+    let short_line =
+        bead(BeadKind::ExternalPerimeter, &[(20.0, 20.0), (21.0, 20.0), (22.0, 20.0), (23.0, 20.0)]);
+    for (bead, expected_mm_s) in [(circle(1.2), 11.0), (circle(1.4), 30.0), (short_line, 30.0)] {
+        assert!((speed(&bead, &profile, false) - expected_mm_s).abs() < 1e-9, "{expected_mm_s}");
+    }
 }
