@@ -109,6 +109,7 @@ pub struct Session<'a> {
     /// The picture of the solid that was written.
     pub(crate) view: Option<PathBuf>,
     no_report: Option<&'static str>,
+    pub(crate) gives_up_print: bool,
     /// Stages that were found or made up to date in this session.
     fresh: Vec<Stage>,
     outcomes: Vec<StageOutcome>,
@@ -193,6 +194,7 @@ impl<'a> Session<'a> {
             report: None,
             view: None,
             no_report: None,
+            gives_up_print: false,
             fresh: Vec::new(),
             outcomes: Vec::new(),
         }
@@ -216,6 +218,7 @@ impl<'a> Session<'a> {
     /// [`Error`] of the stage that failed; what the stages before it made stays.
     pub fn run(&mut self) -> Result<(), Error> {
         self.check_printer()?;
+        self.spare_the_print(Stage::Slice)?;
         self.segment()?;
         self.solid()?;
         self.slice()?;

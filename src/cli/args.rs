@@ -95,7 +95,7 @@ pub(crate) enum Command {
     #[command(subcommand)]
     Profiles(ProfilesCommand),
     /// The simulated printer, as a process of its own
-    #[command(name = "hil-sim", hide = true, disable_help_flag = true)]
+    #[command(name = "hil-sim", disable_help_flag = true)]
     HilSim {
         /// As for the program `hil-sim`
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
@@ -117,10 +117,20 @@ pub(crate) struct RunArgs {
     pub(crate) layer: LayerArgs,
     #[command(flatten)]
     pub(crate) printer: PrinterArgs,
+    #[command(flatten)]
+    pub(crate) over: GivingUpArgs,
     /// Case directory to make or to go on with [default: lumenfab-case; for a case file: beside it, its name
     /// without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+}
+
+/// What becomes of a job whose print broke off.
+#[derive(Debug, Args)]
+pub(crate) struct GivingUpArgs {
+    /// Make a job anew although its last print broke off: the bed is free, and that print is not to be resumed
+    #[arg(long = "anew")]
+    pub(crate) gives_up: bool,
 }
 
 /// Where the lumen is found, and how.
@@ -210,6 +220,8 @@ pub(crate) struct SegmentArgs {
     pub(crate) case: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) ct: CtArgs,
+    #[command(flatten)]
+    pub(crate) over: GivingUpArgs,
     /// Case directory to make [default for a case file: beside it, its name without .toml]
     #[arg(long, value_name = "CASE", requires = "origin")]
     pub(crate) out: Option<PathBuf>,
@@ -228,6 +240,8 @@ pub(crate) struct SolidArgs {
     pub(crate) out: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) body: BodyArgs,
+    #[command(flatten)]
+    pub(crate) over: GivingUpArgs,
     /// Draw which contour continues which, and why, as SVG
     #[arg(long, value_name = "F.svg")]
     pub(crate) matching: Option<PathBuf>,
@@ -264,6 +278,8 @@ pub(crate) struct SliceArgs {
     pub(crate) case: PathBuf,
     #[command(flatten)]
     pub(crate) layer: LayerArgs,
+    #[command(flatten)]
+    pub(crate) over: GivingUpArgs,
     /// Write the G-code to this file (for a case: to it too)
     #[arg(long, value_name = "F.gcode")]
     pub(crate) out: Option<PathBuf>,

@@ -7,7 +7,7 @@ use super::args::{
 use super::face::{Face, error_document};
 use super::keys::{self, Keys};
 use super::signals;
-use crate::app::settings::{CaseFile, SIMULATED_PORT, SourceName};
+use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
 use crate::printer::control::Controls;
@@ -88,7 +88,7 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
     let mut exit_code = 0;
     let mut jobs = jobs.into_iter();
     while let Some(Named { name, job }) = jobs.next() {
-        let code = match job.and_then(|job| run_case(job, context.clone())) {
+        let code = match job.and_then(|job| run_case(job, args.over.gives_up, context.clone())) {
             Ok(outcome) => {
                 text += &case_text(&outcome);
                 documents.push(json!(outcome));
@@ -147,8 +147,9 @@ fn worse(a: u8, b: u8) -> u8 {
     if rank(b) > rank(a) { b } else { a }
 }
 
-fn run_case(job: Job, context: Context<'_>) -> Result<Outcome, Error> {
+fn run_case(job: Job, gives_up_print: bool, context: Context<'_>) -> Result<Outcome, Error> {
     let mut session = Session::open_or_create(&job.dir, job.parameters, context)?;
+    session.give_up_broken_off_print(gives_up_print);
     session.run()?;
     Ok(session.into_outcome())
 }
@@ -281,6 +282,7 @@ fn segment(args: &SegmentArgs, face: &Face, context: Context<'_>) -> Result<u8, 
         },
         None => Session::open_or_create(out.unwrap_or(Path::new(DEFAULT_OUT)), patch, context)?,
     };
+    session.give_up_broken_off_print(args.over.gives_up);
     session.segment()?;
     Ok(show_case(face, &session.into_outcome()))
 }
@@ -298,6 +300,7 @@ fn solid(args: &SolidArgs, context: Context<'_>) -> Result<Outcome, Error> {
 }
 
 fn build_and_draw(session: &mut Session<'_>, args: &SolidArgs) -> Result<(), Error> {
+    session.give_up_broken_off_print(args.over.gives_up);
     session.solid()?;
     if let Some(path) = &args.matching {
         session.draw_matching(path)?;
@@ -321,6 +324,7 @@ fn slice(args: &SliceArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         return Ok(face.usage_error(&line));
     }
     let outcome = stage(&args.case, args.layer.patch(), context, |session| {
+        session.give_up_broken_off_print(args.over.gives_up);
         session.slice()?;
         args.out.as_deref().map_or(Ok(()), |out| session.copy_job(out))?;
         args.preview.as_deref().map_or(Ok(()), |dir| session.draw_layers(dir))
@@ -339,6 +343,7 @@ fn slice_model(args: &SliceArgs, face: &Face, context: &Context<'_>) -> Result<u
         infill_percent: args.infill_percent,
         turn: args.orient,
         preview: args.preview.as_deref(),
+        gives_up_print: args.over.gives_up,
     };
     let sliced = app::slice_model(&args.case, out, &job, context)?;
     face.result(&sliced, &format!("{sliced}\n"));
@@ -360,8 +365,7 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
             .map(|o| show_case(face, &o));
     }
     let profile_name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
-    let port = args.printer.port.as_deref().unwrap_or(SIMULATED_PORT);
-    let printer = app::Printer { profile_name, port, baud: args.baud };
+    let printer = app::Printer { profile_name, port: args.printer.port.as_deref(), baud: args.baud };
     let printed = app::print_file(&args.what, printer, args.anew, &context)?;
     face.result(&printed, &format!("{printed}\n"));
     Ok(0)
@@ -389,8 +393,12 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
 }
 
 fn safe_off(args: &SafeOffArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
-    let printer = app::Printer { profile_name: &args.profile, port: &args.port, baud: args.baud };
+    let printer = app::Printer { profile_name: &args.profile, port: Some(&args.port), baud: args.baud };
     let after = std::time::Duration::from_secs(args.after_s.into());
+    face.line(&format!(
+        "switches the heaters of the printer on {} off; it may take half a minute to say so",
+        args.port
+    ));
     let done = app::safe_off(printer, after, &context.cancel)?;
     face.result(&done, &format!("{done}\n"));
     Ok(0)

@@ -10,12 +10,15 @@ pub enum PortProblem {
     /// There is nothing by this name.
     #[error("does not exist")]
     Missing,
+    /// It begins like a device's name, and is none.
+    #[error("is no usb:VENDOR:PRODUCT[:SERIAL] with four hexadecimal digits for vendor and product")]
+    Malformed,
     /// The user may not open it.
     #[error("may not be opened by this user")]
     NoRights,
-    /// Another program has it.
-    #[error("is in use by another program")]
-    Busy,
+    /// Another program has it; which one, where that can be seen.
+    #[error("is in use by another program{}", .0.as_ref().map_or_else(String::new, |holder| format!(" ({holder})")))]
+    Busy(Option<String>),
     /// It is a file, a folder or a device of another kind.
     #[error("is not a serial port")]
     NotAPort,
@@ -142,7 +145,7 @@ pub enum Error {
     },
     /// The last print of this job broke off, and its part may be on the bed.
     #[error(
-        "the last print of {job} broke off behind line {n_done} of {n_lines}: go on with `lumenfab resume {job}`, or free the bed \
+        "the last print of {job} broke off behind line {n_done} of {n_lines} or a little later: go on with `lumenfab resume {job}`, or free the bed \
          and give --anew"
     )]
     Unfinished {
@@ -164,7 +167,7 @@ pub enum Error {
         heat: Heat,
     },
     /// The journal's print was made by another profile, or on another printer.
-    #[error("not resumed: found {found}, expected {expected}, on which the print began; give that one")]
+    #[error("not resumed: the print began with {expected}, found {found}; give the one with which it began")]
     OtherMachine {
         /// What was given.
         found: String,
@@ -187,8 +190,9 @@ impl Error {
             Self::Job(error) => error.code(),
             Self::JobLost(lost) => lost.source.code(),
             Self::Open { problem: PortProblem::Missing, .. } => "printer.port_missing",
+            Self::Open { problem: PortProblem::Malformed, .. } => "printer.port_malformed",
             Self::Open { problem: PortProblem::NoRights, .. } => "printer.port_no_rights",
-            Self::Open { problem: PortProblem::Busy, .. } => "printer.port_busy",
+            Self::Open { problem: PortProblem::Busy(_), .. } => "printer.port_busy",
             Self::Open { problem: PortProblem::NotAPort, .. } => "printer.not_a_port",
             Self::Open { problem: PortProblem::Ambiguous(_), .. } => "printer.port_ambiguous",
             Self::Open { problem: PortProblem::Other(_), .. } => "printer.port_failed",
@@ -221,6 +225,9 @@ impl Error {
             }
             Self::Open { problem, .. } => next_step_of(problem),
             Self::BeingPrinted { .. } => "wait for its end, or stop that one",
+            Self::Journal(journal::Error::Io { action: "written", .. }) => {
+                "make room on that disk, or put the job into a folder that you may write"
+            }
             Self::Journal(_) | Self::OtherJob { .. } => {
                 "free the bed and print the job from its beginning with --anew"
             }
@@ -270,10 +277,11 @@ const fn next_step_of(problem: &PortProblem) -> &'static str {
     match problem {
         PortProblem::Ambiguous(_) => "name one by its serial number or by its path",
         PortProblem::Missing => "check that the printer is on and connected, and the name of its port",
+        PortProblem::Malformed => "`lsusb` lists vendor and product of each device",
         PortProblem::NoRights => {
             "add the user to the group that owns the port (often dialout) and log in again"
         }
-        PortProblem::Busy => "close the other program",
+        PortProblem::Busy(_) => "close the other program",
         PortProblem::NotAPort => "give the path of a serial device, for example /dev/ttyUSB0",
         PortProblem::Other(_) => "unplug the printer, plug it in again and check its port",
     }

@@ -32,6 +32,17 @@ pub enum Error {
         /// The job.
         name: String,
     },
+    /// There are commands in it, but none that any printer has.
+    #[error(
+        "{name}: is no print job: found {n_commands} lines and not one G or M command among them, expected G-code; a case is printed \
+         by the name of its directory"
+    )]
+    NotGcode {
+        /// The job.
+        name: String,
+        /// What would have been sent.
+        n_commands: u64,
+    },
     /// A line that the firmware would cut.
     #[error(
         "{name}:{line}: {n_bytes} bytes, but the firmware takes {max_bytes} with number and checksum; shorten it"
@@ -89,6 +100,7 @@ impl Error {
         match self {
             Self::Read { .. } => "printer.job_unreadable",
             Self::Empty { .. } => "printer.job_empty",
+            Self::NotGcode { .. } => "printer.job_not_gcode",
             Self::LineTooLong { .. } => "printer.job_line_too_long",
             Self::NotText { .. } => "printer.job_not_text",
             Self::ActsAtOnce { .. } => "printer.job_acts_at_once",
@@ -146,10 +158,16 @@ impl<R: BufRead + Seek> Job<R> {
             raw: Vec::new(),
             range: 0..0,
         };
-        while source.advance()? {}
+        let mut is_gcode = false;
+        while source.advance()? {
+            is_gcode = is_gcode || is_code(source.command());
+        }
         let n_lines = source.n_commands;
         if n_lines == 0 {
             return Err(Error::Empty { name: source.name });
+        }
+        if !is_gcode {
+            return Err(Error::NotGcode { name: source.name, n_commands: n_lines });
         }
         source.rewind()?;
         Ok(Self { source, n_lines, n_given: 0, is_put_back: false })
@@ -318,6 +336,11 @@ fn first_word(command: &[u8]) -> &[u8] {
     command.split(u8::is_ascii_whitespace).next().unwrap_or_default()
 }
 
+/// Whether a command is one of the standard's, and no macro.
+fn is_code(command: &str) -> bool {
+    matches!(command.as_bytes(), [b'G' | b'M', digit, ..] if digit.is_ascii_digit())
+}
+
 fn is_renumbering(command: &[u8]) -> bool {
     first_word(command) == b"M110"
 }
@@ -358,6 +381,17 @@ mod tests {
     #[test]
     fn a_job_without_commands_is_refused() {
         assert_eq!(error_of("; nothing\n\n"), "job.gcode: the job has no commands");
+    }
+
+    #[test]
+    fn a_file_of_something_else_is_no_job() {
+        let error = error_of("# a case\nct = \"../head\"\nwall_mm = 1.4\n[print]\n");
+        assert!(
+            error.starts_with("job.gcode: is no print job: found 4 lines and not one G or M command"),
+            "{error}"
+        );
+        assert!(!error.contains("head"), "{error}");
+        assert!(commands("START_PRINT BED=60\nG1 X1\nEND_PRINT\n").is_ok());
     }
 
     #[test]

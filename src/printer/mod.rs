@@ -20,6 +20,8 @@ pub mod control;
 pub mod device;
 pub mod driver;
 mod error;
+pub mod holder;
+pub mod identity;
 pub mod job;
 pub mod journal;
 pub mod link;

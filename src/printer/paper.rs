@@ -53,6 +53,49 @@ pub fn log_of(job: &Path) -> Result<Log, Error> {
     Ok(Log::read(&path_for(job))?)
 }
 
+/// Refuses to put another job in the place of `job`: while it is printed, and, but with `anew`, where its print broke off and may be
+/// gone on with.
+///
+/// # Errors
+/// [`Error::BeingPrinted`], [`Error::Unfinished`]; [`Error::Journal`] where the journal cannot be read.
+pub fn refuse_replacing(job: &Path, anew: bool) -> Result<(), Error> {
+    lock(job)?;
+    match unfinished(job) {
+        // Nothing of ours, and nothing that a new job would touch.
+        Err(Error::Journal(journal::Error::Foreign(_))) => Ok(()),
+        Ok(None) => Ok(()),
+        Ok(Some(_)) | Err(_) if anew => Ok(()),
+        Ok(Some(log)) => Err(broke_off(job, &log)),
+        Err(error) => Err(error),
+    }
+}
+
+/// The journal of a job's last print, where that broke off.
+fn unfinished(job: &Path) -> Result<Option<Log>, Error> {
+    let log = match log_of(job) {
+        Ok(log) => log,
+        Err(Error::Journal(journal::Error::Missing(_) | journal::Error::NotBegun(_))) => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
+    Ok((!is_over && log.progress.n_sent > 0).then_some(log))
+}
+
+fn broke_off(job: &Path, log: &Log) -> Error {
+    let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
+    Error::Unfinished { job: job.display().to_string(), n_done, n_lines }
+}
+
+/// The job is this process's own as long as this lives: two prints of one job would write one journal. A file system that knows no
+/// locks is believed.
+fn lock(job: &Path) -> Result<Option<File>, Error> {
+    let Ok(file) = File::open(job) else { return Ok(None) };
+    match file.try_lock() {
+        Err(std::fs::TryLockError::WouldBlock) => Err(Error::BeingPrinted { job: job.display().to_string() }),
+        Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(Some(file)),
+    }
+}
+
 /// The profile that a journal names, as it is loaded: a built-in one, or a file beside the job.
 #[must_use]
 pub fn profile_of(job: &Path, log: &Log) -> String {
@@ -80,7 +123,7 @@ fn check_machine(now: &Machine, before: &Machine) -> Result<(), Error> {
         let expected = if now.profile == before.profile {
             format!("{} as it was when the print began: it has changed since", before.profile)
         } else {
-            format!("the profile {} of the print", before.profile)
+            format!("the profile {}", before.profile)
         };
         return Err(Error::OtherMachine { found, expected });
     }
@@ -148,7 +191,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
-        let _lock = self.lock()?;
+        let _lock = lock(self.job)?;
         self.refuse_unfinished(anew)?;
         let job = self.open_job()?;
         let link = self.open_port(&self.profile.firmware).await?;
@@ -182,7 +225,7 @@ impl Paper<'_> {
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
-        let _lock = self.lock()?;
+        let _lock = lock(self.job)?;
         let (log, away_s) = (log_of(self.job)?, away_s(self.job));
         let job = self.open_job()?;
         self.check_same(&job, &log)?;
@@ -240,37 +283,16 @@ impl Paper<'_> {
     /// The way back to a print that broke off must not be lost by accident, nor a print begun on its part: neither where its journal
     /// cannot be read, unless `anew`. Something else of this name is never replaced.
     fn refuse_unfinished(&self, anew: bool) -> Result<(), Error> {
-        let log = match log_of(self.job) {
-            Ok(log) => log,
-            Err(Error::Journal(journal::Error::Missing(_) | journal::Error::NotBegun(_))) => return Ok(()),
-            Err(error @ Error::Journal(journal::Error::Foreign(_))) => return Err(error),
-            Err(_) if anew => return Ok(()),
-            Err(error) => return Err(error),
-        };
-        if anew {
-            return Ok(());
-        }
-        let is_over = matches!(log.end, Some(journal::Ending::Finished | journal::Ending::Cancelled));
-        if is_over || log.progress.n_sent == 0 {
-            return Ok(());
-        }
-        if self.hash()? != log.job.hash {
-            let journal = path_for(self.job).display().to_string();
-            return Err(Error::OtherJob { job: self.job.display().to_string(), journal });
-        }
-        let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
-        Err(Error::Unfinished { job: self.job.display().to_string(), n_done, n_lines })
-    }
-
-    /// The job is this process's own as long as this lives: two prints of one job would write one journal. A file system that knows no
-    /// locks is believed.
-    fn lock(&self) -> Result<Option<File>, Error> {
-        let Ok(file) = File::open(self.job) else { return Ok(None) };
-        match file.try_lock() {
-            Err(std::fs::TryLockError::WouldBlock) => {
-                Err(Error::BeingPrinted { job: self.job.display().to_string() })
+        match unfinished(self.job) {
+            Ok(None) => Ok(()),
+            Err(error @ Error::Journal(journal::Error::Foreign(_))) => Err(error),
+            Ok(Some(_)) | Err(_) if anew => Ok(()),
+            Ok(Some(log)) if self.hash()? != log.job.hash => {
+                let journal = path_for(self.job).display().to_string();
+                Err(Error::OtherJob { job: self.job.display().to_string(), journal })
             }
-            Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(Some(file)),
+            Ok(Some(log)) => Err(broke_off(self.job, &log)),
+            Err(error) => Err(error),
         }
     }
 

@@ -148,6 +148,7 @@ impl Trouble {
             Fault::LostPlace { .. } => Self::PlaceLost,
             Fault::EmergencyStop => Self::EmergencyStop,
             Fault::NoLineNumbers
+            | Fault::OtherFirmware { .. }
             | Fault::CommandRefused { .. }
             | Fault::Unsure { .. }
             | Fault::CommandTimeout { .. }

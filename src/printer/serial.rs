@@ -7,6 +7,7 @@
 //! it; where it is no USB device, the same path.
 
 use super::device::{self, Device};
+use super::holder;
 use super::link::Link;
 use super::{Error, PortProblem};
 use crate::profile::Firmware;
@@ -44,9 +45,9 @@ impl SerialLink {
     }
 
     fn open_at(&self, path: &Path) -> Result<SerialStream, Error> {
-        let guard = open_without_hangup(path).map_err(|errno| self.fail(problem_of(errno)))?;
+        let guard = open_without_hangup(path).map_err(|errno| self.fail(problem_of(errno, path)))?;
         let opened = tokio_serial::new(path.display().to_string(), self.baud).open_native_async();
-        let stream = opened.map_err(|error| self.fail(problem_of_opening(&error)))?;
+        let stream = opened.map_err(|error| self.fail(problem_of_opening(&error, path)))?;
         drop(guard);
         Ok(stream)
     }
@@ -110,21 +111,21 @@ async fn reset(stream: &mut SerialStream) -> tokio_serial::Result<()> {
     stream.write_data_terminal_ready(true)
 }
 
-fn problem_of(errno: Errno) -> PortProblem {
+fn problem_of(errno: Errno, path: &Path) -> PortProblem {
     match errno {
         Errno::NOENT | Errno::NOTDIR | Errno::NODEV | Errno::NXIO => PortProblem::Missing,
         Errno::ACCESS | Errno::PERM => PortProblem::NoRights,
-        Errno::BUSY => PortProblem::Busy,
+        Errno::BUSY => PortProblem::Busy(holder::of(path)),
         Errno::NOTTY | Errno::ISDIR | Errno::INVAL => PortProblem::NotAPort,
         other => PortProblem::Other(std::io::Error::from(other).to_string()),
     }
 }
 
 /// The port exists and is a terminal: what is left is mostly that somebody else has it.
-fn problem_of_opening(error: &tokio_serial::Error) -> PortProblem {
+fn problem_of_opening(error: &tokio_serial::Error, path: &Path) -> PortProblem {
     let text = error.to_string();
     if text.contains("lock") || text.contains("busy") {
-        return PortProblem::Busy;
+        return PortProblem::Busy(holder::of(path));
     }
     match error.kind() {
         tokio_serial::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortProblem::NoRights,

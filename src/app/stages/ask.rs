@@ -2,7 +2,7 @@
 
 use super::print::{Printer, check_printer, check_real, runtime};
 use crate::app::error::Error;
-use crate::app::settings::DEFAULT_PROFILE;
+use crate::app::settings::{DEFAULT_PROFILE, SIMULATED_PORT};
 use crate::printer::ask::{self, Found};
 use crate::printer::protocol::Temperatures;
 use crate::printer::{self, PortProblem, paper, serial};
@@ -44,13 +44,14 @@ impl std::fmt::Display for SafeOff {
 /// [`Error`] where profile or port cannot be used, where nothing answers, or where they stay on.
 pub fn safe_off(printer: Printer<'_>, after: Duration, cancel: &CancelToken) -> Result<SafeOff, Error> {
     let profile = profile::load::by_name(printer.profile_name)?;
-    check_real(printer.port)?;
+    let port = printer.port.unwrap_or(SIMULATED_PORT);
+    check_real(port)?;
     runtime()?.block_on(async {
         wait(after, cancel).await;
-        check_printer(&profile, printer.profile_name, printer.port, printer.baud)?;
+        check_printer(&profile, printer.profile_name, port, printer.baud)?;
         let firmware = paper::undisturbed(&profile);
-        let link = match serial::open(Path::new(printer.port), &firmware, printer.baud).await {
-            Err(printer::Error::Open { problem: PortProblem::Busy, .. }) if !after.is_zero() => {
+        let link = match serial::open(Path::new(port), &firmware, printer.baud).await {
+            Err(printer::Error::Open { problem: PortProblem::Busy(_), .. }) if !after.is_zero() => {
                 return Ok(SafeOff::LeftToAnother { in_use: true });
             }
             link => link?,

@@ -18,11 +18,31 @@ use super::case::{CaseError, MadeFrom};
 use super::error::Error;
 use super::event::Stage;
 use super::session::Session;
+use crate::printer::paper;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
 impl Session<'_> {
+    /// Whether the last print of the job, should it have broken off, is given up and the bed is free: the job may be replaced then.
+    pub const fn give_up_broken_off_print(&mut self, gives_up: bool) {
+        self.gives_up_print = gives_up;
+    }
+
+    /// Refuses to make anew, up to `last`, what a job came from that is being printed, or whose print may be gone on with: before
+    /// anything is changed.
+    pub(crate) fn spare_the_print(&self, last: Stage) -> Result<(), Error> {
+        let job = self.case.path(slice::JOB_FILE);
+        let Err(refusal) = paper::refuse_replacing(&job, self.gives_up_print) else { return Ok(()) };
+        for stage in Stage::ALL.into_iter().filter(|s| *s <= last.min(Stage::Slice)) {
+            let brought = stage == Stage::Segment && self.brings_contours();
+            if !brought && self.case.outdated(stage, &self.made_from(stage)?)?.is_some() {
+                return Err(refusal.into());
+            }
+        }
+        Ok(())
+    }
+
     /// What a stage is made from, as it is now.
     pub(crate) fn made_from(&self, stage: Stage) -> Result<MadeFrom, Error> {
         let mut made_from = match stage {

@@ -7,6 +7,7 @@ use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::Context;
 use crate::model::{self, Axis, Model};
+use crate::printer::paper;
 use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams};
@@ -32,6 +33,8 @@ pub struct ModelJob<'a> {
     pub turn: Option<(Axis, f64)>,
     /// A new or empty folder for a picture of every layer.
     pub preview: Option<&'a Path>,
+    /// Whether the last print of the job in its place, should it have broken off, is given up.
+    pub gives_up_print: bool,
 }
 
 /// What became of a model.
@@ -86,6 +89,7 @@ pub fn slice_model(
 ) -> Result<SlicedModel, Error> {
     job.preview.map_or(Ok(()), layer_pictures::check_folder)?;
     check_target("out", out, path)?;
+    paper::refuse_replacing(out, job.gives_up_print)?;
     let profile = wanted(profile::load::by_name(job.profile_name)?, job);
     let events = context.events;
     let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });

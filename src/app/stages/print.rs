@@ -8,12 +8,13 @@ use crate::app::case::MadeFrom;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
-use crate::app::settings::{Fault, SIMULATED_PORT, SettingError};
+use crate::app::settings::{Fault, SIMULATED_PORT, SettingError, Settings};
 use crate::ct::Warning;
 use crate::printer::control::Control;
 use crate::printer::device::{self, Device};
 use crate::printer::driver::{self, PrintEvent};
 use crate::printer::job::Job;
+use crate::printer::journal::Ending;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::{self, Stats};
 use crate::printer::session::Start;
@@ -68,11 +69,20 @@ impl std::fmt::Display for Printed {
 impl Printed {
     /// What the operator should look at.
     fn warnings(&self) -> Vec<Warning> {
-        let n = self.wire.n_foreign_commands;
-        let text = format!(
-            "{n} damaged lines were taken by the firmware for commands of their own: look at the part"
-        );
-        (n > 0).then(|| Warning::new("printer.foreign_commands", text)).into_iter().collect()
+        let (n_foreign, n_unknown) = (self.wire.n_foreign_commands, self.wire.n_unknown_commands);
+        let foreign = (n_foreign > 0).then(|| {
+            let text = format!(
+                "{n_foreign} damaged lines were taken by the firmware for commands of their own: look at the part"
+            );
+            Warning::new("printer.foreign_commands", text)
+        });
+        let unknown = (n_unknown > 0).then(|| {
+            let text = format!(
+                "{n_unknown} commands are unknown to the firmware: see that the job is for this printer"
+            );
+            Warning::new("printer.unknown_commands", text)
+        });
+        foreign.into_iter().chain(unknown).collect()
     }
 }
 
@@ -84,7 +94,7 @@ impl Session<'_> {
     pub fn print(&mut self) -> Result<(), Error> {
         self.require(Stage::Slice)?;
         let profile = self.profile()?;
-        self.stage(Stage::Print, |session, task| session.print_job(&profile, None, task))
+        self.stage(Stage::Print, |session, task| session.print_job(&profile, task))
     }
 
     /// Prints the job once more, where it is a real printer; asked for by name, it is never "done already".
@@ -144,6 +154,7 @@ impl Session<'_> {
     /// [`Error`] where nothing is known of a print, and as [`Session::print_again`].
     pub fn resume_print(&mut self, baud: Option<u32>, after_reset: bool) -> Result<(), Error> {
         self.require(Stage::Slice)?;
+        self.recall_port();
         let profile = self.profile()?;
         let made_from = self.made_from(Stage::Print)?;
         let manner = Manner::Resume { after_reset };
@@ -153,8 +164,17 @@ impl Session<'_> {
         })
     }
 
-    fn print_job(&self, profile: &Profile, baud: Option<u32>, task: &Task<'_>) -> Result<Made, Error> {
-        self.do_print(profile, baud, Manner::FromTheBeginning { anew: false }, task)
+    /// A process that was killed could not keep in the case where it printed; the journal has it.
+    fn recall_port(&mut self) {
+        let log = paper::log_of(&self.case.path(JOB_FILE));
+        if let Some(log) = log.ok().filter(|_| self.is_simulated()) {
+            let port = log.machine.device.unwrap_or(log.machine.port);
+            self.case.set_settings(Settings { port, ..self.settings().clone() });
+        }
+    }
+
+    fn print_job(&self, profile: &Profile, task: &Task<'_>) -> Result<Made, Error> {
+        self.do_print(profile, None, Manner::FromTheBeginning { anew: self.gives_up_print }, task)
     }
 
     fn do_print(
@@ -187,11 +207,22 @@ impl Session<'_> {
             "printer.port",
             format!("prints on {} with the profile {}", paper::port_kept(order.port), order.profile.name),
         );
+        tell_of_part(order, &self.context);
         if self.case.path(RECORD_DIR).exists() {
             let text =
                 "what the simulated printer has laid down (record/) is removed when this print is done";
             tell("print.record", text.to_owned());
         }
+    }
+}
+
+/// Nobody but the operator knows whether the part of the last print is off the bed.
+fn tell_of_part(order: &Order<'_>, context: &Context<'_>) {
+    let is_anew = matches!(order.manner, Manner::FromTheBeginning { .. });
+    let was_printed = || paper::log_of(order.job).is_ok_and(|log| log.end == Some(Ending::Finished));
+    if is_anew && order.port != SIMULATED_PORT && was_printed() {
+        let text = "this job was printed before: its part must be off the bed".to_owned();
+        (context.events)(Event::Told { stage: Stage::Print, code: "printer.bed", text });
     }
 }
 
@@ -206,13 +237,14 @@ struct Kept {
 pub struct Printer<'a> {
     /// A name, or the path of a profile file.
     pub profile_name: &'a str,
-    /// A path, or `sim`.
-    pub port: &'a str,
+    /// A path, or `sim`, which is what nothing means.
+    pub port: Option<&'a str>,
     /// Rate of the wire instead of the profile's, 1/s.
     pub baud: Option<u32>,
 }
 
-/// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off.
+/// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off, or where a port is named that is
+/// simulated.
 ///
 /// # Errors
 /// [`Error`] where profile, file or port cannot be used, or where the print failed.
@@ -223,6 +255,11 @@ pub fn print_file(
     context: &Context<'_>,
 ) -> Result<Printed, Error> {
     let Printer { profile_name, port, baud } = printer;
+    let port = match port {
+        Some(port) => port,
+        // It was a real printer: the simulated one is no place to begin it again by accident.
+        None => paper::refuse_replacing(job, anew).map(|()| SIMULATED_PORT)?,
+    };
     let profile = profile::load::by_name(profile_name)?;
     check_printer(&profile, profile_name, port, baud)?;
     let events = context.events;
@@ -231,6 +268,7 @@ pub fn print_file(
     events(Event::Started(Stage::Print));
     let manner = Manner::FromTheBeginning { anew };
     let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
+    tell_of_part(&order, context);
     order.print(&task, context).map_err(Error::or_interrupted)
 }
 
@@ -298,7 +336,9 @@ pub(super) fn check_printer(
     }
     let problem = match Device::named(port) {
         Some(device) => device::path_of(&device).err(),
-        None => (!Path::new(port).exists()).then_some(PortProblem::Missing),
+        None if Path::new(port).exists() => None,
+        None if port.starts_with("usb:") => Some(PortProblem::Malformed),
+        None => Some(PortProblem::Missing),
     };
     problem.map_or(Ok(()), |problem| Err(printer::Error::Open { port: port.to_owned(), problem }.into()))
 }
@@ -437,7 +477,15 @@ const HEATER_TIMEOUT: &str = "HeaterTimeout";
 /// Passes on what the printer tells, until the print has ended.
 async fn show(mut events: mpsc::Receiver<PrintEvent>, task: &Task<'_>, context: &Context<'_>) {
     let stage = Stage::Print;
+    let mut is_paused = false;
     while let Some(event) = events.recv().await {
+        match &event {
+            PrintEvent::Session(protocol::Event::Paused) => is_paused = true,
+            PrintEvent::Session(protocol::Event::Resumed) => is_paused = false,
+            // A firmware in a pause says that it is busy; what is told of it stays.
+            PrintEvent::Session(protocol::Event::Busy(_)) if is_paused => continue,
+            _ => {}
+        }
         if let PrintEvent::Progress { n_lines_done, n_lines } = event {
             task.report(n_lines_done, n_lines);
         } else if let Some((code, text)) = told(&event) {
@@ -483,10 +531,19 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
         PrintEvent::NothingToDo(control) => {
             return Some(("printer.nothing_to_do", nothing_to_do(*control).to_owned()));
         }
+        PrintEvent::StillPausing => {
+            let text =
+                "it pauses as soon as the printer has done what it has: heating and homing too end first";
+            return Some(("printer.still_pausing", text.to_owned()));
+        }
         PrintEvent::Session(session) => session,
         PrintEvent::Progress { .. } => return None,
     };
     Some(match session {
+        Said::NoAnswerYet => (
+            "printer.no_answer_yet",
+            "the printer has not answered yet; it is asked for up to a minute: is it on, and not stopped for good?".to_owned(),
+        ),
         Said::Paused => ("printer.paused", "paused, the heaters stay on".to_owned()),
         Said::Resumed => ("printer.resumed", "goes on".to_owned()),
         Said::Prompt(Some(prompt)) if prompt.text.contains(HEATER_TIMEOUT) => (

@@ -76,6 +76,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where the CT cannot be read, the lumen not be found, or the case not be written.
     pub fn segment(&mut self) -> Result<(), Error> {
+        self.spare_the_print(Stage::Segment)?;
         if matches!(self.settings().source, Source::Sections) {
             self.require_contours()?;
             return self.skip(Stage::Segment);

@@ -14,6 +14,7 @@ use crate::gcode;
 use crate::geom::RigidTransform;
 use crate::motion;
 use crate::preview;
+use crate::printer::paper;
 use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams, Layer, LayerSlot};
@@ -64,6 +65,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there is no solid, where it does not fit the printer, or where the case cannot be written.
     pub fn slice(&mut self) -> Result<(), Error> {
+        self.spare_the_print(Stage::Slice)?;
         self.require(Stage::Solid)?;
         let profile = self.profile()?;
         // Written into the job, so that a printout can be traced to what it was made from.
@@ -86,6 +88,7 @@ impl Session<'_> {
     /// [`Error`] where there is none yet or the file cannot be written.
     pub fn copy_job(&self, to: &Path) -> Result<(), Error> {
         check_target("out", to, self.case.dir())?;
+        paper::refuse_replacing(to, self.gives_up_print)?;
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let bytes = std::fs::read(&job).map_err(atomic::failed("read", &job))?;
         Ok(atomic::write_export(to, &bytes)?)

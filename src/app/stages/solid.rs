@@ -45,6 +45,7 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where there are no contours, where they make no solid or none that is valid, or where the case cannot be written.
     pub fn solid(&mut self) -> Result<(), Error> {
+        self.spare_the_print(Stage::Solid)?;
         self.require(Stage::Segment)?;
         if let Err(refused) = self.stage(Stage::Solid, Self::build_solid) {
             if !refused.is_interruption() {

@@ -192,7 +192,7 @@ pub enum Record {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The system did not let us.
-    #[error("{}: the journal cannot be {action}: {source}", path.display())]
+    #[error("{}: the journal cannot be {action}: {source}{}", path.display(), next_after(action))]
     Io {
         /// The journal.
         path: PathBuf,
@@ -231,6 +231,16 @@ impl Error {
             Self::Missing(_) => "printer.journal_missing",
             Self::NotBegun(_) => "printer.journal_not_begun",
         }
+    }
+}
+
+/// What to do where the system does not let us. Nothing is sent before the journal has begun.
+fn next_after(action: &str) -> &'static str {
+    match action {
+        "written" => {
+            "; nothing was sent to the printer: make room on that disk, or put the job into a folder that you may write"
+        }
+        _ => "",
     }
 }
 

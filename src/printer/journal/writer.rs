@@ -47,7 +47,7 @@ impl Journal {
         replace(path, &bytes).map_err(|source| Error::Io {
             path: path.to_owned(),
             action: "written",
-            source,
+            source: without_path(&source),
         })?;
         Self::append_to(path)
     }
@@ -327,6 +327,12 @@ fn refuse_foreign(path: &Path) -> Result<(), Error> {
         Err(error @ Error::Foreign(_)) => Err(error),
         _ => Ok(()),
     }
+}
+
+/// An error without the name of the file that would have been renamed: nobody knows that one.
+fn without_path(error: &io::Error) -> io::Error {
+    let kind = error.kind();
+    io::Error::new(kind, kind.to_string())
 }
 
 fn first_line(path: &Path) -> Result<Vec<u8>, Error> {

@@ -105,7 +105,7 @@ fn a_journal_that_cannot_be_read_is_none_only_with_consent_and_something_else_ne
 #[test]
 fn a_job_is_printed_by_one_process_at_a_time() {
     let place = Place::new();
-    let lock = |paper: &Paper<'_>| paper.lock();
+    let lock = |paper: &Paper<'_>| super::lock(paper.job);
     let first = place.with_paper(lock).unwrap();
     let second = place.with_paper(lock).unwrap_err();
     assert_eq!(second.code(), "printer.being_printed");
@@ -190,7 +190,7 @@ fn another_printer_or_profile_is_refused_by_name() {
     }
     for (other, word) in [
         (machine("marlin", "1", Some("usb:1:2:B")), "usb:1:2:B"),
-        (machine("klipper", "2", Some("usb:1:2:A")), "the profile marlin of the print"),
+        (machine("klipper", "2", Some("usb:1:2:A")), "began with the profile marlin"),
         (machine("marlin", "2", Some("usb:1:2:A")), "has changed since"),
     ] {
         let error = check_machine(&other, &before).unwrap_err();

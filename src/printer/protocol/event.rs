@@ -25,6 +25,10 @@ pub enum Event {
     Action(String),
     /// The printer asks the operator; nothing where the question is over.
     Prompt(Option<Prompt>),
+    /// Nothing has answered for some seconds; it is asked on.
+    NoAnswerYet,
+    /// What the firmware calls itself (M115).
+    Firmware(String),
     /// A line that means nothing to the protocol: kept for the log.
     Message(String),
     /// The firmware asks for no line again: a damaged one is found by its place.
@@ -77,6 +81,8 @@ pub struct Stats {
     pub n_lost_oks: u64,
     /// Damaged lines that the firmware took for commands of their own.
     pub n_foreign_commands: u64,
+    /// Commands of the job that the firmware does not know.
+    pub n_unknown_commands: u64,
     /// Lines from the firmware that were not understood.
     pub n_unknown_lines: u64,
 }
@@ -93,6 +99,7 @@ impl Stats {
             n_probes: self.n_probes + other.n_probes,
             n_lost_oks: self.n_lost_oks + other.n_lost_oks,
             n_foreign_commands: self.n_foreign_commands + other.n_foreign_commands,
+            n_unknown_commands: self.n_unknown_commands + other.n_unknown_commands,
             n_unknown_lines: self.n_unknown_lines + other.n_unknown_lines,
         }
     }

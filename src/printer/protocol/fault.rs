@@ -21,6 +21,14 @@ pub enum Fault {
     /// It answers, but does not check line numbers.
     #[error("the printer answers, but does not check line numbers as its profile says")]
     NoLineNumbers,
+    /// The profile is that of another firmware.
+    #[error("the printer's firmware is {found}, but its profile is for {expected}")]
+    OtherFirmware {
+        /// The name of the built-in profile for what it says to be.
+        found: &'static str,
+        /// The same of what its profile says.
+        expected: &'static str,
+    },
     /// The firmware started anew.
     #[error("the printer restarted in the middle of the job")]
     FirmwareReset,
@@ -100,6 +108,7 @@ impl Fault {
             Self::NoAnswer { .. } => "printer.no_answer",
             Self::Echo => "printer.echo",
             Self::NoLineNumbers => "printer.no_line_numbers",
+            Self::OtherFirmware { .. } => "printer.other_firmware",
             Self::LostPlace { .. } => "printer.lost_place",
             Self::EmergencyStop => "printer.emergency_stop",
             Self::Garbled { .. } => "printer.garbled",
@@ -130,7 +139,9 @@ impl Fault {
             }
             Self::EmergencyStop => "look at the printer, then reset it",
             Self::Garbled { .. } => "check the cable, the baud rate, and that no other program uses the port",
-            Self::NoLineNumbers => "choose the profile of the printer's firmware",
+            Self::NoLineNumbers | Self::OtherFirmware { .. } => {
+                "choose the profile of the printer's firmware"
+            }
             Self::FirmwareReset => {
                 "check the printer's power supply; `lumenfab resume` says whether and where the part can be continued"
             }

@@ -1,5 +1,6 @@
 //! The greeting: both sides agree that the last line was number 0, and the printer proves that it checks numbers.
 
+use super::recovery::Late;
 use super::{Core, Event, Fault, NextOk, Reply, ResendStyle, State, Timer};
 use crate::printer::protocol::wire::{VOID, write_numbered};
 
@@ -18,6 +19,9 @@ pub enum Greeting {
 
 /// A number that is not the next one.
 const PROOF_NUMBER: u64 = 1000;
+
+/// A board that was reset by the opening is up by then.
+const TRIES_UNTOLD: u32 = 3;
 
 /// A printer may repeat a line once; what repeats every line is none.
 const MAX_ECHOED: u32 = 2;
@@ -131,6 +135,7 @@ impl Core {
             if self.config.firmware.counts_lines() { self.after_refusal() } else { NextOk::Acknowledges };
         self.refused = None;
         self.n_echoed = 0;
+        self.late = Late::default();
         self.user_awaited = None;
         self.state = State::Idle;
         self.stats.n_unknown_lines = 0;
@@ -149,6 +154,7 @@ impl Core {
     }
 
     fn greet_again(&mut self, tries: u32) {
+        self.tell_no_answer(tries);
         if self.n_echoed > MAX_ECHOED {
             self.fail(Fault::Echo);
         } else if tries < self.max_greetings() {
@@ -157,6 +163,13 @@ impl Core {
             self.fail(Fault::NoLineNumbers);
         } else {
             self.unanswered();
+        }
+    }
+
+    /// Told once: who waits half a minute at a printer that is off should know for what.
+    pub(super) fn tell_no_answer(&mut self, tries: u32) {
+        if tries == TRIES_UNTOLD {
+            self.events.push_back(Event::NoAnswerYet);
         }
     }
 

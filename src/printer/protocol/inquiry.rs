@@ -4,6 +4,7 @@
 //! that counts no lines is asked for temperatures only: what it has taken shows in its position. Where the link broke within a line, its
 //! first half waits in the firmware, and might be obeyed: what is put behind it makes it a line that no firmware understands.
 
+use super::recovery::Late;
 use super::wire::{VOID, Wire};
 use super::{Acknowledgement, Core, Event, Fault, Greeting, NextOk, Reply, ResendStyle, State, Timer};
 use crate::profile::Dialect;
@@ -64,6 +65,7 @@ impl Core {
     }
 
     pub(super) fn inquire_again(&mut self, tries: u32) {
+        self.tell_no_answer(tries);
         if tries >= self.max_greetings() + EXTRA_TRIES {
             self.unanswered();
             return;
@@ -121,6 +123,7 @@ impl Core {
         self.timers.stop_all();
         self.refused = None;
         self.stats.n_unknown_lines = 0;
+        self.late = Late::default();
         self.user_awaited = None;
         self.state = State::Idle;
         self.events.push_back(Event::Found(last));

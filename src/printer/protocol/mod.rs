@@ -82,7 +82,7 @@ use owed::Debts;
 use pause::{Awaited, Pulse};
 use planner::Planner;
 use prompt::Prompts;
-use recovery::{NextOk, Probe, Rewind};
+use recovery::{Late, NextOk, Probe, Rewind};
 use safety::Securing;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -151,6 +151,9 @@ pub struct Core {
     /// The last line, as a refusal has named it; `Resend` must agree.
     refused: Option<(Refusal, u64)>,
     rewind: Option<Rewind>,
+    late: Late,
+    /// The last request was for line 1, long after it.
+    may_be_reset: bool,
     probe: Option<Probe>,
     /// `ok` with line numbers were seen: one without belongs to none of our lines.
     is_advanced: bool,
@@ -233,6 +236,8 @@ impl Core {
             next_ok: NextOk::default(),
             refused: None,
             rewind: None,
+            late: Late::default(),
+            may_be_reset: false,
             probe: None,
             is_advanced: false,
             owed: Debts::default(),
@@ -468,6 +473,11 @@ impl Core {
         }
     }
 
+    /// It is the firmware of this profile: what switches its heaters off is said in its own words.
+    pub fn speaks(&mut self, profile: &Profile) {
+        self.config.safe = profile.safe_gcode();
+    }
+
     /// The job leaves heaters on: the firmware's own time-out for them is not taken back at its end.
     pub fn leave_guarded(&mut self) {
         let taken_back = self.config.guard_end.clone();
@@ -512,7 +522,11 @@ impl Core {
     fn session_reply(&mut self, reply: Reply<'_>, line: &str) {
         match reply {
             Reply::Ok(ok) => {
-                self.stats.n_unknown_lines += u64::from(is_odd(line, &ok));
+                match line.find("FIRMWARE_") {
+                    // Klipper says it behind its `ok`.
+                    Some(at) => self.events.push_back(Event::Firmware(line[at..].to_owned())),
+                    None => self.stats.n_unknown_lines += u64::from(is_odd(line, &ok)),
+                }
                 self.on_ok(ok);
             }
             Reply::Resend(number) => self.on_resend(number.0),
@@ -541,7 +555,9 @@ impl Core {
             Reply::Skipped(_) => self.next_ok = NextOk::EndsRefusal,
             Reply::Error(text) => self.on_error(text, line),
             Reply::Position(place) if self.hear_place(place) => {}
-            Reply::Position(_) | Reply::Firmware(_) | Reply::Unknown(_) => {
+            Reply::Firmware(told) => self.events.push_back(Event::Firmware(told.to_owned())),
+            Reply::Capability => {}
+            Reply::Position(_) | Reply::Unknown(_) => {
                 self.stats.n_unknown_lines += 1;
                 self.events.push_back(Event::Message(line.to_owned()));
             }

@@ -26,6 +26,14 @@ impl Core {
             self.oldest = None;
         } else if self.oldest.is_none_or(|oldest| oldest.number != number) {
             self.oldest = Some(Oldest { number, since: self.now });
+            self.end_wait_of_cancelled();
+        }
+    }
+
+    /// The word that ended the wait under way says nothing to the next one, which the firmware has already.
+    fn end_wait_of_cancelled(&mut self) {
+        if self.state == State::Cancelling && self.wire.oldest_waits() {
+            self.say_now("M108");
         }
     }
 
@@ -61,7 +69,10 @@ impl Core {
 
     fn command_limit(&self) -> Duration {
         match self.state {
-            State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
+            // It lives, and says so; where nothing can end its wait, what follows is done all the same.
+            State::Cancelling if !self.wire.oldest_waits_for_heat() => {
+                self.config.slow_command.min(CANCEL_LIMIT)
+            }
             _ => self.config.slow_command + self.wire.oldest_dwell(),
         }
     }

@@ -41,6 +41,46 @@ pub(super) struct Rewind {
     n_behind: u32,
 }
 
+/// Refusals of probes that are still to come: a firmware that was at a long command answers all of them when it is done, the first tells
+/// what the others tell again.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Late {
+    n_owed: u32,
+    /// The line that the first of them asked for.
+    number: Option<u64>,
+}
+
+impl Late {
+    const fn asked(&mut self, n_refusals: u32) {
+        self.n_owed = self.n_owed.saturating_add(n_refusals);
+        self.number = None;
+    }
+
+    /// Whether this is one of the others; `is_awaited` where it is the first.
+    fn takes(&mut self, number: u64, is_awaited: bool) -> bool {
+        if self.n_owed == 0 {
+            return false;
+        }
+        self.n_owed -= 1;
+        if is_awaited {
+            self.number = Some(number);
+            return false;
+        }
+        let is_told_again = self.number == Some(number);
+        if !is_told_again {
+            *self = Self::default();
+        }
+        is_told_again
+    }
+
+    /// Answers come in order: what was owed before a line that was sent behind the first of them has come, or is lost.
+    pub(super) fn acknowledged(&mut self, acked: u64) {
+        if self.number.is_some_and(|number| number <= acked) {
+            *self = Self::default();
+        }
+    }
+}
+
 /// The firmware was asked for its last line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Probe {
@@ -77,6 +117,8 @@ impl Core {
             text.push_str("M105\n");
         } else {
             self.wire.write_probe(&mut text);
+            // The void line is refused too.
+            self.late.asked(if obeys_halves { 2 } else { 1 });
         }
         self.urgent.push_back(text);
     }
@@ -97,6 +139,7 @@ impl Core {
     pub(super) fn on_unknown_command(&mut self, text: &str, line: &str) {
         self.events.push_back(Event::Message(line.to_owned()));
         if self.wire.is_in_flight(text) {
+            self.stats.n_unknown_commands += u64::from(!is_urgent(text));
             return;
         }
         if self.config.firmware.counts_lines() {
@@ -163,6 +206,7 @@ impl Core {
             self.wire.planner_has_room(self.now, free);
         }
         if is_progress {
+            self.late.acknowledged(self.wire.acked());
             self.quiet_since = self.now;
             self.wire.measure(self.now);
         }
@@ -170,9 +214,18 @@ impl Core {
 
     /// Repetier says `ok` as it takes a line, and the temperatures when their turn comes.
     pub(super) fn on_temperatures(&mut self) {
+        self.heats_visibly();
         let is_late = self.config.firmware.dialect == Dialect::Repetier;
         if is_late && self.probe.is_some_and(|probe| probe.is_in_order) {
             self.all_done();
+        }
+    }
+
+    /// Firmware that reports temperatures only while a line waits for one shows by each that it still does: there is nothing to ask.
+    fn heats_visibly(&mut self) {
+        let reports_always = self.is_talkative() || self.config.firmware.temperature_report_s > 0.0;
+        if !reports_always && self.probe.is_none() && self.wire.oldest_waits_for_heat() {
+            self.quiet_since = self.now;
         }
     }
 
@@ -241,6 +294,11 @@ impl Core {
             self.ask_in_doubt();
             return;
         }
+        // The others throw away what they have received when they refuse a line: there it is sent again on each of these.
+        let keeps_lines = self.config.firmware.dialect == Dialect::Smoothie;
+        if self.late.takes(number, self.probe.is_some()) && keeps_lines {
+            return;
+        }
         self.on_last_line(number, matches!(refused, Some((Refusal::Damaged, _))));
     }
 
@@ -267,7 +325,12 @@ impl Core {
 
     /// The firmware wants line `number` next, and both its answers say so.
     fn on_last_line(&mut self, number: u64, is_damaged: bool) {
-        if self.is_of_a_reset(number) {
+        let says_reset = self.is_of_a_reset(number);
+        let was_said = std::mem::replace(&mut self.may_be_reset, says_reset);
+        if says_reset && !was_said && self.config.firmware.resend_style == ResendStyle::Rs {
+            // One word alone: a byte of its number may have been lost.
+            self.ask();
+        } else if says_reset {
             self.fail(Fault::FirmwareReset);
         } else if number > self.wire.next().max(self.wire.highest() + 1) || number < self.wire.oldest() {
             self.unavailable(number);

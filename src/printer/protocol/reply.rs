@@ -39,6 +39,8 @@ pub enum Reply<'a> {
     Position(Position),
     /// Which firmware it is (the answer to M115).
     Firmware(&'a str),
+    /// One of the lines behind it.
+    Capability,
     /// Anything else.
     Unknown(&'a str),
 }
@@ -158,6 +160,7 @@ fn other(line: &str) -> Reply<'_> {
         "wait" => Reply::Wait,
         _ if line.ends_with("is up and running.") => Reply::Start,
         _ if line.starts_with("FIRMWARE_") => Reply::Firmware(line),
+        _ if line.starts_with("Cap:") => Reply::Capability,
         // RepRapFirmware's, which is no error to it.
         _ if line.starts_with("Emergency Stop") => Reply::Halted(line),
         _ => skipped(line)

@@ -32,6 +32,11 @@ pub(super) fn waits_for_user(command: &str) -> bool {
         && command.split_ascii_whitespace().next().is_some_and(|word| WAITS_FOR_USER.contains(&word))
 }
 
+/// Whether a command waits for a temperature.
+pub(super) fn waits_for_heat(command: &str) -> bool {
+    ["M109", "M190"].iter().any(|word| command.starts_with(word))
+}
+
 /// Whether a command is a straight move.
 pub(super) fn is_move(command: &str) -> bool {
     matches!(command.as_bytes(), [b'G', b'0' | b'1'] | [b'G', b'0' | b'1', b' ', ..])

@@ -13,7 +13,7 @@
 //! the writer back by itself, and more may be in flight. A damaged line takes that back for good.
 
 use super::allowance::Allowance;
-use super::slow::{dwell, is_move, is_slow, waits_for_user};
+use super::slow::{dwell, is_move, is_slow, waits_for_heat, waits_for_user};
 use super::time::Instant;
 use crate::profile::Firmware;
 use std::collections::VecDeque;
@@ -63,6 +63,7 @@ struct Line {
     /// A straight move: it takes one place of the planner, and no time where there is one.
     is_move: bool,
     waits_for_user: bool,
+    waits_for_heat: bool,
 }
 
 /// See the module. Numbers count from 1, after `M110 N0`.
@@ -80,6 +81,8 @@ pub(super) struct Wire {
     allowance: Allowance,
     /// Last line at which the firmware does not wait: the planner has room for all moves up to it.
     flowing: u64,
+    /// The last line sent that waits for a temperature: none goes behind it before it is done.
+    heating: u64,
     lines: VecDeque<Line>,
     /// Number of the first of `lines`.
     base: u64,
@@ -112,6 +115,7 @@ impl Wire {
             command_slots: firmware.command_slots as u64,
             allowance: Allowance::new(firmware),
             flowing: 0,
+            heating: 0,
             lines: VecDeque::new(),
             base: 1,
             base_end: 0,
@@ -150,7 +154,7 @@ impl Wire {
         self.lines.clear();
         (self.base, self.next) = (number + 1, number + 1);
         (self.acked, self.read, self.highest) = (number, number, number);
-        (self.base_end, self.base_job_lines, self.acked_job_lines) = (0, 0, 0);
+        (self.base_end, self.base_job_lines, self.acked_job_lines, self.heating) = (0, 0, 0, 0);
     }
 
     /// Appends a command.
@@ -168,8 +172,8 @@ impl Wire {
         }
         let end = self.end_of(self.queued()) + text.len() as u64;
         let (is_slow, is_move) = (is_slow(command), is_move(command));
-        let waits_for_user = waits_for_user(command);
-        self.lines.push_back(Line { text, end, origin, is_slow, is_move, waits_for_user });
+        let (waits_for_user, waits_for_heat) = (waits_for_user(command), waits_for_heat(command));
+        self.lines.push_back(Line { text, end, origin, is_slow, is_move, waits_for_user, waits_for_heat });
     }
 
     /// The last line appended.
@@ -217,6 +221,10 @@ impl Wire {
         if self.one_by_one && self.in_flight() > 0 {
             return None;
         }
+        // So a stop is heard while it heats, and what stands behind is not begun.
+        if number > self.heating && self.acked < self.heating {
+            return None;
+        }
         let line = self.lines.get(self.index(number)?)?;
         let read = self.read.max(self.acked).min(number - 1);
         let unread_bytes = line.end - self.end_of(read);
@@ -224,6 +232,9 @@ impl Wire {
         let extra_bytes = if number <= self.flowing { self.allowance.bytes() } else { 0 };
         if !is_alone && unread_bytes > self.rx_bytes + extra_bytes {
             return None;
+        }
+        if line.waits_for_heat {
+            self.heating = number;
         }
         self.next += 1;
         self.highest = self.highest.max(number);
@@ -362,8 +373,12 @@ impl Wire {
 
     /// Whether the oldest line in flight ends when something is warm.
     pub(super) fn oldest_waits_for_heat(&self) -> bool {
-        let waits = |command: &str| command.starts_with("M109") || command.starts_with("M190");
-        self.oldest_command().is_some_and(waits)
+        self.oldest_command().is_some_and(waits_for_heat)
+    }
+
+    /// Whether the oldest waits for a temperature or for somebody, so that M108 ends it.
+    pub(super) fn oldest_waits(&self) -> bool {
+        self.oldest_command().is_some_and(|c| waits_for_heat(c) || waits_for_user(c))
     }
 
     /// Whether `text` is a command in flight, as the firmware may repeat it.

@@ -10,7 +10,8 @@ use std::io::{BufRead, Seek};
 impl<R: BufRead + Seek> Plan<'_, R> {
     /// By position: the first line from the last acknowledged one on behind which the job is exactly there.
     pub(super) fn unnumbered(&mut self) -> Result<Decision, job::Error> {
-        let first = self.known.progress.n_acked;
+        // Behind the last line of the job comes one of the host's.
+        let first = self.known.progress.n_acked.min(self.job.n_lines());
         let end = self.known.progress.n_sent.max(first) + self.unrecorded();
         let Some(position) = self.survey.position else { return self.recover(Why::Elsewhere) };
         // It says so in no other way: nothing is warm, and all places are 0, the filament's too.
@@ -118,7 +119,7 @@ impl<R: BufRead + Seek> Plan<'_, R> {
 }
 
 /// What stands behind the first line that brings a printer to a place may have been executed or not. These do no harm twice.
-const HARMLESS: [&str; 32] = [
+const HARMLESS: [&str; 33] = [
     "G0",
     "M18",
     "M84",
@@ -132,6 +133,7 @@ const HARMLESS: [&str; 32] = [
     "M83",
     "M104",
     "M105",
+    "M115",
     "M106",
     "M107",
     "M117",
@@ -164,13 +166,17 @@ pub(in crate::printer) fn may_be_repeated(command: &str) -> bool {
     command.split_ascii_whitespace().next().is_none_or(|word| HARMLESS.contains(&word))
 }
 
-/// Whether the printer is just where the job is, filament included.
+/// Whether the printer is just where the job is, filament included. Where an axis is home, and no line has moved it since, the job does
+/// not say where that is.
 pub(super) fn is_exactly(modal: &Modal, position: Position) -> bool {
     let Some(e_mm) = position.e_mm else { return false };
     let [x, y, z] = position.xyz_mm;
     let is_near =
-        |at: &Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
-    modal.at_mm.iter().zip([x, y, z, e_mm]).all(|(at, told)| is_near(at, told))
+        |at: Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
+    let [at_x, at_y, at_z, at_e] = modal.at_mm;
+    let is_home = |at: Option<f64>| at.is_none() && modal.is_homed;
+    let is_there = |at, told| is_near(at, told) || is_home(at);
+    is_there(at_x, x) && is_there(at_y, y) && is_near(at_z, z) && is_near(at_e, e_mm)
 }
 
 /// Stretches of lines behind which the job is at one place.

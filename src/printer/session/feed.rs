@@ -1,18 +1,37 @@
 //! The job's lines on their way to the core, and which of them wait for the journal.
 
-use super::super::protocol::Command;
-use super::{PrintEvent, Session};
+use super::super::identity;
+use super::super::protocol::{Command, Fault};
+use super::{PrintEvent, Session, Stage};
+use crate::profile;
 use std::io::{BufRead, Seek};
 
 impl<R: BufRead + Seek> Session<R> {
     /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
     pub(super) fn feed(&mut self) -> bool {
+        if self.name_due.is_some() {
+            return false;
+        }
         let mut was_given = false;
         while self.core.wants_line() && self.give() {
             was_given = true;
         }
         self.note_cancel();
         was_given
+    }
+
+    /// A profile of another firmware prints nothing: it may leave out line numbers, or wait for answers that never come.
+    pub(super) fn hear_name(&mut self, told: &str) {
+        self.name_due = None;
+        let expected = self.profile.firmware.dialect;
+        let Some(found) = identity::dialect_of(told) else { return };
+        if matches!(self.stage, Stage::Printing) && identity::is_another(found, expected) {
+            let [found, expected] = [found, expected].map(identity::profile_name);
+            if let Ok(profile) = profile::builtin(found) {
+                self.core.speaks(&profile);
+            }
+            self.core.give_up(self.now, Fault::OtherFirmware { found, expected });
+        }
     }
 
     /// Gives the core the next line of the job. One that changes the height is written down first, as late as can be: when all before

@@ -25,7 +25,7 @@ impl<R: BufRead + Seek> Session<R> {
     /// The operator asks for something. What has no meaning now is passed over, and said to be.
     pub fn control(&mut self, now: Instant, control: Control) {
         if !self.has_meaning(control) {
-            self.events.push_back(PrintEvent::NothingToDo(control));
+            self.events.push_back(self.why_nothing(control));
             return;
         }
         self.events.push_back(PrintEvent::Asked(control));
@@ -46,11 +46,20 @@ impl<R: BufRead + Seek> Session<R> {
     fn has_meaning(&self, control: Control) -> bool {
         let is_paused = self.is_held || self.core.state().is_paused();
         match control {
+            Control::Pause | Control::GoOn | Control::Answer(_) if self.phase() == Phase::Stopping => false,
             Control::Pause => !is_paused,
             Control::GoOn => is_paused || self.core.is_user_awaited(),
             Control::Answer(button_idx) => self.core.is_asking(button_idx),
             Control::Stop => !matches!(self.phase(), Phase::Stopping),
             Control::EmergencyStop => true,
+        }
+    }
+
+    fn why_nothing(&self, control: Control) -> PrintEvent {
+        match (control, self.core.state()) {
+            _ if self.phase() == Phase::Stopping => PrintEvent::NothingToDo(Control::Stop),
+            (Control::Pause, State::Pausing | State::Parking) => PrintEvent::StillPausing,
+            _ => PrintEvent::NothingToDo(control),
         }
     }
 

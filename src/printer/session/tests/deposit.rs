@@ -75,7 +75,7 @@ impl Frame {
             let way = [to[0] - from[0], to[1] - from[1]];
             let length_mm = way[0].hypot(way[1]);
             let half_mm = volume_mm3 / (length_mm * LAYER_MM) / 2.0;
-            assert!(half_mm < MARGIN_MM, "{half_mm}");
+            assert!(half_mm < MARGIN_MM, "{half_mm} {from:?} {to:?} {volume_mm3}");
             let range = |axis: usize| {
                 let (low, high) = (from[axis].min(to[axis]) - half_mm, from[axis].max(to[axis]) + half_mm);
                 pixel(low)..=pixel(high)

@@ -124,7 +124,7 @@ fn a_pause_longer_than_motors_hold_leaves_no_trace() {
 #[test]
 fn a_cable_pulled_in_a_pause_leaves_it_paused_and_no_trace() {
     for profile in ALL {
-        let setup = Setup::new(profile, 3, 48);
+        let setup = long(profile);
         let expected = clean(&setup);
         let mut rig = paused(setup, 60);
         let now = rig.now();
@@ -224,6 +224,29 @@ fn an_emergency_stop_is_confirmed_by_what_the_printer_says() {
                 assert!(rig.laid.len() <= n_before + n_before_it, "{what}");
             }
         }
+    }
+}
+
+#[test]
+fn a_stop_ends_each_wait_for_a_temperature_where_the_firmware_lets_it() {
+    for profile in ["marlin", "reference", "marlin1", "prusa-mk3s"] {
+        let mut setup = Setup::new(profile, 2, 40);
+        // Both are with the firmware before the first is over.
+        setup.job = format!("M140 S100\nM104 S210\nM190 S100\nM109 S210\n{}", setup.job);
+        let mut rig = Rig::new(setup);
+        let is_heating = |rig: &Rig| rig.printer.summary().hotend_c[1] > 0.0;
+        assert!(rig.run_until(is_heating), "{profile}");
+        wait(&mut rig, 15.0);
+        ask(&mut rig, Control::Stop);
+        let before_s = rig.printer.now_s();
+        let end = rig.run();
+        assert!(matches!(end, End::Cancelled), "{profile}: {end:?} {:?}", rig.events);
+        let took_s = rig.printer.now_s() - before_s;
+        assert!(
+            took_s < 40.0,
+            "{profile}: homing is with the firmware too, two minutes of heating are not: {took_s}"
+        );
+        assert!(rig.printer.summary().hotend_c[1] <= 0.0 && rig.laid.is_empty(), "{profile}");
     }
 }
 
@@ -377,7 +400,8 @@ fn a_stop_of_a_print_tells_that_heaters_off_was_executed() {
         let mut rig = Rig::new(Setup::new(profile, 3, 48));
         assert!(rig.run_until(|rig| rig.laid.len() >= 60), "{profile}");
         ask(&mut rig, Control::Stop);
-        assert!(matches!(rig.run(), End::Cancelled), "{profile}");
+        let end = rig.run();
+        assert!(matches!(end, End::Cancelled), "{profile}: {end:?} {:?}", rig.events);
         assert_eq!(rig.session.heat(), &Heat::Obeyed, "{profile}");
         assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{profile}");
     }

@@ -247,3 +247,31 @@ fn a_stop_that_is_asked_for() {
 fn a_line_that_does_not_get_through() {
     check_all(Trouble::Stuck);
 }
+
+#[test]
+fn a_profile_of_another_firmware_prints_nothing() {
+    let names = ["marlin", "klipper", "reprapfirmware", "repetier", "smoothie"];
+    for printer in names {
+        for profile in names.into_iter().chain(["marlin1"]) {
+            let mut setup = Setup::new(printer, 2, 24);
+            let firmware = crate::profile::builtin(profile).unwrap().firmware;
+            let is_same = firmware.dialect == setup.profile.firmware.dialect;
+            setup.profile.firmware = firmware;
+            let mut rig = Rig::new(setup);
+            let end = rig.run();
+            let what = format!("{profile} on {printer}: {end:?}");
+            assert_eq!(
+                matches!(end, End::Finished),
+                is_same || (profile, printer) == ("marlin1", "marlin"),
+                "{what}"
+            );
+            assert!(
+                rig.printer.summary().hotend_c[1] <= 0.0,
+                "{what} {:?} {}",
+                rig.printer.summary(),
+                String::from_utf8_lossy(&rig.sent)
+            );
+            assert_eq!(rig.laid.is_empty(), !matches!(end, End::Finished), "{what}");
+        }
+    }
+}

@@ -44,3 +44,26 @@ fn the_planner_never_runs_dry_on_a_vessel() {
         assert!(summary.least_planner_depth >= Some(8), "{disk_s} {:?}", summary.least_planner_depth);
     }
 }
+
+/// Also where a long wait has let questions pile up: each is answered at its end, and where they have overrun its buffer, one line is
+/// asked for again.
+#[test]
+fn on_a_good_wire_nothing_is_asked_for_again_and_again() {
+    for profile in ["marlin", "marlin1", "repetier", "smoothie", "reprapfirmware", "klipper", "prusa-mk3s"] {
+        for (baud, wait) in [(None, ""), (Some(115_200), ""), (Some(250_000), "G4 S200\n")] {
+            let mut setup = Setup::new(profile, 2, 3);
+            setup.job = format!("{wait}{}", super::vessel::filled(&setup.profile, 2));
+            setup.baud = baud;
+            setup.profile.firmware.baud = baud.unwrap_or(setup.profile.firmware.baud);
+            let mut rig = Rig::new(setup);
+            let end = rig.run();
+            let stats = rig.session.stats();
+            let what = format!("{profile} {baud:?} {wait:?}: {end:?} {stats:?}");
+            assert!(matches!(end, End::Finished), "{what}");
+            let most_resends = u64::from(!wait.is_empty());
+            assert!(stats.n_resends <= most_resends, "{what}");
+            assert_eq!((stats.n_lost_oks, stats.n_foreign_commands), (0, 0), "{what}");
+            assert_eq!(rig.printer.summary().repeated_move_lines, 0, "{what}");
+        }
+    }
+}
