@@ -8,6 +8,8 @@ use dicom_core::{DataElement, VR};
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 use lumenfab::phantom::{self, Kind, Params};
+use lumenfab::printer::journal::writer::Journal;
+use lumenfab::printer::journal::{JobId, Machine, Progress, Record, Track, path_for};
 use lumenfab::progress::Task;
 use serde_json::Value;
 use std::fs;
@@ -472,6 +474,55 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
     assert!(error.contains("broke off behind line") && error.contains("--anew"), "{error}");
     let error = place.refused(1, &[&again[..], &["--anew"]].concat());
     assert!(error.contains("is not a serial port"), "{error}");
+    // Nor does another job take its place, or the simulated printer print it by accident.
+    fs::write(place.path("model.stl"), "solid nothing\nendsolid nothing\n").unwrap();
+    let job = fs::read(place.path("job.gcode")).unwrap();
+    for args in [&["slice", "model.stl", "--out", "job.gcode"][..], &["print", "job.gcode"]] {
+        let error = place.refused(1, args);
+        assert!(error.contains("broke off behind line") && error.contains("--anew"), "{error}");
+    }
+    assert!(fs::read(place.path("job.gcode")).unwrap() == job);
+}
+
+/// A journal as a print leaves it whose host was killed in the middle.
+fn break_off(job: &Path) {
+    let id = JobId { hash: String::new(), n_lines: 6 };
+    let machine = Machine {
+        profile: "marlin".into(),
+        profile_hash: String::new(),
+        port: "/dev/nowhere".into(),
+        device: None,
+    };
+    let journal = Journal::create(&path_for(job), &[Record::Job(id), Record::Machine(machine)]).unwrap();
+    let progress = Progress { n_sent: 5, n_acked: 4, ..Progress::default() };
+    for record in [Record::Session(Track::default()), Record::Progress(progress)] {
+        assert!(journal.append(&record));
+        journal.flush();
+    }
+}
+
+#[test]
+fn the_job_of_a_print_that_broke_off_stays_until_it_is_given_up() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    assert!(place.run(&["run", "--ct", "ct", &seed, "--out", "case"]).status.success());
+    let job = place.path("case/job.gcode");
+    break_off(&job);
+    let before = fs::read(&job).unwrap();
+    assert!(place.run(&["slice", "case"]).status.success(), "nothing is made anew");
+    for args in [
+        &["run", "case", "--wall-mm", "1.4"][..],
+        &["slice", "case", "--layer-mm", "0.25"],
+        &["solid", "case", "--wall-mm", "1.4"],
+    ] {
+        let error = place.refused(1, args);
+        assert!(error.contains("broke off behind line") && error.contains("--anew"), "{error}");
+    }
+    assert!(fs::read(&job).unwrap() == before);
+    let kept = place.json(0, &["slice", "case"]);
+    assert_eq!(done_and_kept(&kept), (vec![], vec!["slice"]), "the refused parameters were not kept");
+    assert!(place.run(&["slice", "case", "--layer-mm", "0.25", "--anew"]).status.success());
+    assert!(fs::read(&job).unwrap() != before);
 }
 
 #[test]
