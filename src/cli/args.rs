@@ -1,8 +1,10 @@
 //! What may be written on the command line. Each flag is checked here as far as it can be without its file.
 
+mod values;
+
 use crate::app::settings::{
-    self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, Fault, LAYER_MM, Limits,
-    SIMULATED_PORT, Seed, Seeds, SeriesKey, WALL_MM,
+    self, CaseFile, DEFAULT_LAYER_MM, DEFAULT_PROFILE, DEFAULT_WALL_MM, LAYER_MM, SIMULATED_PORT, Seed,
+    Seeds, SeriesKey, WALL_MM,
 };
 use crate::app::{Colouring, Skin, View};
 use crate::model::Axis;
@@ -11,9 +13,12 @@ use crate::ready::Label;
 use crate::sections::Boundary;
 use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use std::path::PathBuf;
+use values::{
+    colouring, deflection_mm, deflection_relative, help, infill_percent, layer_mm, named, noise_hu, orient,
+    public_key, range_help, wall_mm,
+};
 
 /// From a CT series of a blood vessel to a printed replica of its lumen, with proof of how faithful it is.
 ///
@@ -455,68 +460,6 @@ pub(crate) enum ProfilesCommand {
     },
 }
 
-/// A parser of the given words.
-fn named<T: Copy + Send + Sync + 'static, const N: usize>(
-    names: [(&'static str, T); N],
-) -> impl TypedValueParser<Value = T> {
-    PossibleValuesParser::new(names.map(|(name, _)| name)).map(move |text| {
-        let found = names.iter().find(|(name, _)| *name == text);
-        found.expect("only the given words pass").1
-    })
-}
-
-fn colouring() -> impl TypedValueParser<Value = Colouring> {
-    named([("none", Colouring::None), ("curvature", Colouring::Curvature)])
-}
-
-fn wall_mm(text: &str) -> Result<f64, Fault> {
-    WALL_MM.parse(text)
-}
-
-fn layer_mm(text: &str) -> Result<f64, Fault> {
-    LAYER_MM.parse(text)
-}
-
-fn deflection_mm(text: &str) -> Result<f64, Fault> {
-    settings::DEFLECTION_MM.parse(text)
-}
-
-fn deflection_relative(text: &str) -> Result<f64, Fault> {
-    settings::DEFLECTION_RELATIVE.parse(text)
-}
-
-fn noise_hu(text: &str) -> Result<f64, Fault> {
-    settings::NOISE_HU.parse(text)
-}
-
-fn infill_percent(text: &str) -> Result<f64, Fault> {
-    settings::INFILL_PERCENT.parse(text)
-}
-
-fn orient(text: &str) -> Result<(Axis, f64), Fault> {
-    let fault = || Fault {
-        found: format!("{text:?}"),
-        expected: "AXIS,DEG: x, y or z, and an angle in degrees".into(),
-    };
-    let (axis, angle) = text.split_once(',').ok_or_else(fault)?;
-    let axis = match axis.trim() {
-        "x" | "X" => Axis::X,
-        "y" | "Y" => Axis::Y,
-        "z" | "Z" => Axis::Z,
-        _ => return Err(fault()),
-    };
-    let angle_deg = angle.trim().parse().ok().filter(|a: &f64| a.is_finite());
-    Ok((axis, angle_deg.ok_or_else(fault)?))
-}
-
-fn range_help(text: &str, limits: Limits) -> String {
-    format!("{text}, {}, {} to {}", limits.unit, limits.min, limits.max)
-}
-
-fn help(text: &str, limits: Limits, default: f64) -> String {
-    format!("{} [default: {default}]", range_help(text, limits))
-}
-
 impl CtArgs {
     /// The first flag that holds for one patient's images alone.
     pub(crate) fn of_one_patient(&self) -> Option<&'static str> {
@@ -602,12 +545,6 @@ pub(crate) fn usage_line(error: &clap::Error) -> String {
     let joined: Vec<&str> =
         what.split_whitespace().chain(tip.into_iter().flat_map(str::split_whitespace)).collect();
     format!("{} (see --help)", joined.join(" "))
-}
-
-/// 64 hexadecimal digits.
-fn public_key(text: &str) -> Result<String, String> {
-    let is_key = text.len() == 64 && text.bytes().all(|b| b.is_ascii_hexdigit());
-    is_key.then(|| text.to_lowercase()).ok_or_else(|| "expected 64 hexadecimal digits".to_owned())
 }
 
 #[cfg(test)]

@@ -105,12 +105,12 @@ fn a_journal_that_cannot_be_read_is_none_only_with_consent_and_something_else_ne
 #[test]
 fn a_job_is_printed_by_one_process_at_a_time() {
     let place = Place::new();
-    let lock = |paper: &Paper<'_>| super::lock(paper.job);
-    let first = place.with_paper(lock).unwrap();
-    let second = place.with_paper(lock).unwrap_err();
+    let locked = |paper: &Paper<'_>| lock(paper.job);
+    let first = place.with_paper(locked).unwrap();
+    let second = place.with_paper(locked).unwrap_err();
     assert_eq!(second.code(), "printer.being_printed");
     drop(first);
-    assert!(place.with_paper(lock).is_ok());
+    assert!(place.with_paper(locked).is_ok());
 }
 
 #[test]

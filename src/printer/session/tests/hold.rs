@@ -231,7 +231,6 @@ fn an_emergency_stop_is_confirmed_by_what_the_printer_says() {
 fn a_stop_ends_each_wait_for_a_temperature_where_the_firmware_lets_it() {
     for profile in ["marlin", "reference", "marlin1", "prusa-mk3s"] {
         let mut setup = Setup::new(profile, 2, 40);
-        // Both are with the firmware before the first is over.
         setup.job = format!("M140 S100\nM104 S210\nM190 S100\nM109 S210\n{}", setup.job);
         let mut rig = Rig::new(setup);
         let is_heating = |rig: &Rig| rig.printer.summary().hotend_c[1] > 0.0;
@@ -242,10 +241,7 @@ fn a_stop_ends_each_wait_for_a_temperature_where_the_firmware_lets_it() {
         let end = rig.run();
         assert!(matches!(end, End::Cancelled), "{profile}: {end:?} {:?}", rig.events);
         let took_s = rig.printer.now_s() - before_s;
-        assert!(
-            took_s < 40.0,
-            "{profile}: homing is with the firmware too, two minutes of heating are not: {took_s}"
-        );
+        assert!(took_s < 10.0, "{profile}: {took_s}");
         assert!(rig.printer.summary().hotend_c[1] <= 0.0 && rig.laid.is_empty(), "{profile}");
     }
 }
