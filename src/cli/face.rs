@@ -24,8 +24,12 @@ pub(super) fn say(line: &str) {
     if IS_JSON.load(Ordering::Relaxed) {
         say_document(&json!({"event": "message", "text": line}));
     } else {
-        ignore_closed(writeln!(std::io::stderr().lock(), "{line}"));
+        say_line(line);
     }
+}
+
+fn say_line(line: &str) {
+    ignore_closed(writeln!(std::io::stderr().lock(), "{line}"));
 }
 
 fn say_document(document: &serde_json::Value) {
@@ -137,24 +141,17 @@ impl Face {
         }
     }
 
-    /// An error: its line on stderr.
+    /// An error: its line on stderr. It may name the operator's own files, so it is no document: those are kept.
     pub(super) fn error(&self, error: &Error) {
         self.end_bar();
-        if self.json {
-            let text = one_line(&error.to_string());
-            say_document(&json!({"event": "error", "code": error.code(), "text": text}));
-        } else {
-            say(&format!("error: {}", one_line(&error.to_string())));
-        }
+        say_line(&format!("error: {}", one_line(&error.to_string())));
     }
 
     /// A command line that was refused.
     pub(super) fn usage_error(&self, line: &str) -> u8 {
+        say_line(&format!("error: {line}"));
         if self.json {
-            say_document(&json!({"event": "error", "text": line}));
             self.result(&json!({"error": line, "exit_code": 2}), "");
-        } else {
-            say(&format!("error: {line}"));
         }
         2
     }
