@@ -71,6 +71,8 @@ const LEAST_FACING: f64 = 0.3;
 const STEP_BLURS: f64 = 2.0;
 /// A body with less than this share of the stack's contrast has levels that are not believed; the stack's are taken.
 const LEAST_CONTRAST: f64 = 0.3;
+/// What is drawn counts as known to within a centimetre where contours are smoothed along the vessel: it leads on, and pulls nothing.
+const UNMEASURED_MM2: f64 = 100.0;
 /// From a median of absolute deviations to a standard deviation.
 const DEVIATION: f64 = 1.4826;
 
@@ -79,10 +81,19 @@ const DEVIATION: f64 = 1.4826;
 pub(super) enum Footing {
     /// Made where the image shows none: it stays.
     Made,
-    /// Moved to the edge in the image: its details are the image's.
+    /// Drawn by the operator: it stays, and its plane's image has no say.
+    Drawn,
+    /// Where the edge in the image is, as far as it shows one: its details are the image's.
     Measured,
     /// Cut, or not moved to the edge: what it has of details are none.
     Rough,
+}
+
+impl Footing {
+    /// Whether the image moves it.
+    pub(super) const fn is_image(self) -> bool {
+        matches!(self, Self::Measured | Self::Rough)
+    }
 }
 
 /// What the fit starts from on one plane.
@@ -144,6 +155,8 @@ impl Fit {
 /// One plane in the making.
 struct Plane {
     z_mm: f64,
+    /// Whether its contours were drawn.
+    is_drawn: bool,
     view: View,
     outlines: Vec<Outline>,
     first: Vec<Option<Vec<f64>>>,
@@ -244,7 +257,7 @@ impl<'a> State<'a> {
 
     fn contour(&self, outline: &Outline) -> Contour {
         match outline {
-            Outline::Fixed(contour) => contour.clone(),
+            Outline::Fixed(contour) | Outline::Held(_, contour) => contour.clone(),
             Outline::Free(ring) => {
                 let contour = Contour::new(ring.points(&self.circle));
                 if ring.is_hole { contour.reversed() } else { contour }
@@ -300,6 +313,9 @@ impl<'a> State<'a> {
 
     /// What this step finds on a plane, and what it leaves unexplained there.
     fn finding(&self, plane: &Plane, courses: &[Option<Course>]) -> (Finding, Residual) {
+        if plane.is_drawn {
+            return plane.unseen();
+        }
         let (view, optics) = (&plane.view, self.scan.optics);
         let slab_mm = self.scan.volume.slab_thickness_mm;
         let slab = |&i: &usize| Slab::of(&plane.outlines[i], courses[i].as_ref(), slab_mm, &self.circle);
@@ -339,7 +355,7 @@ impl<'a> State<'a> {
 
     /// By how much each point of a ring has to move along its ray, read from the blurred residual.
     fn moves(&self, plane: &Plane, i: usize, course: Option<&Course>, blurred: &[f64]) -> Option<Vec<f64>> {
-        let ring = plane.outlines[i].ring()?;
+        let ring = plane.outlines[i].free()?;
         let body = plane.bodies.iter().position(|b| b.contains(&i))?;
         let contrast = plane.levels[body].contrast();
         let points = ring.points(&self.circle);
@@ -440,10 +456,15 @@ impl<'a> State<'a> {
         let mut waves: Vec<Vec<[f64; 2]>> = Vec::with_capacity(run.len());
         let mut noise: Vec<Vec<[f64; 2]>> = Vec::with_capacity(run.len());
         for &(k, i) in run {
+            let plane = &self.planes[k];
+            if let Outline::Held(ring, _) = &plane.outlines[i] {
+                waves.push(self.circle.waves(&ring.radii, self.n_waves));
+                noise.push(vec![[UNMEASURED_MM2; 2]; self.n_waves + 1]);
+                continue;
+            }
             let (Some(ring), Some(moves)) = (self.ring((k, i)), &findings[k].moves[i]) else {
                 return Vec::new();
             };
-            let plane = &self.planes[k];
             let Some(body) = plane.bodies.iter().position(|b| b.contains(&i)) else { return Vec::new() };
             let (w, v) = self.measured(ring, moves, plane.levels[body].contrast(), plane.lifted[body]);
             waves.push(w);
@@ -550,7 +571,7 @@ fn align_centres(planes: &mut [Plane], circle: &Circle) {
             let centre = nalgebra::center(&centres[n], &between);
             if let Some(ring) = outlines[k][i].ring().and_then(|r| r.recentred(centre, circle)) {
                 planes[k].first[i] = Some(ring.radii.clone());
-                planes[k].outlines[i] = Outline::Free(ring);
+                planes[k].outlines[i].set_ring(ring);
             }
         }
     }
@@ -560,14 +581,18 @@ impl Plane {
     fn new(start: &Start, around: &[Contour], scan: &Scan<'_>, circle: &Circle) -> Self {
         let ring = |contour: &Contour, footing: &Footing| match footing {
             Footing::Made => None,
-            Footing::Measured => Ring::of(contour, circle),
+            Footing::Measured | Footing::Drawn => Ring::of(contour, circle),
             // What is smaller than the blur is no detail that the image shows.
             Footing::Rough => {
                 Ring::of(contour, circle).or_else(|| Ring::roughly(contour, circle, scan.optics.blur_mm))
             }
         };
         let outline = |(contour, footing): (&Contour, &Footing)| {
-            ring(contour, footing).map_or_else(|| Outline::Fixed(contour.clone()), Outline::Free)
+            match ring(contour, footing) {
+                None => Outline::Fixed(contour.clone()),
+                Some(ring) if *footing == Footing::Drawn => Outline::Held(ring, contour.clone()),
+                Some(ring) => Outline::Free(ring),
+            }
         };
         let outlines: Vec<Outline> = start.contours.iter().zip(&start.footing).map(outline).collect();
         let [sx, sy] = scan.volume.pixel_spacing_xy_mm;
@@ -579,13 +604,25 @@ impl Plane {
         let levels = vec![start.levels; bodies.len()];
         let first = outlines.iter().map(|o| o.ring().map(|r| r.radii.clone())).collect();
         let lifted = vec![0.0; bodies.len()];
-        Self { z_mm: start.z_mm, view, outlines, first, bodies, levels, lifted }
+        let is_drawn = start.footing.contains(&Footing::Drawn);
+        Self { z_mm: start.z_mm, is_drawn, view, outlines, first, bodies, levels, lifted }
+    }
+
+    /// What a plane is asked whose image has no say: nothing moves, and nothing is told of levels and noise.
+    fn unseen(&self) -> (Finding, Residual) {
+        let finding = Finding {
+            moves: vec![None; self.outlines.len()],
+            equations: vec![Equations::none(); self.bodies.len()],
+            rough: Vec::new(),
+            smooth: Vec::new(),
+        };
+        (finding, Residual { place: self.view.place, values: Vec::new(), is_edge: Vec::new() })
     }
 
     /// Radius of the circle as large as each body's outer contour.
     fn body_radii_mm(&self) -> Vec<f64> {
         let radius = |body: &Vec<usize>| match &self.outlines[body[0]] {
-            Outline::Free(ring) => (ring.area_mm2() / PI).sqrt(),
+            Outline::Free(ring) | Outline::Held(ring, _) => (ring.area_mm2() / PI).sqrt(),
             Outline::Fixed(contour) => (contour.signed_area_mm2().abs() / PI).sqrt(),
         };
         self.bodies.iter().map(radius).collect()
