@@ -519,7 +519,8 @@ mod tests {
 
     #[test]
     fn what_was_drawn_stays_and_counts_for_its_neighbours() {
-        let by_hand = |loops: Vec<Loop>| loops.into_iter().map(|l| Loop { origin: Origin::Drawn, ..l }).collect();
+        let by_hand =
+            |loops: Vec<Loop>| loops.into_iter().map(|l| Loop { origin: Origin::Drawn, ..l }).collect();
         // A fragment, an island, a hole of one plane.
         let odd = || by_hand(vec![vessel(), disk(50.0, 0.0, 1.0), disk(90.0, 0.0, 5.0), hole(2.0, 0.0, 2.0)]);
         let (left, told) = resolved(vec![vec![vessel()], odd(), vec![vessel()]]);

@@ -349,11 +349,17 @@ fn a_contour_that_no_centre_sees_whole_is_told_with_what_was_kept() {
         if (if (4..7).contains(&k) { crescent } else { r < 5.5 }) { 300.0 } else { 50.0 }
     });
     let found = extracted(&volume, [6.0, 9.0, 1.0]);
-    let told: Vec<&str> =
-        found.warnings.iter().filter(|w| w.code == "sections.not_modelled").map(|w| w.text.as_str()).collect();
+    let told: Vec<&str> = found
+        .warnings
+        .iter()
+        .filter(|w| w.code == "sections.not_modelled")
+        .map(|w| w.text.as_str())
+        .collect();
     assert_eq!(
         told,
-        ["contours that no centre sees whole (crescents, two lobes), or that crossed under the model of the image: the level between lumen and wall was kept there: z 4.000 mm (1 contour), z 5.000 mm (1 contour), z 6.000 mm (1 contour)"]
+        [
+            "contours that no centre sees whole (crescents, two lobes), or that crossed under the model of the image: the level between lumen and wall was kept there: z 4.000 mm (1 contour), z 5.000 mm (1 contour), z 6.000 mm (1 contour)"
+        ]
     );
     assert!(!codes(&found).contains(&"sections.not_fitted"), "{:?}", found.warnings);
 }

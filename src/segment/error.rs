@@ -380,8 +380,13 @@ impl Leak {
     fn block(&self) -> String {
         match self.n_blocks {
             0 => "[[segment.block]] in the case file".into(),
-            1 => "a [[segment.block]] in the case file that holds this place (the one that is given does not)".into(),
-            n => format!("a [[segment.block]] in the case file that holds this place (none of the {n} given does)"),
+            1 => {
+                "a [[segment.block]] in the case file that holds this place (the one that is given does not)"
+                    .into()
+            }
+            n => format!(
+                "a [[segment.block]] in the case file that holds this place (none of the {n} given does)"
+            ),
         }
     }
 }

@@ -166,8 +166,17 @@ impl Growth<'_> {
             }
             WindowSource::Found(_) => None,
         };
-        let leak =
-            Leak { voxel: site.at, z_mm, place, window_hu, into, region, n_blocks, can_be_cut, better_window_hu };
+        let leak = Leak {
+            voxel: site.at,
+            z_mm,
+            place,
+            window_hu,
+            into,
+            region,
+            n_blocks,
+            can_be_cut,
+            better_window_hu,
+        };
         Error::Leaks(Box::new(leak))
     }
 

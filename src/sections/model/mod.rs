@@ -21,6 +21,7 @@
 
 pub(super) mod harmonics;
 pub(super) mod levels;
+mod plane;
 mod render;
 mod ring;
 mod smoother;
@@ -31,9 +32,10 @@ use crate::progress::{Cancelled, Task};
 use harmonics::Circle;
 use levels::Equations;
 pub(super) use levels::Levels;
+use plane::{Plane, align_centres};
 use rayon::prelude::*;
 pub(super) use render::Optics;
-use render::{EDGE_REACH, Lattice, Slab, View};
+use render::{Lattice, Slab};
 use ring::{At, Course, Outline, Ring};
 use smoother::Channel;
 use std::f64::consts::PI;
@@ -150,21 +152,6 @@ impl Fit {
         let sum: f64 = (0..mine.values.len()).filter(counts).map(worth).sum();
         sum * mine.place.pixel_mm2() / density
     }
-}
-
-/// One plane in the making.
-struct Plane {
-    z_mm: f64,
-    /// Whether its contours were drawn.
-    is_drawn: bool,
-    view: View,
-    outlines: Vec<Outline>,
-    first: Vec<Option<Vec<f64>>>,
-    /// Outer contours with their holes, by index.
-    bodies: Vec<Vec<usize>>,
-    levels: Vec<Levels>,
-    /// By how much the level half-way between lumen and wall was last moved, per body, HU.
-    lifted: Vec<f64>,
 }
 
 /// What one step finds on a plane.
@@ -555,86 +542,4 @@ fn shrink(waves: &mut [[f64; 2]], noise: &[[f64; 2]]) {
         let power = best * (m as f64).powi(-FALL);
         (0..2).for_each(|c| wave[c] *= power / (power + noise[m][c]));
     }
-}
-
-/// Puts the centres of every run on a smooth line, so that the rays of neighbouring planes correspond.
-fn align_centres(planes: &mut [Plane], circle: &Circle) {
-    let outlines: Vec<Vec<Outline>> = planes.iter().map(|p| p.outlines.clone()).collect();
-    for run in ring::runs(&outlines, circle) {
-        let centres: Vec<Point2> =
-            run.iter().filter_map(|&(k, i)| Some(outlines[k][i].ring()?.centre)).collect();
-        for n in 1..run.len().saturating_sub(1) {
-            let (k, i) = run[n];
-            let [a, b] = [n - 1, n + 1].map(|m| planes[run[m].0].z_mm);
-            let t = (planes[k].z_mm - a) / (b - a);
-            let between = centres[n - 1] + (centres[n + 1] - centres[n - 1]) * t;
-            let centre = nalgebra::center(&centres[n], &between);
-            if let Some(ring) = outlines[k][i].ring().and_then(|r| r.recentred(centre, circle)) {
-                planes[k].first[i] = Some(ring.radii.clone());
-                planes[k].outlines[i].set_ring(ring);
-            }
-        }
-    }
-}
-
-impl Plane {
-    fn new(start: &Start, around: &[Contour], scan: &Scan<'_>, circle: &Circle) -> Self {
-        let ring = |contour: &Contour, footing: &Footing| match footing {
-            Footing::Made => None,
-            Footing::Measured | Footing::Drawn => Ring::of(contour, circle),
-            // What is smaller than the blur is no detail that the image shows.
-            Footing::Rough => {
-                Ring::of(contour, circle).or_else(|| Ring::roughly(contour, circle, scan.optics.blur_mm))
-            }
-        };
-        let outline = |(contour, footing): (&Contour, &Footing)| {
-            match ring(contour, footing) {
-                None => Outline::Fixed(contour.clone()),
-                Some(ring) if *footing == Footing::Drawn => Outline::Held(ring, contour.clone()),
-                Some(ring) => Outline::Free(ring),
-            }
-        };
-        let outlines: Vec<Outline> = start.contours.iter().zip(&start.footing).map(outline).collect();
-        let [sx, sy] = scan.volume.pixel_spacing_xy_mm;
-        let margin = scan.optics.wall_mm
-            + (EDGE_REACH + LIMIT_BLURS) * scan.optics.blur_mm
-            + LIMIT_PIXELS * sx.max(sy);
-        let view = View::of(scan.volume, start.k, scan.sign, around, margin).unwrap_or_else(View::empty);
-        let bodies = bodies(&start.contours);
-        let levels = vec![start.levels; bodies.len()];
-        let first = outlines.iter().map(|o| o.ring().map(|r| r.radii.clone())).collect();
-        let lifted = vec![0.0; bodies.len()];
-        let is_drawn = start.footing.contains(&Footing::Drawn);
-        Self { z_mm: start.z_mm, is_drawn, view, outlines, first, bodies, levels, lifted }
-    }
-
-    /// What a plane is asked whose image has no say: nothing moves, and nothing is told of levels and noise.
-    fn unseen(&self) -> (Finding, Residual) {
-        let finding = Finding {
-            moves: vec![None; self.outlines.len()],
-            equations: vec![Equations::none(); self.bodies.len()],
-            rough: Vec::new(),
-            smooth: Vec::new(),
-        };
-        (finding, Residual { place: self.view.place, values: Vec::new(), is_edge: Vec::new() })
-    }
-
-    /// Radius of the circle as large as each body's outer contour.
-    fn body_radii_mm(&self) -> Vec<f64> {
-        let radius = |body: &Vec<usize>| match &self.outlines[body[0]] {
-            Outline::Free(ring) | Outline::Held(ring, _) => (ring.area_mm2() / PI).sqrt(),
-            Outline::Fixed(contour) => (contour.signed_area_mm2().abs() / PI).sqrt(),
-        };
-        self.bodies.iter().map(radius).collect()
-    }
-}
-
-/// Every outer contour with the holes in it.
-fn bodies(contours: &[Contour]) -> Vec<Vec<usize>> {
-    let outers: Vec<usize> = (0..contours.len()).filter(|&i| contours[i].is_ccw()).collect();
-    let holes_of = |&o: &usize| {
-        let inside = |&h: &usize| !contours[h].is_ccw() && contours[o].contains(contours[h].points[0]);
-        std::iter::once(o).chain((0..contours.len()).filter(inside)).collect()
-    };
-    outers.iter().map(holes_of).collect()
 }

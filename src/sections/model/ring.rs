@@ -48,12 +48,11 @@ impl Ring {
             let kernel = gaussian(part * detail_mm * n as f64 / length_mm);
             smoothed_closed(&fine, &kernel)
         };
-        let moved_mm = |smooth: &[Vector2]| fine.iter().zip(smooth).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
-        ROUGHNESS
-            .iter()
-            .map(smoothed)
-            .filter(|smooth| moved_mm(smooth) <= detail_mm)
-            .find_map(|smooth| Self::of(&Contour::new(smooth.into_iter().map(Point2::from).collect()), circle))
+        let moved_mm =
+            |smooth: &[Vector2]| fine.iter().zip(smooth).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        ROUGHNESS.iter().map(smoothed).filter(|smooth| moved_mm(smooth) <= detail_mm).find_map(|smooth| {
+            Self::of(&Contour::new(smooth.into_iter().map(Point2::from).collect()), circle)
+        })
     }
 
     /// The same curve seen from another centre.
@@ -207,9 +206,8 @@ pub(super) fn runs(planes: &[Vec<Outline>], circle: &Circle) -> Vec<Vec<At>> {
 /// Pairs of rings of two planes that overlap each other and nothing else, be it a ring or not.
 fn followers(lower: &[Outline], upper: &[Outline], circle: &Circle) -> Vec<(usize, usize)> {
     let [below, above] = [lower, upper].map(|o| o.iter().map(|o| o.stand_in(circle)).collect::<Vec<_>>());
-    let meets = |a: usize, b: usize| {
-        below[a].is_hole == above[b].is_hole && below[a].overlaps(&above[b], circle)
-    };
+    let meets =
+        |a: usize, b: usize| below[a].is_hole == above[b].is_hole && below[a].overlaps(&above[b], circle);
     let only = |n: usize, meets: &dyn Fn(usize) -> bool| {
         let mut found = (0..n).filter(|&o| meets(o));
         found.next().filter(|_| found.next().is_none())

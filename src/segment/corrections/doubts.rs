@@ -35,7 +35,11 @@ pub(in crate::segment) fn unused(
 ) -> Vec<Warning> {
     let z_mm = |k: usize| volume.plane_z_mm[k];
     let reach = || {
-        format!("only z {:.3} to {:.3} mm are used: widen or give --z-mm", z_mm(used.start), z_mm(used.end - 1))
+        format!(
+            "only z {:.3} to {:.3} mm are used: widen or give --z-mm",
+            z_mm(used.start),
+            z_mm(used.end - 1)
+        )
     };
     let contour = |(n, drawn): (usize, &Drawn)| {
         let k = nearest_plane(volume, drawn.in_stack(volume).first()?.z);

@@ -266,11 +266,15 @@ fn contours_and_windows_of_planes_that_are_not_used_are_told() {
     let found = run(&joined(), &params).unwrap();
     assert_eq!(
         texts(&found.warnings, "segment.contour_unused"),
-        ["segment.contour[2] stands in the plane at z 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"]
+        [
+            "segment.contour[2] stands in the plane at z 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"
+        ]
     );
     assert_eq!(
         texts(&found.warnings, "segment.window_unused"),
-        ["segment.window[1] stands for z 3.000 to 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"]
+        [
+            "segment.window[1] stands for z 3.000 to 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"
+        ]
     );
 }
 

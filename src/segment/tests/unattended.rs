@@ -311,7 +311,8 @@ fn a_leak_that_a_misplaced_block_should_have_kept_out_says_so() {
 fn corrections_that_do_nothing_are_told_where_nothing_is_found() {
     let volume = Scene::default().volume(|_, _, _| 50.0);
     let corrections = toml::from_str("[[block]]\nz_mm = [90, 91]\n").unwrap();
-    let error = find_unattended(&volume, &Params { corrections, ..Params::default() }, &Task::quiet()).unwrap_err();
+    let error =
+        find_unattended(&volume, &Params { corrections, ..Params::default() }, &Task::quiet()).unwrap_err();
     assert_eq!(error.code(), "segment.no_candidate");
     assert!(error.to_string().contains("segment.block[1] holds no voxel"), "{error}");
 }
