@@ -238,6 +238,7 @@ fn each_fault_of_a_nrrd_file_is_named() {
         (nrrd("type: short", "type: block"), state("type", "\"block\"", "an integer or floating-point type")),
         (nrrd("sizes: 4 3 2", "sizes: 4 3 2 1 1"), state("sizes", "\"4 3 2 1 1\"", "three or four sizes")),
         (nrrd("left-posterior-superior", "left-posterior"), state("space", "\"left-posterior\"", "a space of the format")),
+        (nrrd("left-posterior-superior", "3D-left-handed"), state("space", "\"3D-left-handed\"", "a right-handed space (left-posterior-superior, right-anterior-superior, 3D-right-handed): a left-handed one shows the vessel mirrored")),
         (nrrd("(0,0,3)", "(0,3)"), state("space directions", "\"(0.5,0,0) (0,0.75,0) (0,3)\"", "vectors (x,y,z) of finite numbers")),
         (nrrd("(0,0,3)", ""), state("space directions", "\"(0.5,0,0) (0,0.75,0)\"", "a direction for each axis")),
         (nrrd("(0,0,3)", "(0,1,3)"), "FILE: its axes are 18.43 degrees off right angles, a sheared grid (gantry tilt?): resample it to right angles".into()),

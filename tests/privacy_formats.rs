@@ -9,7 +9,7 @@
 use dicom_core::value::{DataSetSequence, PrimitiveValue};
 use dicom_core::{DataElement, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::{FileMetaTableBuilder, InMemDicomObject, open_file};
+use dicom_object::{DefaultDicomObject, FileMetaTableBuilder, InMemDicomObject, open_file};
 use lumenfab::ct::Volume;
 use lumenfab::ct::reader;
 use lumenfab::phantom::{self, Kind, Params};
@@ -536,63 +536,100 @@ fn a_series_is_not_told_by_what_may_be_a_record() {
     assert!(told.contains("\"number\":2") && !told.contains("1933071") && !told.contains("ZQ717"), "{told}");
 }
 
-/// Attributes that are read, or told of a series, and that must not be quoted whatever stands in them.
-const READ: [(Tag, VR); 28] = [
-    (tags::SPECIFIC_CHARACTER_SET, VR::CS),
-    (tags::IMAGE_TYPE, VR::CS),
-    (tags::SOP_CLASS_UID, VR::UI),
-    (tags::MODALITY, VR::CS),
-    (tags::BODY_PART_EXAMINED, VR::CS),
-    (tags::SLICE_THICKNESS, VR::DS),
-    (tags::KVP, VR::DS),
-    (tags::SPACING_BETWEEN_SLICES, VR::DS),
-    (tags::GANTRY_DETECTOR_TILT, VR::DS),
-    (tags::CONVOLUTION_KERNEL, VR::SH),
-    (tags::PATIENT_POSITION, VR::CS),
-    (tags::SERIES_NUMBER, VR::IS),
-    (tags::ACQUISITION_NUMBER, VR::IS),
-    (tags::INSTANCE_NUMBER, VR::IS),
-    (tags::IMAGE_POSITION_PATIENT, VR::DS),
-    (tags::IMAGE_ORIENTATION_PATIENT, VR::DS),
-    (tags::TEMPORAL_POSITION_IDENTIFIER, VR::IS),
-    (tags::SLICE_LOCATION, VR::DS),
-    (tags::SAMPLES_PER_PIXEL, VR::LO),
-    (tags::PHOTOMETRIC_INTERPRETATION, VR::CS),
-    (tags::NUMBER_OF_FRAMES, VR::IS),
-    (tags::ROWS, VR::LO),
-    (tags::PIXEL_SPACING, VR::DS),
-    (tags::BITS_ALLOCATED, VR::LO),
-    (tags::RESCALE_INTERCEPT, VR::DS),
-    (tags::RESCALE_SLOPE, VR::DS),
-    (tags::RESCALE_TYPE, VR::LO),
-    (tags::LOSSY_IMAGE_COMPRESSION, VR::CS),
+/// Attributes that are read, or told of a series, and that must not be quoted whatever stands in them; and whether a case is made
+/// although a word stands there, so that what is written is searched too.
+const READ: [(Tag, VR, bool); 38] = [
+    (tags::SPECIFIC_CHARACTER_SET, VR::CS, true),
+    (tags::IMAGE_TYPE, VR::CS, true),
+    (tags::SOP_CLASS_UID, VR::UI, true),
+    (tags::MODALITY, VR::CS, true),
+    (tags::BODY_PART_EXAMINED, VR::CS, true),
+    (tags::SLICE_THICKNESS, VR::DS, false),
+    (tags::KVP, VR::DS, true),
+    (tags::SPACING_BETWEEN_SLICES, VR::DS, false),
+    (tags::GANTRY_DETECTOR_TILT, VR::DS, true),
+    (tags::CONVOLUTION_KERNEL, VR::SH, true),
+    (tags::PATIENT_POSITION, VR::CS, true),
+    (tags::ECHO_TIME, VR::DS, true),
+    (tags::TRIGGER_TIME, VR::DS, true),
+    (tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE, VR::DS, true),
+    (tags::SERIES_NUMBER, VR::IS, true),
+    (tags::ACQUISITION_NUMBER, VR::IS, true),
+    (tags::INSTANCE_NUMBER, VR::IS, true),
+    (tags::IMAGE_POSITION_PATIENT, VR::DS, false),
+    (tags::IMAGE_ORIENTATION_PATIENT, VR::DS, false),
+    (tags::TEMPORAL_POSITION_IDENTIFIER, VR::IS, true),
+    (tags::SLICE_LOCATION, VR::DS, true),
+    (tags::SAMPLES_PER_PIXEL, VR::LO, false),
+    (tags::PHOTOMETRIC_INTERPRETATION, VR::CS, true),
+    (tags::NUMBER_OF_FRAMES, VR::IS, false),
+    (tags::ROWS, VR::LO, false),
+    (tags::COLUMNS, VR::LO, false),
+    (tags::PIXEL_SPACING, VR::DS, false),
+    (tags::BITS_ALLOCATED, VR::LO, false),
+    (tags::BITS_STORED, VR::LO, false),
+    (tags::HIGH_BIT, VR::LO, false),
+    (tags::PIXEL_REPRESENTATION, VR::LO, false),
+    (tags::PIXEL_PADDING_VALUE, VR::LO, false),
+    (tags::RESCALE_INTERCEPT, VR::DS, false),
+    (tags::RESCALE_SLOPE, VR::DS, false),
+    (tags::RESCALE_TYPE, VR::LO, true),
+    (tags::LOSSY_IMAGE_COMPRESSION, VR::CS, true),
+    (tags::ACQUISITION_TIME, VR::TM, true),
+    (tags::STACK_ID, VR::SH, true),
 ];
+
+/// The series of a place, to be changed again and again.
+struct Series<'a> {
+    place: &'a Place,
+    sound: Vec<(PathBuf, DefaultDicomObject)>,
+    path: String,
+}
+
+impl<'a> Series<'a> {
+    fn of(place: &'a Place) -> Self {
+        let mut sound: Vec<PathBuf> = files(&place.input("series"));
+        sound.retain(|p| p.extension().is_some_and(|e| e == "dcm"));
+        let sound = sound.into_iter().map(|p| (p.clone(), open_file(p).unwrap())).collect();
+        Self { place, sound, path: format!("{FOLDER}/series") }
+    }
+
+    /// The sound images with an attribute changed.
+    fn put(&self, tag: Tag, vr: VR, value: &str) {
+        for (path, object) in &self.sound {
+            let mut object = object.clone();
+            object.put(text(tag, vr, value));
+            object.write_to_file(path).unwrap();
+        }
+    }
+
+    /// Whether a case is made of it; nothing is told either way.
+    fn makes_case(&self, what: &str) -> bool {
+        let told = self.place.says_nothing(&["inspect", &self.path, "--json"]);
+        assert!(told.is_some_and(|code| code < 2), "{what}: {told:?}");
+        let args = ["segment", "--ct", &self.path, &self.place.seed, "--out", "case", "--json"];
+        let made = self.place.says_nothing(&args);
+        assert!(made.is_some_and(|code| code < 3), "{what}: {made:?}");
+        self.place.wrote_nothing();
+        fs::remove_dir_all(self.place.dir.path().join("case")).ok();
+        made == Some(0)
+    }
+}
 
 #[test]
 fn attributes_that_hold_a_name_are_not_quoted() {
     let place = Place::new();
-    let mut sound: Vec<PathBuf> = files(&place.input("series"));
-    sound.retain(|p| p.extension().is_some_and(|e| e == "dcm"));
-    let sound: Vec<_> = sound.iter().map(|p| (p, open_file(p).unwrap())).collect();
-    let path = format!("{FOLDER}/series");
-    let uses = |what: &str| {
-        let told = place.says_nothing(&["inspect", &path, "--json"]);
-        assert!(told.is_some_and(|code| code < 2), "{what}: {told:?}");
-        let made = place.says_nothing(&["segment", "--ct", &path, &place.seed, "--out", "case", "--json"]);
-        assert!(made.is_some_and(|code| code < 3), "{what}: {made:?}");
-    };
-    for (tag, vr) in READ {
-        for (path, object) in &sound {
-            let mut object = object.clone();
-            let value = if vr == VR::UI { format!("{UID}9") } else { format!("{WORD}^JANE") };
-            object.put(text(tag, vr, value));
-            object.write_to_file(path).unwrap();
+    let series = Series::of(&place);
+    let mut odd = Vec::new();
+    for (tag, vr, is_used) in READ {
+        let value = if vr == VR::UI { format!("{UID}9") } else { format!("{WORD}^JANE") };
+        series.put(tag, vr, &value);
+        if series.makes_case(&tag.to_string()) != is_used {
+            odd.push((tag, is_used));
         }
-        uses(&tag.to_string());
-        place.wrote_nothing();
-        fs::remove_dir_all(place.dir.path().join("case")).ok();
     }
-    for (path, object) in &sound {
+    assert!(odd.is_empty(), "used or refused otherwise than it is said: {odd:?}");
+    for (path, object) in &series.sound {
         object.write_to_file(path).unwrap();
         // The transfer syntax: the words of an unknown one have as many letters.
         let mut bytes = fs::read(path).unwrap();
@@ -601,8 +638,32 @@ fn attributes_that_hold_a_name_are_not_quoted() {
         bytes[at..at + known.len()].copy_from_slice(b"ZQX^JANE^19330717.1");
         fs::write(path, bytes).unwrap();
     }
-    uses("transfer syntax");
-    place.wrote_nothing();
+    assert!(!series.makes_case("transfer syntax"));
+}
+
+#[test]
+fn attributes_that_hold_a_date_are_not_quoted() {
+    let place = Place::new();
+    let series = Series::of(&place);
+    for (tag, vr, _) in READ {
+        let vr = if vr == VR::LO { VR::IS } else { vr };
+        series.put(tag, vr, DATE);
+        series.makes_case(&tag.to_string());
+    }
+    // As one of several numbers.
+    for (tag, others) in [
+        (tags::PIXEL_SPACING, "\\1"),
+        (tags::IMAGE_POSITION_PATIENT, "\\0\\0"),
+        (tags::IMAGE_ORIENTATION_PATIENT, "\\0\\0\\0\\1\\0"),
+    ] {
+        series.put(tag, VR::DS, &format!("{DATE}{others}"));
+        assert!(!series.makes_case(&tag.to_string()));
+    }
+    // What warns of it and goes on.
+    for tag in [tags::SLICE_THICKNESS, tags::SPACING_BETWEEN_SLICES] {
+        series.put(tag, VR::DS, DATE);
+        assert!(series.makes_case(&tag.to_string()));
+    }
 }
 
 #[test]

@@ -2,24 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
 
+mod shared;
+
 use lumenfab::ct::reader::load_labels;
 use lumenfab::ct::{SeriesChoice, Volume, reader};
 use lumenfab::progress::Task;
-use std::path::{Path, PathBuf};
-
-/// A file of the real cases; says why where there is none.
-fn real(below: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("LUMENFAB_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = root.join("data/real").join(below);
-    if path.exists() {
-        return Some(path);
-    }
-    // Who says where they are means them to be looked at.
-    assert!(std::env::var_os("LUMENFAB_SHARED").is_none(), "there is no {}", path.display());
-    eprintln!("skipped: there is no {}", path.display());
-    None
-}
+use shared::real;
+use std::path::Path;
 
 fn load(path: &Path) -> Volume {
     reader::load(path, &SeriesChoice::Only, &Task::quiet()).unwrap().volume

@@ -188,7 +188,7 @@ impl Error {
         ) || matches!(self, Self::Printer(printer::Error::Cancelled { heat }) if heat.is_safe())
     }
 
-    /// The message without the paths of inputs (CT, segmentation, case file, contours) and the names of structures, which may hold a
+    /// The message without the paths of inputs (CT, segmentation, case file, contours, model) and the names of structures, which may hold a
     /// patient's: for what is written or sent on. The operator's own screen shows the whole message.
     #[must_use]
     pub fn text_without_sources(&self) -> String {
@@ -206,6 +206,8 @@ impl Error {
                 FileError { action, path: "the input file".into(), source: source.kind().into() }.to_string()
             }
             Self::InputSections { source, .. } => format!("the contours: {source}"),
+            Self::Model { source, .. } => format!("the model: {source}"),
+            Self::ModelJob { source, .. } => format!("the model: {}", source.text_without_sources()),
             // Paths of these are the case's, a profile's, or those that the operator names for results.
             Self::Interrupted(_)
             | Self::Setting(_)
@@ -217,8 +219,6 @@ impl Error {
             | Self::File(_)
             | Self::Volume { .. }
             | Self::SectionsFile { .. }
-            | Self::Model { .. }
-            | Self::ModelJob { .. }
             | Self::Phantom(_)
             | Self::Segment(_)
             | Self::Leaked { .. }
@@ -310,6 +310,15 @@ impl Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_path_of_a_model_is_for_the_operators_eyes_alone() {
+        let job = Error::Slice(slice::Error::from(progress::Cancelled));
+        let error = Error::ModelJob { path: "DOE_JANE.stl".into(), source: Box::new(job) };
+        assert!(error.to_string().starts_with("DOE_JANE.stl: "), "{error}");
+        let told = error.text_without_sources();
+        assert!(told.starts_with("the model: ") && !told.contains("DOE"), "{told}");
+    }
 
     #[test]
     fn only_an_interruption_is_one() {

@@ -8,6 +8,9 @@ use crate::geom::{Bounds2, RigidTransform};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
+/// Farther from the origin nothing lies, mm.
+const FARTHEST_MM: f64 = 1e6;
+
 const MAGIC: &[u8] = b"lumenfab volume 1\n";
 
 /// How far the kept image reaches beyond the lumen: a thick wall and something of what surrounds it, mm.
@@ -21,6 +24,26 @@ struct Header {
     plane_z_mm: Vec<f64>,
     slab_thickness_mm: f64,
     patient_from_stack: RigidTransform,
+}
+
+impl Header {
+    /// Checks what all that is done with a volume takes for granted.
+    fn check(&self) -> Result<(), VolumeFileError> {
+        let is_length = |mm: &f64| mm.is_finite() && *mm > 0.0;
+        let numbers = || self.origin_xy_mm.iter().chain(&self.pixel_spacing_xy_mm).chain(&self.plane_z_mm);
+        let faults = [
+            (self.dims.contains(&0), "a volume needs a voxel along every axis"),
+            (self.plane_z_mm.len() != self.dims[2], "one height a plane is needed"),
+            (!self.pixel_spacing_xy_mm.iter().all(is_length), "pixels need a size above 0"),
+            (!is_length(&self.slab_thickness_mm), "planes need a thickness above 0"),
+            (!self.plane_z_mm.windows(2).all(|z| z[0] < z[1]), "heights of planes must ascend"),
+            (numbers().any(|v| v.abs() > FARTHEST_MM), "coordinates must lie within a kilometre"),
+        ];
+        match faults.into_iter().find(|(is_fault, _)| *is_fault) {
+            Some((_, fault)) => Err(VolumeFileError::Header(fault.into())),
+            None => Ok(()),
+        }
+    }
 }
 
 /// The bytes are no volume.
@@ -110,9 +133,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Volume, VolumeFileError> {
     let end = end.ok_or_else(|| VolumeFileError::Header("it does not end".into()))?;
     let header: Header =
         serde_json::from_slice(&rest[..end]).map_err(|e| VolumeFileError::Header(e.to_string()))?;
-    if header.plane_z_mm.len() != header.dims[2] {
-        return Err(VolumeFileError::Header("one height a plane is needed".into()));
-    }
+    header.check()?;
     let values = &rest[end + 1..];
     let expected = header.dims.iter().try_fold(4_usize, |product, &n| product.checked_mul(n));
     let expected = expected.ok_or_else(|| VolumeFileError::Header("dimensions beyond any memory".into()))?;
@@ -174,6 +195,27 @@ mod tests {
             VolumeFileError::Length { found: 239, expected: 240 }
         );
         assert!(matches!(from_bytes(&bytes[..40]).unwrap_err(), VolumeFileError::Header(_)));
+        let odd = |from: &str, to: &str| {
+            let text = String::from_utf8_lossy(&bytes[..bytes.len() - 240]).into_owned();
+            assert!(text.contains(from), "{text}");
+            from_bytes(&[text.replace(from, to).as_bytes(), &bytes[bytes.len() - 240..]].concat())
+        };
+        for (from, to, fault) in [
+            ("[5,4,3]", "[5,0,3]", "a volume needs a voxel along every axis"),
+            ("[1.0,4.0,7.0]", "[1.0,4.0]", "one height a plane is needed"),
+            ("[1.0,4.0,7.0]", "[1.0,4.0,4.0]", "heights of planes must ascend"),
+            ("[0.5,2.0]", "[0.5,-2.0]", "pixels need a size above 0"),
+            ("[0.5,2.0]", "[0.0,2.0]", "pixels need a size above 0"),
+            ("\"slab_thickness_mm\":2.0", "\"slab_thickness_mm\":0.0", "planes need a thickness above 0"),
+            ("[-10.0,20.0]", "[-10.0,2e9]", "coordinates must lie within a kilometre"),
+        ] {
+            assert_eq!(odd(from, to).unwrap_err(), VolumeFileError::Header(fault.into()));
+        }
+        let empty = "{\"dims\":[0,0,0],\"origin_xy_mm\":[0,0],\"pixel_spacing_xy_mm\":[1,1],\"plane_z_mm\":[],\"slab_thickness_mm\":1,\"patient_from_stack\":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}\n";
+        assert!(matches!(
+            from_bytes(&[MAGIC, empty.as_bytes()].concat()).unwrap_err(),
+            VolumeFileError::Header(_)
+        ));
         let huge = [MAGIC, b"{\"dims\":[4294967295,4294967295,4294967295]}\n"].concat();
         assert!(matches!(from_bytes(&huge).unwrap_err(), VolumeFileError::Header(_)));
     }

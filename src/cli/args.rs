@@ -156,8 +156,8 @@ pub(crate) struct CtArgs {
     /// is not kept
     #[arg(long, value_name = "N|UID", value_parser = settings::parse_series)]
     pub(crate) series: Option<SeriesKey>,
-    /// Use a series with missing planes all the same, with a warning: the lumen is interpolated across the gap;
-    /// --allow-gaps=false takes it back for a case
+    /// Use a series, or a DICOM SEG or RTSTRUCT, with missing planes all the same, with a warning: the lumen is
+    /// interpolated across the gap; --allow-gaps=false takes it back for a case
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub(crate) allow_gaps: Option<bool>,
     /// A point inside the lumen: patient coordinates (LPS), mm; may be given more than once; or auto: the vessel

@@ -60,7 +60,8 @@ pub(super) enum Loss {
 }
 
 impl Loss {
-    /// What a syntax and the attribute LossyImageCompression, where there is one, say together.
+    /// What a syntax and the attribute LossyImageCompression, where there is one, say together. The attribute may be wrong: what the
+    /// pixels' own stream says is told once they are decoded.
     pub(super) const fn of(syntax: SyntaxLoss, said: Option<bool>) -> Self {
         match (syntax, said) {
             (SyntaxLoss::Always, _) | (SyntaxLoss::Possible, None | Some(true)) => Self::HereAndNow,
@@ -70,20 +71,24 @@ impl Loss {
     }
 }
 
+/// What loss does.
+pub(super) const LOSS_CONSEQUENCE: &str = "values at the lumen's edge may be altered, so that its boundary is less certain; use the original where there is one";
+
 /// Warnings about loss in the images of a series.
 pub(super) fn warnings(images: &[Header]) -> Vec<Warning> {
-    const CONSEQUENCE: &str = "values at the lumen's edge may be altered, so that its boundary is less certain; use the original where there is one";
     let with = |loss: Loss| images.iter().filter(move |h| h.loss == loss);
     let mut warnings = Vec::new();
     if let Some(first) = with(Loss::HereAndNow).next() {
         let n = with(Loss::HereAndNow).count();
-        let text = format!("{n} image(s) are compressed with loss ({}): {CONSEQUENCE}", first.syntax.name);
+        let text =
+            format!("{n} image(s) are compressed with loss ({}): {LOSS_CONSEQUENCE}", first.syntax.name);
         warnings.push(Warning::new("ct.lossy", text));
     }
     let n_before = with(Loss::Before).count();
     if n_before > 0 {
-        let text =
-            format!("{n_before} image(s) were compressed with loss before they were stored: {CONSEQUENCE}");
+        let text = format!(
+            "{n_before} image(s) were compressed with loss before they were stored: {LOSS_CONSEQUENCE}"
+        );
         warnings.push(Warning::new("ct.lossy_before", text));
     }
     warnings

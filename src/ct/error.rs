@@ -50,7 +50,7 @@ pub enum Error {
         /// What is wrong.
         fault: Fault,
     },
-    /// A damaged file that may belong to any of several series.
+    /// A damaged file that names none of the series that could be read.
     DamagedBeside {
         /// What is wrong with it.
         fault: Box<Self>,
@@ -273,7 +273,7 @@ impl Error {
                 name(path)
             ),
             Self::DamagedBeside { fault } => format!(
-                "{}; it does not say which series it is of: if it is none of the one that is wanted, take it out of the folder",
+                "{}; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
                 fault.text_with(name)
             ),
             Self::Read { path, source } => {

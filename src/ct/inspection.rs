@@ -192,10 +192,10 @@ impl SeriesReport {
             n_planes: stack.map(|s| s.images.len()),
             columns_rows: [first.shape.columns, first.shape.rows],
             pixel_spacing_xy_mm: first.shape.spacing_xy_mm,
-            slab_thickness_mm: first.slab_thickness_mm,
+            slab_thickness_mm: first.believed_slab_mm(),
             slab_gap_mm: steps
                 .as_deref()
-                .zip(first.slab_thickness_mm)
+                .zip(first.believed_slab_mm())
                 .map(|(s, t)| median(s.iter().copied()) - t),
             plane_step_mm: steps.map(|s| extremes(s.into_iter())),
             z_range_mm: stack.map(|s| extremes(s.plane_z_mm.iter().copied())),

@@ -1,6 +1,7 @@
 //! What is known of images before their pixels, and of the stacks that they make. Pure.
 
 use super::encoding::{Frame, Loss, Syntax};
+use super::slabs;
 use super::traits::Traits;
 use crate::geom::{Point3, Vector3};
 use std::path::PathBuf;
@@ -107,6 +108,13 @@ pub(super) struct Series {
     pub(super) distinction: String,
     /// What it is found again by; compared, never shown.
     pub(super) key: Vec<String>,
+}
+
+impl Header {
+    /// The stated thickness of its slab, mm, where that is believed.
+    pub(super) fn believed_slab_mm(&self) -> Option<f64> {
+        self.slab_thickness_mm.filter(|t| slabs::is_believed(*t))
+    }
 }
 
 impl Series {

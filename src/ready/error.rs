@@ -45,6 +45,12 @@ pub enum Error {
         /// Most labels that are believed.
         most: usize,
     },
+    /// Contours that somebody has left out.
+    #[error("the structure has no contour {places}: draw it there, or have it led across with --allow-gaps")]
+    MissingPlanes {
+        /// All gaps.
+        places: String,
+    },
     /// A DICOM object that cannot be used.
     #[error("{}: {what}", path.display())]
     Dicom {
@@ -114,6 +120,7 @@ impl Error {
             Self::SeveralLabels { .. } => "ready.several_labels",
             Self::NoSuchLabel { .. } => "ready.no_such_label",
             Self::NoLabelMap { .. } => "ready.no_label_map",
+            Self::MissingPlanes { .. } => "ready.missing_planes",
             Self::Dicom { .. } => "ready.dicom",
             Self::Inclined { .. } => "ready.inclined",
             Self::OffPlane { .. } => "ready.off_plane",
@@ -151,7 +158,8 @@ impl Error {
             Self::Nothing(_) => Self::Nothing(path).to_string(),
             Self::NoLabelMap { most, .. } => Self::NoLabelMap { path, most: *most }.to_string(),
             Self::Dicom { what, .. } => Self::Dicom { path, what: what.clone() }.to_string(),
-            Self::Inclined { .. }
+            Self::MissingPlanes { .. }
+            | Self::Inclined { .. }
             | Self::OffPlane { .. }
             | Self::SamePlane { .. }
             | Self::OtherFrame

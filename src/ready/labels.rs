@@ -1,7 +1,7 @@
 //! A label map to the outlines of one label.
 
 use super::place::Grid;
-use super::{Error, Label, Ready, Reference, Structure, chosen};
+use super::{Absent, Error, Label, Ready, Reference, Structure, chosen};
 use crate::ct::LabelMap;
 use crate::progress::{Cancelled, Task};
 use crate::sections::ready::{Drawn, DrawnStack, outlines_mm};
@@ -38,7 +38,7 @@ pub(super) fn ready(
         are_outlines: true,
     };
     let reference = Reference::Grid(Grid::of_labels(&map));
-    Ok(Ready { number, drawn, warnings: map.warnings, reference })
+    Ok(Ready { number, drawn, warnings: map.warnings, reference, absent: Absent::Never })
 }
 
 /// The labels that occur, with their voxels; `None` where they are too many.

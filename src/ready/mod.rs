@@ -8,11 +8,13 @@
 //! that is written or sent on has them ([`Error::text_without_path`]).
 //!
 //! It deliberately moves no boundary: a segmentation is what its maker says. What no vessel can have is resolved as for every
-//! other stack, and told: fragments, islands, holes and flicker of a plane or two ([`crate::sections::ready`]). Encapsulated (compressed) SEG objects, contours that are
-//! no closed planar polygons and contours off the CT's planes are refused.
+//! other stack, and told: fragments, islands, holes and flicker of a plane or two ([`crate::sections::ready`]). Planes that a file leaves out
+//! are empty or refused ([`gaps`]). Encapsulated (compressed) SEG objects and contours off the CT's planes are refused; open contours and
+//! points are left out, and told.
 
 mod dicom;
 mod error;
+pub mod gaps;
 mod labels;
 pub mod place;
 mod rtstruct;
@@ -62,6 +64,19 @@ pub struct Ready {
     pub warnings: Vec<Warning>,
     /// What its coordinates refer to, as far as the file says.
     pub reference: Reference,
+    /// What a plane is that it does not have.
+    pub absent: Absent,
+}
+
+/// What a plane is that a file does not have between those that it has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Absent {
+    /// The format has them all.
+    Never,
+    /// Empty: the format leaves such planes out.
+    Empty,
+    /// Not drawn, for whatever reason.
+    Undrawn,
 }
 
 /// What tells whether a segmentation was made on a CT.

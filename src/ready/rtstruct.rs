@@ -5,13 +5,15 @@
 
 use super::dicom::{Place, frame_of_reference, items, numbers, text, whole};
 use super::place::SAME_PLANE_MM;
-use super::{Error, Label, Ready, Reference, Structure, chosen, seg};
-use crate::ct::{FrameOfReference, SAME_PLACE_MM};
-use crate::geom::{Contour, Point3, Region, RigidTransform, Vector3};
-use crate::progress::Task;
+use super::{Absent, Error, Label, Ready, Reference, Structure, chosen};
+use crate::ct::quote::without_large_numbers;
+use crate::ct::{FrameOfReference, SAME_PLACE_MM, Warning};
+use crate::geom::{Bounds2, Contour, Point3, Region, RigidTransform, Vector3};
+use crate::progress::{Cancelled, Task};
 use crate::sections::ready::{Drawn, DrawnStack};
 use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject};
+use std::collections::BTreeMap;
 
 /// A point this far off its contour's plane makes it none, mm.
 const FLAT_MM: f64 = 0.1;
@@ -23,6 +25,12 @@ const LARGE_MM2: f64 = 20.0;
 const TRANSAXIAL_DEG: f64 = 0.02;
 /// Planes usually this many times farther apart than what rounding moves are planes of their own.
 const FAR_APART: f64 = 10.0;
+/// Contours that differ by less than this part of their area are the same.
+const ALIKE: f64 = 1e-3;
+/// Contours that share more than this part of the smaller one's area, and less than all but this, cross.
+const CROSSING: f64 = 0.01;
+/// Heights that a warning names.
+const MOST_NAMED: usize = 8;
 /// Coordinates beyond this are not believed, and would leave the grid of the boolean operations, mm.
 const FARTHEST_MM: f64 = 5000.0;
 
@@ -38,18 +46,46 @@ pub(super) fn ready(
         .iter()
         .filter(|roi| whole(roi, tags::REFERENCED_ROI_NUMBER) == Some(number))
         .flat_map(|roi| items(roi, tags::CONTOUR_SEQUENCE));
+    let (closed, open): (Vec<_>, Vec<_>) = own.partition(|c| is_closed(c));
     let mut polygons = Vec::new();
-    for item in own.filter(|c| is_closed(c)) {
+    for item in closed {
         task.check()?;
         polygons.push(polygon(place, item)?);
     }
     let (frame, pixel_mm) = (frame(place, &polygons)?, typical_step(&polygons));
-    let planes = planes(place, &polygons, &frame)?;
-    let z: Vec<f64> = planes.iter().map(|p| p.z_mm).collect();
+    let mut warnings: Vec<Warning> = open_contours(&open, &frame).into_iter().collect();
+    let planes = planes(place, &polygons, &frame, &mut warnings, task)?;
     let drawn =
         DrawnStack { planes, patient_from_stack: frame, pixel_mm: [pixel_mm; 2], are_outlines: false };
-    let warnings = seg::gap_warning(&z).into_iter().collect();
-    Ok(Ready { number, drawn, warnings, reference: Reference::Frame(frame_of(object, number)) })
+    let reference = Reference::Frame(frame_of(object, number));
+    Ok(Ready { number, drawn, warnings, reference, absent: Absent::Undrawn })
+}
+
+/// Says what was left out because it encloses nothing.
+fn open_contours(open: &[&InMemDicomObject], frame: &RigidTransform) -> Option<Warning> {
+    let stack_from_patient = frame.inverse();
+    let height = |item: &&InMemDicomObject| match numbers(item, tags::CONTOUR_DATA)?.as_slice() {
+        &[x, y, z, ..] => Some(stack_from_patient.apply(Point3::new(x, y, z)).z),
+        _ => None,
+    };
+    let mut z_mm: Vec<f64> = open.iter().filter_map(height).collect();
+    z_mm.sort_by(f64::total_cmp);
+    let text = format!(
+        "{} contour(s) of the structure are open, or points, and were left out{}: close them where the structure was drawn",
+        open.len(),
+        at_heights(&z_mm)
+    );
+    (!open.is_empty()).then(|| Warning::new("ready.open_contours", text))
+}
+
+/// Heights for a warning; of many the first ones.
+fn at_heights(z_mm: &[f64]) -> String {
+    if z_mm.is_empty() {
+        return String::new();
+    }
+    let named: Vec<String> = z_mm.iter().take(MOST_NAMED).map(|z| format!("{z:.3}")).collect();
+    let more = if z_mm.len() > MOST_NAMED { ", ..." } else { "" };
+    format!(" at z = {}{more} mm", named.join(", "))
 }
 
 fn is_closed(contour: &InMemDicomObject) -> bool {
@@ -65,12 +101,16 @@ fn structures(object: &DefaultDicomObject) -> Vec<Structure> {
         let own = all.iter().find(|s| whole(s, tags::ROI_NUMBER) == Some(number))?;
         text(own, tags::ROI_NAME)
     };
-    let structure = |roi: &InMemDicomObject| {
-        let number = whole(roi, tags::REFERENCED_ROI_NUMBER)?;
-        let size = items(roi, tags::CONTOUR_SEQUENCE).iter().filter(|c| is_closed(c)).count();
-        (size > 0).then(|| Structure { number, name: name_of(number), size, unit: "contours" })
-    };
-    items(object, tags::ROI_CONTOUR_SEQUENCE).iter().filter_map(structure).collect()
+    // Several items may hold the contours of one structure.
+    let mut sizes: BTreeMap<u32, usize> = BTreeMap::new();
+    for roi in items(object, tags::ROI_CONTOUR_SEQUENCE) {
+        if let Some(number) = whole(roi, tags::REFERENCED_ROI_NUMBER) {
+            let n_closed = items(roi, tags::CONTOUR_SEQUENCE).iter().filter(|c| is_closed(c)).count();
+            *sizes.entry(number).or_default() += n_closed;
+        }
+    }
+    let structure = |(number, size)| Structure { number, name: name_of(number), size, unit: "contours" };
+    sizes.into_iter().filter(|(_, size)| *size > 0).map(structure).collect()
 }
 
 /// The frame that a structure is drawn in: its own, else the only one of the set, else the object's.
@@ -96,7 +136,7 @@ fn polygon(place: Place<'_>, item: &InMemDicomObject) -> Result<Vec<Point3>, Err
         let what = format!(
             "a contour has {} coordinates, expected three for each of its {} points: export the structure again",
             coordinates.len(),
-            stated.map_or_else(|| n.to_string(), |s| s.to_string())
+            stated.map_or_else(|| n.to_string(), |s| without_large_numbers(&s.to_string()))
         );
         return Err(place.fault(what));
     }
@@ -106,7 +146,10 @@ fn polygon(place: Place<'_>, item: &InMemDicomObject) -> Result<Vec<Point3>, Err
         )));
     }
     if let Some(far) = coordinates.iter().find(|c| c.abs() > FARTHEST_MM) {
-        return Err(place.fault(format!("a contour has the coordinate {far} mm, expected up to {FARTHEST_MM} mm: export the structure again")));
+        let what = format!(
+            "a contour has the coordinate {far} mm, expected up to {FARTHEST_MM} mm: export the structure again"
+        );
+        return Err(place.fault(without_large_numbers(&what)));
     }
     Ok(coordinates.chunks_exact(3).map(|c| Point3::new(c[0], c[1], c[2])).collect())
 }
@@ -158,7 +201,13 @@ fn typical_step(polygons: &[Vec<Point3>]) -> f64 {
     step.clamp(0.05, 1.0)
 }
 
-fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) -> Result<Vec<Drawn>, Error> {
+fn planes(
+    place: Place<'_>,
+    polygons: &[Vec<Point3>],
+    frame: &RigidTransform,
+    warnings: &mut Vec<Warning>,
+    task: &Task<'_>,
+) -> Result<Vec<Drawn>, Error> {
     let stack_from_patient = frame.inverse();
     let mut flat = Vec::with_capacity(polygons.len());
     for polygon in polygons {
@@ -173,10 +222,70 @@ fn planes(place: Place<'_>, polygons: &[Vec<Point3>], frame: &RigidTransform) ->
         flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
     }
     flat.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let same: Vec<Group> = flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(Group::of).collect();
+    let mut same: Vec<Group> = flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(Group::of).collect();
+    warnings.extend(odd_pairs(&mut same, task)?);
     let one =
         |group: Group| Drawn { z_mm: group.z_mm, contours: Region::from_even_odd(&group.contours).contours };
     Ok(with_holes(same).into_iter().map(one).collect())
+}
+
+/// Leaves contours out that are in a plane already, which would cancel each other, and says where contours cross.
+fn odd_pairs(planes: &mut [Group], task: &Task<'_>) -> Result<Vec<Warning>, Cancelled> {
+    let (mut n_doubled, mut doubled_mm, mut crossing_mm) = (0, Vec::new(), Vec::new());
+    for plane in planes {
+        task.check()?;
+        let n_dropped = plane.drop_doubled();
+        n_doubled += n_dropped;
+        doubled_mm.extend((n_dropped > 0).then_some(plane.z_mm));
+        crossing_mm.extend(plane.has_crossing().then_some(plane.z_mm));
+    }
+    let doubled = (n_doubled > 0).then(|| {
+        let text = format!(
+            "{n_doubled} contour(s) of the structure are stored twice{}: each was taken once",
+            at_heights(&doubled_mm)
+        );
+        Warning::new("ready.doubled_contours", text)
+    });
+    let crossing = (!crossing_mm.is_empty()).then(|| {
+        let text = format!(
+            "contours of the structure cross{}: what lies in two of them is outside (even-odd rule); look at the contours before they are used",
+            at_heights(&crossing_mm)
+        );
+        Warning::new("ready.crossing_contours", text)
+    });
+    Ok(doubled.into_iter().chain(crossing).collect())
+}
+
+/// What a contour encloses.
+struct Enclosed {
+    bounds: Bounds2,
+    region: Region,
+    area_mm2: f64,
+}
+
+impl Enclosed {
+    fn of(contour: &Contour) -> Option<Self> {
+        let region = Region::from_even_odd(std::slice::from_ref(contour));
+        Some(Self { bounds: contour.bounds()?, area_mm2: region.area_mm2(), region })
+    }
+
+    /// How much of the smaller of two the other one covers; from 0 to 1.
+    fn shared(&self, other: &Self) -> f64 {
+        let smaller = self.area_mm2.min(other.area_mm2);
+        if smaller <= 0.0 || !self.bounds.meets(other.bounds) {
+            return 0.0;
+        }
+        self.region.intersection(&other.region).area_mm2() / smaller
+    }
+
+    /// Whether both are the same but for rounding; told by their boxes where these differ.
+    fn is_alike(&self, other: &Self) -> bool {
+        let [a, b] = [&self.bounds, &other.bounds];
+        let apart_mm = (a.min - b.min).norm().max((a.max - b.max).norm());
+        apart_mm < SAME_PLANE_MM
+            && (self.area_mm2 - other.area_mm2).abs() < ALIKE * self.area_mm2
+            && self.shared(other) > 1.0 - ALIKE
+    }
 }
 
 /// Contours of one height.
@@ -188,6 +297,26 @@ struct Group {
 impl Group {
     fn of(contours: &[(f64, Contour)]) -> Self {
         Self { z_mm: contours[0].0, contours: contours.iter().map(|(_, c)| c.clone()).collect() }
+    }
+
+    /// Leaves out what is the same as an earlier contour, whichever way it runs; how many were.
+    fn drop_doubled(&mut self) -> usize {
+        let n = self.contours.len();
+        let mut kept: Vec<Enclosed> = Vec::with_capacity(n);
+        self.contours.retain(|contour| {
+            let Some(own) = Enclosed::of(contour) else { return true };
+            let is_new = !kept.iter().any(|other| other.is_alike(&own));
+            kept.extend(is_new.then_some(own));
+            is_new
+        });
+        n - self.contours.len()
+    }
+
+    /// Whether two contours overlap in part: neither beside nor within each other.
+    fn has_crossing(&self) -> bool {
+        let all: Vec<Enclosed> = self.contours.iter().filter_map(Enclosed::of).collect();
+        let mut pairs = (0..all.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+        pairs.any(|(a, b)| (CROSSING..1.0 - CROSSING).contains(&all[a].shared(&all[b])))
     }
 
     /// Whether all of these contours are holes in those of the other one: each lies wholly inside one of them, and none meets any.

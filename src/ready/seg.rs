@@ -4,10 +4,11 @@
 //! bit, without padding, the lowest bit of a byte first (PS3.5 8.1.1); fractional ones count from half of their maximum.
 
 use super::dicom::{Place, directions, frame_of_reference, items, numbers, point, text, whole};
-use super::{Error, Label, Ready, Reference, Structure, chosen};
+use super::{Absent, Error, Label, Ready, Reference, Structure, chosen};
 use crate::ct::axes::REFUSED;
 use crate::ct::formats::grid::Grid;
-use crate::ct::{LONGEST_SIDE, SAME_PLACE_MM, Warning};
+use crate::ct::quote::without_large_numbers;
+use crate::ct::{LONGEST_SIDE, SAME_PLACE_MM};
 use crate::geom::{Point3, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::sections::ready::{Drawn, DrawnStack, outlines_mm};
@@ -15,6 +16,7 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -22,8 +24,6 @@ use std::ops::Range;
 const MOST_FRAMES: u32 = 100_000;
 /// Frames of one stack may lie this far beside each other, in pixels.
 const BESIDE_PIXELS: f64 = 0.1;
-/// A step this many times the usual one means that planes without the segment were left out.
-const GAP: f64 = 1.5;
 
 /// How the pixels of all frames are stored.
 struct Frames<'a> {
@@ -33,7 +33,7 @@ struct Frames<'a> {
     n_frames: usize,
     /// `None`: binary; the least value that is inside.
     least_inside: Option<u16>,
-    bytes: Vec<u8>,
+    bytes: Cow<'a, [u8]>,
 }
 
 /// Where one frame lies.
@@ -62,7 +62,6 @@ pub(super) fn ready(
     let number = chosen(place.0, &structures, label)?.number;
     let mut own: Vec<Frame> = frames.into_iter().filter(|f| f.segment == number).collect();
     let stack = stacked(place, &mut own, pixels.columns, pixels.rows)?;
-    let warnings = gap_warning(&stack.plane_z_mm).into_iter().collect();
     let outlined = |(frame, &z_mm): (&Frame, &f64)| {
         task.check()?;
         let mut inside = pixels.inside(frame.index);
@@ -80,7 +79,7 @@ pub(super) fn ready(
         are_outlines: true,
     };
     let reference = Reference::Frame(frame_of_reference(object, tags::FRAME_OF_REFERENCE_UID));
-    Ok(Ready { number, drawn, warnings, reference })
+    Ok(Ready { number, drawn, warnings: Vec::new(), reference, absent: Absent::Empty })
 }
 
 /// The segments that have voxels.
@@ -96,20 +95,24 @@ fn structures(object: &DefaultDicomObject, voxels: &BTreeMap<u32, usize>) -> Vec
 }
 
 impl<'a> Frames<'a> {
-    fn of(place: Place<'a>, object: &DefaultDicomObject) -> Result<Self, Error> {
+    fn of(place: Place<'a>, object: &'a DefaultDicomObject) -> Result<Self, Error> {
         let side = |tag, name| {
             let n = whole(object, tag).ok_or_else(|| place.missing(name))?;
             let odd = || {
-                place.fault(format!(
+                place.fault(without_large_numbers(&format!(
                     "attribute {name} is {n}, expected 1 to {LONGEST_SIDE}: export the segmentation again"
-                ))
+                )))
             };
             (1..=LONGEST_SIDE.into()).contains(&n).then_some(n as usize).ok_or_else(odd)
         };
         let (columns, rows) = (side(tags::COLUMNS, "Columns")?, side(tags::ROWS, "Rows")?);
         let n_frames = whole(object, tags::NUMBER_OF_FRAMES).unwrap_or(1);
         if !(1..=MOST_FRAMES).contains(&n_frames) {
-            return Err(place.fault(format!("attribute NumberOfFrames is {n_frames}, expected 1 to {MOST_FRAMES}: export the segmentation again")));
+            let found = without_large_numbers(&n_frames.to_string());
+            let what = format!(
+                "attribute NumberOfFrames is {found}, expected 1 to {MOST_FRAMES}: export the segmentation again"
+            );
+            return Err(place.fault(what));
         }
         let n_frames = n_frames as usize;
         let least_inside = least_inside(place, object)?;
@@ -172,17 +175,22 @@ fn least_inside(place: Place<'_>, object: &DefaultDicomObject) -> Result<Option<
             let most = most.ok_or_else(|| place.missing("MaximumFractionalValue"))?;
             Ok(u16::try_from(most.div_ceil(2)).ok())
         }
-        _ => Err(place.fault(format!(
-            "SegmentationType {kind} with {bits} bits is not read: export it as BINARY with 1 bit or FRACTIONAL with 8"
-        ))),
+        _ => {
+            // It may hold anything.
+            let known = ["BINARY", "FRACTIONAL", "LABELMAP"].into_iter().find(|known| *known == kind);
+            let (kind, bits) = (known.unwrap_or("of another kind"), without_large_numbers(&bits.to_string()));
+            Err(place.fault(format!(
+                "SegmentationType {kind} with {bits} bits is not read: export it as BINARY with 1 bit or FRACTIONAL with 8"
+            )))
+        }
     }
 }
 
-fn pixel_bytes(place: Place<'_>, object: &DefaultDicomObject) -> Result<Vec<u8>, Error> {
+fn pixel_bytes<'a>(place: Place<'_>, object: &'a DefaultDicomObject) -> Result<Cow<'a, [u8]>, Error> {
     let element = object.get(tags::PIXEL_DATA).ok_or_else(|| place.missing("PixelData"))?;
     match element.value() {
         // Words of either byte order come out lowest byte first, so that bits stand in the order of the pixels.
-        dicom_core::DicomValue::Primitive(value) => Ok(value.to_bytes().into_owned()),
+        dicom_core::DicomValue::Primitive(value) => Ok(value.to_bytes()),
         _ => Err(place.fault("compressed pixels of a SEG are not read: export it uncompressed")),
     }
 }
@@ -198,19 +206,16 @@ fn frames(place: Place<'_>, object: &DefaultDicomObject, n_frames: usize) -> Res
         );
         return Err(place.fault(what));
     }
-    let group = |own: &'_ InMemDicomObject, tag: Tag| -> Option<InMemDicomObject> {
-        items(own, tag).first().or_else(|| items(shared?, tag).first()).cloned()
-    };
     let frame = |(index, own): (usize, &InMemDicomObject)| {
+        let group = |tag: Tag| items(own, tag).first().or_else(|| items(shared?, tag).first());
         let position =
-            group(own, tags::PLANE_POSITION_SEQUENCE).and_then(|g| point(&g, tags::IMAGE_POSITION_PATIENT));
-        let axes = group(own, tags::PLANE_ORIENTATION_SEQUENCE)
-            .map_or(Err(None), |g| directions(&g, tags::IMAGE_ORIENTATION_PATIENT));
-        let spacing =
-            group(own, tags::PIXEL_MEASURES_SEQUENCE).and_then(|g| numbers(&g, tags::PIXEL_SPACING));
+            group(tags::PLANE_POSITION_SEQUENCE).and_then(|g| point(g, tags::IMAGE_POSITION_PATIENT));
+        let axes = group(tags::PLANE_ORIENTATION_SEQUENCE)
+            .map_or(Err(None), |g| directions(g, tags::IMAGE_ORIENTATION_PATIENT));
+        let spacing = group(tags::PIXEL_MEASURES_SEQUENCE).and_then(|g| numbers(g, tags::PIXEL_SPACING));
         let spacing = spacing.filter(|s| s.len() == 2 && s.iter().all(|&v| v > 1e-6)).map(|s| [s[1], s[0]]);
-        let segment = group(own, tags::SEGMENT_IDENTIFICATION_SEQUENCE)
-            .and_then(|g| whole(&g, tags::REFERENCED_SEGMENT_NUMBER));
+        let segment = group(tags::SEGMENT_IDENTIFICATION_SEQUENCE)
+            .and_then(|g| whole(g, tags::REFERENCED_SEGMENT_NUMBER));
         Ok(Frame {
             index,
             segment: segment.ok_or_else(|| place.missing("ReferencedSegmentNumber"))?,
@@ -296,21 +301,6 @@ fn stacked(place: Place<'_>, frames: &mut [Frame], columns: usize, rows: usize) 
         patient_from_stack: placed.patient_from_stack,
         turned: [placed.turned[0], placed.turned[1]],
     })
-}
-
-/// Planes without the segment may be left out of a SEG: the vessel then goes on across them.
-pub(super) fn gap_warning(plane_z_mm: &[f64]) -> Option<Warning> {
-    let mut steps: Vec<f64> = plane_z_mm.windows(2).map(|z| z[1] - z[0]).collect();
-    let unsorted = steps.clone();
-    steps.sort_by(f64::total_cmp);
-    let usual = steps.get(steps.len() / 2)?;
-    let gap = unsorted.iter().position(|s| *s > GAP * usual)?;
-    let text = format!(
-        "the segmentation has no plane between z = {:.3} and {:.3} mm: the vessel is led across",
-        plane_z_mm[gap],
-        plane_z_mm[gap + 1]
-    );
-    Some(Warning::new("segment.gap", text))
 }
 
 #[cfg(test)]

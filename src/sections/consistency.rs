@@ -15,6 +15,8 @@
 //!    others, is split by a slit of a quarter pixel across its neck (the neck is where it parts when shrunk by
 //!    the least distance that parts it); where no shrinking parts it, it stays and is reported.
 //!
+//! What the operator has drawn stands: it counts for its neighbours, and none of the rules changes it.
+//!
 //! That ends: rule 6 makes a contour of the image one that was made or left unparted, and nothing makes contours of the image;
 //! all other rules leave fewer contours. Cost: overlaps are found once, and again beside the planes that changed.
 
@@ -45,6 +47,15 @@ pub(super) enum Origin {
     ImageUnparted,
     /// A bridge or a split: there is no edge in the image that it could be fitted to.
     Made,
+    /// The operator's hand: no rule changes it, and it is fitted to nothing.
+    Drawn,
+}
+
+impl Origin {
+    /// Whether the image shows an edge that the contour can be fitted to.
+    pub(super) const fn is_image(self) -> bool {
+        matches!(self, Self::Image | Self::ImageUnparted)
+    }
 }
 
 impl Loop {
@@ -62,6 +73,13 @@ pub(super) struct Plane {
     pub(super) loops: Vec<Loop>,
 }
 
+impl Plane {
+    /// Whether its contours are the operator's: all of a plane are, or none.
+    pub(super) fn is_drawn(&self) -> bool {
+        self.loops.iter().any(|l| l.origin == Origin::Drawn)
+    }
+}
+
 /// An outer contour ready for overlap tests.
 pub(super) struct Outer {
     /// Where it stands among the plane's loops.
@@ -75,7 +93,7 @@ pub(super) struct Outer {
 
 /// Applies the rules to a stack of planes.
 pub(super) fn resolve(planes: &mut [Plane], pixel_area_mm2: f64, warnings: &mut SectionWarnings) {
-    for plane in planes.iter_mut() {
+    for plane in planes.iter_mut().filter(|p| !p.is_drawn()) {
         drop_fragments(plane, LEAST_AREA_PIXELS * pixel_area_mm2, warnings);
     }
     drop_passing_holes(planes, warnings);
@@ -122,7 +140,7 @@ fn walk(
     for k in (0..planes.len()).filter(|&k| is_due[k]) {
         // Links to a plane that has just changed are out of date: its neighbour waits for the next walk.
         let waits = changed.last().is_some_and(|&c| c + 1 == k);
-        if !waits && resolve_plane(planes, links, k, pixel_area_mm2, warnings) {
+        if !waits && !planes[k].is_drawn() && resolve_plane(planes, links, k, pixel_area_mm2, warnings) {
             changed.push(k);
         }
     }
@@ -177,7 +195,7 @@ fn drop_passing_holes(planes: &mut [Plane], warnings: &mut SectionWarnings) {
             down[k][n] = 1 + longest.unwrap_or(0);
         }
     }
-    for (k, plane) in planes.iter_mut().enumerate() {
+    for (k, plane) in planes.iter_mut().enumerate().filter(|(_, p)| !p.is_drawn()) {
         let passing = |n: usize| up[k][n] + down[k][n] - 1 < LEAST_HOLE_PLANES;
         let mut gone: Vec<usize> =
             (0..holes[k].len()).filter(|&n| passing(n)).map(|n| holes[k][n].at).collect();
@@ -497,6 +515,22 @@ mod tests {
         let broad = || vec![disk(0.0, 0.0, 120.0)];
         let (left, told) = resolved(vec![Vec::new(), row, broad(), broad()]);
         assert_eq!((left, told["sections.stub"]), (vec![0, 1, 1, 1], 19));
+    }
+
+    #[test]
+    fn what_was_drawn_stays_and_counts_for_its_neighbours() {
+        let by_hand =
+            |loops: Vec<Loop>| loops.into_iter().map(|l| Loop { origin: Origin::Drawn, ..l }).collect();
+        // A fragment, an island, a hole of one plane.
+        let odd = || by_hand(vec![vessel(), disk(50.0, 0.0, 1.0), disk(90.0, 0.0, 5.0), hole(2.0, 0.0, 2.0)]);
+        let (left, told) = resolved(vec![vec![vessel()], odd(), vec![vessel()]]);
+        assert_eq!((left, told), (vec![1, 4, 1], BTreeMap::new()));
+        // Between two drawn planes a flicker is bridged; a drawn one is none.
+        let two = || vec![disk(-4.0, 0.0, 3.0), disk(4.0, 0.0, 3.0)];
+        let (left, told) = resolved(vec![by_hand(vec![vessel()]), two(), by_hand(vec![vessel()])]);
+        assert_eq!((left, told["sections.bridged"]), (vec![1; 3], 1));
+        let (left, told) = resolved(vec![vec![vessel()], by_hand(two()), vec![vessel()]]);
+        assert_eq!((left, told), (vec![1, 2, 1], BTreeMap::new()));
     }
 
     #[test]

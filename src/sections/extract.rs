@@ -1,6 +1,7 @@
 //! Mask and grey values to smooth closed contours per CT plane.
 //!
 //! 1. The window's edge as an iso-line of the grey values inside the mask: the topology of every plane.
+//!    Where the operator has drawn a plane's contours, these stand instead, and nothing moves or drops them.
 //! 2. The topology over the planes: fragments, islands, pinholes and one-plane flicker go, and what has lost its
 //!    connection to the seeds' vessel, all of which is reported.
 //! 3. The contours move to the half level between lumen and wall, measured on either side of them, and are
@@ -163,9 +164,12 @@ pub fn extract(
     let fitted = fit.fit()?;
     let biased = fit.window_offset().and_then(|offset| window_bias(offset, volume));
     let mut sections = Vec::with_capacity(planes.len());
-    for (plane, Fitted { contours, n_crossing, n_parted }) in planes.iter().zip(fitted) {
+    for (plane, Fitted { contours, n_crossing, n_unmodelled, n_parted }) in planes.iter().zip(fitted) {
         if n_crossing > 0 {
             warnings.not_fitted(plane.z_mm, n_crossing);
+        }
+        if n_unmodelled > 0 {
+            warnings.not_modelled(plane.z_mm, n_unmodelled);
         }
         if n_parted > 0 {
             warnings.parted(plane.z_mm, n_parted);
@@ -215,8 +219,11 @@ fn topology(
     let [sx, sy] = volume.pixel_spacing_xy_mm;
     let first = |k: usize| {
         task.check()?;
-        let contours = base::contours(volume, segmentation, k);
-        let loops = contours.into_iter().map(|contour| Loop { contour, origin: Origin::Image }).collect();
+        let (contours, origin) = match segmentation.drawn.get(&k) {
+            Some(drawn) => (drawn.clone(), Origin::Drawn),
+            None => (base::contours(volume, segmentation, k), Origin::Image),
+        };
+        let loops = contours.into_iter().map(|contour| Loop { contour, origin }).collect();
         Ok(Plane { k, z_mm: volume.plane_z_mm[k], loops })
     };
     let mut planes: Vec<Plane> =

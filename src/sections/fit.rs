@@ -4,7 +4,7 @@
 //! contour is moved to its level; then the noise is measured on all of them and filtered out, and the blur's
 //! effect on curved edges is taken back. Contours that would cross are left where they were first.
 
-use super::consistency::{Loop, Origin, Plane};
+use super::consistency::{Loop, Plane};
 use super::curve::{evenly_spaced, n_points_for};
 use super::denoise::Spectrum;
 use super::edge::Edge;
@@ -25,12 +25,20 @@ const MOST_LOOKED_AT: usize = 8;
 /// Contours whose radii differ by no more than this factor have the same levels.
 const LIKE_SIZE: f64 = 1.5;
 
-/// The contours of a plane, and how many of them had to stay where they were.
+/// The contours of a plane, and how many of them had to stay where they were: no edge shows, or they would have crossed.
 pub(super) struct Fitted {
     pub(super) contours: Vec<Contour>,
     pub(super) n_crossing: usize,
+    /// How many the model was asked for and has left where the level between lumen and wall is.
+    pub(super) n_unmodelled: usize,
     /// How many were told apart where the level between lumen and wall shows one.
     pub(super) n_parted: usize,
+}
+
+impl Fitted {
+    pub(super) fn at_first(contours: Vec<Contour>) -> Self {
+        Self { contours: ordered(contours), n_crossing: 0, n_unmodelled: 0, n_parted: 0 }
+    }
 }
 
 /// Everything that the fit of a stack needs.
@@ -87,7 +95,7 @@ impl<'a> Stack<'a> {
             let image = self.image(plane);
             let below: Vec<Contour> = all.last().into_iter().flatten().map(|(c, _)| c.contour()).collect();
             let of = |(l, target): (&Loop, &Option<Target>)| match target.zip(fall) {
-                Some((target, fall)) if l.origin != Origin::Made => {
+                Some((target, fall)) if l.origin.is_image() => {
                     (refine::snake(&l.contour, &below, &image, target, fall), Some(target))
                 }
                 _ => (Curve::new(&l.contour, image.pixel_mm()), None),
@@ -162,19 +170,24 @@ impl<'a> Stack<'a> {
     }
 
     fn finish_plane(&self, plane: &Plane, curves: &[Aimed], noise_mm3: f64) -> Fitted {
+        if plane.is_drawn() {
+            return Fitted::at_first(plane.loops.iter().map(|l| l.contour.clone()).collect());
+        }
         let clean = |(curve, target): &Aimed| match target {
             Some(target) => self.finished(&refine::cleaned(curve.clone(), noise_mm3, target.blur_mm)),
             None => self.finished(curve),
         };
         let fitted: Vec<Contour> = curves.iter().map(clean).collect();
         if are_simple(&fitted) {
-            return Fitted { contours: ordered(fitted), n_crossing: 0, n_parted: 0 };
+            let is_unaimed = |(l, (_, target)): &(&Loop, &Aimed)| l.origin.is_image() && target.is_none();
+            let n_crossing = plane.loops.iter().zip(curves).filter(is_unaimed).count();
+            return Fitted { n_crossing, ..Fitted::at_first(fitted) };
         }
         let first = |l: &Loop| self.finished(&Curve::new(&l.contour, self.volume.pixel_mm()));
         let smooth: Vec<Contour> = plane.loops.iter().map(first).collect();
         let raw = || plane.loops.iter().map(|l| self.unsmoothed(&l.contour)).collect();
         let contours = if are_simple(&smooth) { smooth } else { raw() };
-        Fitted { contours: ordered(contours), n_crossing: plane.loops.len(), n_parted: 0 }
+        Fitted { n_crossing: plane.loops.len(), ..Fitted::at_first(contours) }
     }
 
     fn finished(&self, curve: &Curve) -> Contour {
@@ -225,7 +238,7 @@ struct Measured {
 fn plane_edges(plane: &Plane, image: &Image<'_>) -> Vec<Measured> {
     let of = |l: &Loop| Measured {
         radius_mm: (l.contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt(),
-        edge: (l.origin != Origin::Made).then(|| refine::edge_of(&l.contour, image)).flatten(),
+        edge: l.origin.is_image().then(|| refine::edge_of(&l.contour, image)).flatten(),
     };
     plane.loops.iter().map(of).collect()
 }
@@ -306,7 +319,7 @@ pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 /// All contours of a plane, moved to their levels; those that were made, or have no level, only smoothed.
 fn moved(plane: &Plane, image: &Image<'_>, targets: &[Option<Target>]) -> Vec<Aimed> {
     let one = |(l, target): (&Loop, &Option<Target>)| match target {
-        Some(target) if l.origin != Origin::Made => {
+        Some(target) if l.origin.is_image() => {
             (refine::fitted(&l.contour, image, target.level), Some(*target))
         }
         _ => (Curve::new(&l.contour, image.pixel_mm()), None),

@@ -1,6 +1,6 @@
 //! The half-maximum contours of a stack refined under the model of the image, and the close branches told apart.
 
-use super::consistency::{Origin, Plane};
+use super::consistency::Plane;
 use super::fit::{Fitted, HalfLevels, Stack, are_simple, ordered};
 use super::model::{self, Footing, Scan, Start};
 use super::parting::{self, LEAST_EVIDENCE};
@@ -46,7 +46,12 @@ impl Stack<'_> {
         let fit = model::contours(scan, &starts, &views, self.task)?;
         let starts: Vec<(Fitted, Option<Vec<Contour>>)> = first.into_iter().zip(parted).collect();
         let jobs: Vec<(usize, Vec<Contour>)> = fit.into_iter().enumerate().collect();
-        self.over(&jobs, [90, 100], |(n, dense)| self.chosen(&starts[*n].0, starts[*n].1.as_deref(), dense))
+        self.over(&jobs, [90, 100], |(n, dense)| {
+            let (first, parted) = &starts[*n];
+            let found = self.chosen(first, parted.as_deref(), dense);
+            let n_kept = found.contours.iter().filter(|c| first.contours.contains(c)).count();
+            left(found, n_kept, first, &self.planes[*n])
+        })
     }
 
     /// The first of these whose contours do not cross: the stack's fit, the fit in which they were parted, the start.
@@ -64,13 +69,8 @@ impl Stack<'_> {
         let fits = [Some(dense), parted].into_iter().flatten();
         let found = fits.flat_map(|c| [spaced(c), straight(c)]).find(|c| are_simple(c));
         match found {
-            Some(contours) => {
-                let n_kept = contours.iter().filter(|c| first.contours.contains(c)).count();
-                Fitted { contours: ordered(contours), n_crossing: n_kept.min(first.n_crossing), n_parted }
-            }
-            None => {
-                Fitted { contours: first.contours.clone(), n_crossing: first.contours.len(), n_parted: 0 }
-            }
+            Some(contours) => Fitted { n_parted, ..Fitted::at_first(contours) },
+            None => Fitted::at_first(first.contours.clone()),
         }
     }
 
@@ -107,8 +107,19 @@ impl Stack<'_> {
     }
 }
 
+/// The contours of a plane with how many of them the model has left, `n_kept`, told by what was kept: the window's edge, where
+/// they had crossed before, else the level between lumen and wall. Bridges, splits and what was drawn are told elsewhere.
+fn left(found: Fitted, n_kept: usize, first: &Fitted, plane: &Plane) -> Fitted {
+    if first.n_crossing > 0 {
+        return Fitted { n_crossing: n_kept.min(first.n_crossing), ..found };
+    }
+    let n_image = plane.loops.iter().filter(|l| l.origin.is_image()).count();
+    Fitted { n_unmodelled: n_kept.min(n_image), ..found }
+}
+
 fn footing(plane: &Plane, fitted: &Fitted) -> Footing {
     match (is_image(plane), fitted.n_crossing) {
+        _ if plane.is_drawn() => Footing::Drawn,
         (false, _) => Footing::Made,
         (true, 0) => Footing::Measured,
         _ => Footing::Rough,
@@ -117,7 +128,7 @@ fn footing(plane: &Plane, fitted: &Fitted) -> Footing {
 
 /// Whether the image shows all contours of a plane: bridges and splits have no edge to be fitted to.
 fn is_image(plane: &Plane) -> bool {
-    plane.loops.iter().all(|l| l.origin != Origin::Made)
+    plane.loops.iter().all(|l| l.origin.is_image())
 }
 
 /// Contours that may be several, with each plane's neighbour as the witness; `starts` get their parts.
@@ -158,7 +169,7 @@ impl Start {
     fn undivided(&self) -> impl Iterator<Item = &Contour> {
         let holes: Vec<&Contour> = self.contours.iter().filter(|c| !c.is_ccw()).collect();
         let shown = self.contours.iter().zip(&self.footing);
-        let shown = shown.filter(|(c, footing)| **footing != Footing::Made && c.is_ccw());
+        let shown = shown.filter(|(c, footing)| footing.is_image() && c.is_ccw());
         shown.map(|(c, _)| c).filter(move |c| !holes.iter().any(|h| c.contains(h.points[0])))
     }
 

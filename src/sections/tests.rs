@@ -1,5 +1,6 @@
 use super::*;
 use crate::ct::Volume;
+use crate::geom::distance::SegmentIndex;
 use crate::geom::{Point2, Point3};
 use crate::progress::{CancelToken, Task};
 use crate::segment::testing::Scene;
@@ -220,7 +221,8 @@ fn fragments_are_dropped_and_told() {
     });
     let extracted = extracted(&volume, [8.0, 7.0, 1.0]);
     assert_eq!(counts(&extracted), [1; 4]);
-    assert_eq!(codes(&extracted), ["sections.fragment"]);
+    // No centre sees the arm whole.
+    assert_eq!(codes(&extracted), ["sections.fragment", "sections.not_modelled"]);
 }
 
 #[test]
@@ -283,4 +285,81 @@ fn a_cancelled_task_stops() {
     cancel.cancel();
     let result = extract(&volume, &segmentation, &Params::default(), &Task::new(&|_, _| {}, cancel));
     assert!(matches!(result, Err(Error::Cancelled(_))));
+}
+
+/// A tube of 3 mm, its axis a bow, in planes 1 mm apart; plane 4 shows what `there` says.
+fn bowed(there: impl Fn(f64, f64) -> Option<f64>) -> Volume {
+    let scene = Scene { n: [72, 56, 12], noise_hu: 15.0, ..Scene::default() };
+    scene.volume(|x, y, k| {
+        let axis = CENTRE[0] + 0.02 * (k as f64 - 5.0).powi(2);
+        let tube = if (x - axis).hypot(y - CENTRE[1]) < 3.0 { 300.0 } else { 50.0 };
+        if k == 4 { there(x, y).unwrap_or(tube) } else { tube }
+    })
+}
+
+/// Plane 4 of it drawn as it is, 0.1 mm too far out.
+fn drawn_by_hand() -> segment::Corrections {
+    let point = |i: i32| {
+        let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / 48.0).sin_cos();
+        format!("[{},{}]", CENTRE[0] + 0.02 + 3.1 * cos, CENTRE[1] + 3.1 * sin)
+    };
+    let points: Vec<String> = (0..48).map(point).collect();
+    toml::from_str(&format!("[[contour]]\nz_mm = 4\npoints_mm = [{}]\n", points.join(","))).unwrap()
+}
+
+#[test]
+fn a_drawn_plane_stands_as_drawn_and_its_neighbours_as_if_it_showed_the_vessel() {
+    let of = |volume: &Volume, corrections: segment::Corrections| {
+        let params = segment::Params {
+            seeds_patient_mm: vec![Point3::new(CENTRE[0], CENTRE[1], 1.0)],
+            corrections,
+            ..Default::default()
+        };
+        let found = segment::segment(volume, &params, &Task::quiet()).unwrap();
+        (extract(volume, &found, &Params::default(), &Task::quiet()).unwrap(), found)
+    };
+    let (whole, _) = of(&bowed(|_, _| None), segment::Corrections::default());
+    // The plane shows nothing; bone; a vessel beside the true one.
+    let others: [fn(f64, f64) -> Option<f64>; 3] = [
+        |_, _| Some(50.0),
+        |_, _| Some(900.0),
+        |x, y| Some(if (x - 10.0).hypot(y - CENTRE[1]) < 3.0 { 300.0 } else { 50.0 }),
+    ];
+    for there in others {
+        let (drawn, found) = of(&bowed(there), drawn_by_hand());
+        assert_eq!(codes(&drawn), codes(&whole), "{:?}", drawn.warnings);
+        assert_eq!(drawn.stack.planes[4].contours, found.drawn[&4]);
+        for k in [2, 3, 5, 6] {
+            let truth = SegmentIndex::try_new(&whole.stack.planes[k].contours).unwrap();
+            let points = drawn.stack.planes[k].contours.iter().flat_map(|c| &c.points);
+            let off = points.map(|p| truth.signed_distance_mm(*p).abs()).fold(0.0, f64::max);
+            assert!(off < 0.03, "plane {k}: {off:.4}");
+        }
+    }
+}
+
+#[test]
+fn a_contour_that_no_centre_sees_whole_is_told_with_what_was_kept() {
+    // Three quarters of a ring in planes 4 to 6, a disk beyond.
+    let scene = Scene { n: [80, 72, 10], ..Scene::default() };
+    let volume = scene.volume(|x, y, k| {
+        let (dx, dy) = (x - 10.0, y - 9.0);
+        let r = dx.hypot(dy);
+        let crescent = (2.5..5.5).contains(&r) && !(dx > 0.0 && dy.abs() < dx);
+        if (if (4..7).contains(&k) { crescent } else { r < 5.5 }) { 300.0 } else { 50.0 }
+    });
+    let found = extracted(&volume, [6.0, 9.0, 1.0]);
+    let told: Vec<&str> = found
+        .warnings
+        .iter()
+        .filter(|w| w.code == "sections.not_modelled")
+        .map(|w| w.text.as_str())
+        .collect();
+    assert_eq!(
+        told,
+        [
+            "contours that no centre sees whole (crescents, two lobes), or that crossed under the model of the image: the level between lumen and wall was kept there: z 4.000 mm (1 contour), z 5.000 mm (1 contour), z 6.000 mm (1 contour)"
+        ]
+    );
+    assert!(!codes(&found).contains(&"sections.not_fitted"), "{:?}", found.warnings);
 }

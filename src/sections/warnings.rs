@@ -19,13 +19,14 @@ enum Kind {
     Split,
     Unsplit,
     NotFitted,
+    NotModelled,
     Parted,
     Sudden,
     Gap,
 }
 
 impl Kind {
-    const ALL: [Self; 14] = [
+    const ALL: [Self; 15] = [
         Self::Fragment,
         Self::Pinhole,
         Self::Hole,
@@ -37,6 +38,7 @@ impl Kind {
         Self::Split,
         Self::Unsplit,
         Self::NotFitted,
+        Self::NotModelled,
         Self::Parted,
         Self::Sudden,
         Self::Gap,
@@ -70,7 +72,11 @@ impl Kind {
             ),
             Self::NotFitted => (
                 "sections.not_fitted",
-                "contours crossed when moved to the grey values' edge: the window's edge was kept there",
+                "contours that show no edge in the grey values, or crossed when moved to it: the window's edge was kept there",
+            ),
+            Self::NotModelled => (
+                "sections.not_modelled",
+                "contours that no centre sees whole (crescents, two lobes), or that crossed under the model of the image: the level between lumen and wall was kept there",
             ),
             Self::Parted => (
                 "sections.parted",
@@ -144,6 +150,10 @@ impl SectionWarnings {
 
     pub(super) fn not_fitted(&mut self, z_mm: f64, n: usize) {
         self.count(Kind::NotFitted, z_mm, n);
+    }
+
+    pub(super) fn not_modelled(&mut self, z_mm: f64, n: usize) {
+        self.count(Kind::NotModelled, z_mm, n);
     }
 
     pub(super) fn parted(&mut self, z_mm: f64, n: usize) {

@@ -23,6 +23,8 @@
 //! A polygon may be given in LPS instead: `points_lps_mm`, three numbers a point, all on one plane. [`Corrections`]
 //! is the document, [`Corrections::resolve`] turns it into voxels of a volume.
 
+pub(super) mod doubts;
+
 use super::Mask;
 use super::error::Error;
 use crate::ct::{HEIGHT_SLACK_MM, Volume};
@@ -170,7 +172,7 @@ impl Block {
     }
 
     /// Whether a voxel at this place is blocked; a height in the stack frame, a point in LPS.
-    pub(super) fn holds(&self, z_mm: f64, p: Point3) -> bool {
+    fn holds(&self, z_mm: f64, p: Point3) -> bool {
         if let Some([lo, hi]) = self.z_mm {
             return z_mm >= lo - HEIGHT_SLACK_MM && z_mm <= hi + HEIGHT_SLACK_MM;
         }
@@ -218,7 +220,7 @@ impl Drawn {
     }
 
     /// Corners in the stack frame.
-    pub(super) fn in_stack(&self, volume: &Volume) -> Vec<Point3> {
+    fn in_stack(&self, volume: &Volume) -> Vec<Point3> {
         if let (Some(z), Some(points)) = (self.z_mm, &self.points_mm) {
             return points.iter().map(|&[x, y]| Point3::new(x, y, z)).collect();
         }
@@ -281,6 +283,15 @@ impl Rules {
     }
 }
 
+impl Rules {
+    /// These planes, and on to all of those asked for whose contours were drawn: there the operator has seen the vessel.
+    #[must_use]
+    pub fn reaching(&self, planes: Range<usize>, asked: &Range<usize>) -> Range<usize> {
+        let drawn = self.drawn.keys().copied().filter(|k| asked.contains(k));
+        drawn.fold(planes, |planes, k| planes.start.min(k)..planes.end.max(k + 1))
+    }
+}
+
 impl Corrections {
     /// The corrections as voxels and planes of this volume.
     ///
@@ -319,7 +330,7 @@ fn reach(volume: &Volume) -> String {
 }
 
 /// The plane nearest to a height in the stack frame, mm.
-pub(super) fn nearest_plane(volume: &Volume, z_mm: f64) -> usize {
+fn nearest_plane(volume: &Volume, z_mm: f64) -> usize {
     let distance = |k: &usize| (volume.plane_z_mm[*k] - z_mm).abs();
     (0..volume.dims[2]).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
 }

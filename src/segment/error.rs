@@ -3,6 +3,7 @@
 use super::corrections::Fault;
 use super::guard::Beyond;
 use super::mask::Mask;
+use crate::ct::Warning;
 use crate::geom::Point3;
 use crate::progress::Cancelled;
 
@@ -193,6 +194,14 @@ pub enum Error {
         /// How many are wanted.
         least: f64,
     },
+    /// Something is wrong, and there are corrections that hardly do what was meant.
+    #[error("{fault}; of the corrections in the case file: {}", told(doubts))]
+    Doubted {
+        /// What is wrong.
+        fault: Box<Self>,
+        /// What is to be told of the corrections.
+        doubts: Vec<Warning>,
+    },
     /// A correction does not fit the image.
     #[error(transparent)]
     Correction(#[from] Fault),
@@ -231,7 +240,26 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
 }
 
+fn told(doubts: &[Warning]) -> String {
+    doubts.iter().map(|w| w.text.as_str()).collect::<Vec<_>>().join("; ")
+}
+
 impl Error {
+    /// The same with what is to be told of the corrections, once; an interruption, and a correction that is wrong itself, stay alone.
+    pub(super) fn beside(self, doubts: Vec<Warning>) -> Self {
+        let is_alone = matches!(self, Self::Cancelled(_) | Self::Correction(_) | Self::Doubted { .. });
+        if is_alone || doubts.is_empty() { self } else { Self::Doubted { fault: Box::new(self), doubts } }
+    }
+
+    /// What is wrong, whatever is to be told of the corrections.
+    #[must_use]
+    pub const fn fault(&self) -> &Self {
+        match self {
+            Self::Doubted { fault, .. } => fault,
+            fault => fault,
+        }
+    }
+
     /// A stable name for programs.
     #[must_use]
     pub const fn code(&self) -> &'static str {
@@ -252,6 +280,7 @@ impl Error {
             Self::Leaks(_) => "segment.leak",
             Self::NoCandidate { .. } => "segment.no_candidate",
             Self::TooFewPixels { .. } => "segment.too_few_pixels",
+            Self::Doubted { fault, .. } => fault.code(),
             Self::Correction(_) => "segment.bad_correction",
             Self::NoPlaneInRange { .. } => "segment.no_plane_in_range",
             Self::TooFewPlanes { .. } => "segment.too_few_planes",
@@ -265,7 +294,7 @@ impl Error {
     #[must_use]
     pub const fn is_choice(&self) -> bool {
         matches!(
-            self,
+            self.fault(),
             Self::NoSeed
                 | Self::BadWindow { .. }
                 | Self::BadZRange { .. }
@@ -305,6 +334,8 @@ pub struct Leak {
     pub into: Option<(Beyond, f64)>,
     /// What the region fills in this plane.
     pub region: Mask,
+    /// Blocks that there are; none of them holds the place.
+    pub n_blocks: usize,
     /// Whether the vessel could end there: the seeds lie on its side.
     pub can_be_cut: bool,
     /// Half-way between the levels around the seeds, HU, where another window was given.
@@ -334,13 +365,27 @@ impl std::fmt::Display for Leak {
             write!(f, "end the vessel there with --on-leak cut, ")?;
         }
         match self.into {
-            None => write!(
-                f,
-                "move the seed, or keep the region out of there with [[segment.block]] in the case file"
-            ),
+            None => write!(f, "move the seed, or keep the region out of there with {}", self.block()),
             Some(_) => write!(
                 f,
-                "keep it out with [[segment.block]] in the case file, or, if it is part of the vessel, give a seed behind the passage as well"
+                "keep it out with {}, or, if it is part of the vessel, give a seed behind the passage as well",
+                self.block()
+            ),
+        }
+    }
+}
+
+impl Leak {
+    /// The correction that would keep the region out.
+    fn block(&self) -> String {
+        match self.n_blocks {
+            0 => "[[segment.block]] in the case file".into(),
+            1 => {
+                "a [[segment.block]] in the case file that holds this place (the one that is given does not)"
+                    .into()
+            }
+            n => format!(
+                "a [[segment.block]] in the case file that holds this place (none of the {n} given does)"
             ),
         }
     }

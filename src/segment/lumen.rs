@@ -159,15 +159,24 @@ impl Growth<'_> {
         let [_, _, k] = site.at;
         let into = (site.into != Beyond::Border).then_some((site.into, site.neck_mm));
         let region = grown.mask_of_plane(slab, k);
-        let window_hu = slab.window_hu(k);
+        let (window_hu, n_blocks) = (slab.window_hu(k), self.params.corrections.block.len());
         let better_window_hu = match self.source {
             WindowSource::Given => {
                 levels::find(slab.volume, self.seeds, self.params.polarity).map(Levels::window_hu)
             }
             WindowSource::Found(_) => None,
         };
-        let leak =
-            Leak { voxel: site.at, z_mm, place, window_hu, into, region, can_be_cut, better_window_hu };
+        let leak = Leak {
+            voxel: site.at,
+            z_mm,
+            place,
+            window_hu,
+            into,
+            region,
+            n_blocks,
+            can_be_cut,
+            better_window_hu,
+        };
         Error::Leaks(Box::new(leak))
     }
 

@@ -30,7 +30,6 @@
 mod bits;
 pub mod candidates;
 pub mod corrections;
-mod doubtful;
 mod error;
 mod follow;
 mod graph;
@@ -59,7 +58,7 @@ pub use mask::Mask;
 use crate::ct::{Volume, Warning};
 use crate::geom::{Contour, Point3};
 use crate::progress::Task;
-use corrections::Rules;
+use corrections::{Rules, doubts};
 use grow::{Slab, Voxel};
 use lumen::{Growth, Lumen};
 use serde::{Deserialize, Serialize};
@@ -195,11 +194,32 @@ fn segment_in(
     task: &Task<'_>,
 ) -> Result<Segmentation, Error> {
     let rules = params.corrections.resolve(volume)?;
-    let seeds = seed_voxels(volume, params, &asked)?;
+    let doubts = doubts::warnings(volume, &params.corrections);
+    match grown(volume, params, rules, &asked, task) {
+        Ok(mut found) => {
+            found.warnings.extend(doubts);
+            Ok(found)
+        }
+        Err(fault) => {
+            let unused = doubts::unused(volume, &params.corrections, &asked);
+            Err(fault.beside(doubts.into_iter().chain(unused).collect()))
+        }
+    }
+}
+
+/// The same under corrections that fit the volume.
+fn grown(
+    volume: &Volume,
+    params: &Params,
+    rules: Rules,
+    asked: &Range<usize>,
+    task: &Task<'_>,
+) -> Result<Segmentation, Error> {
+    let seeds = seed_voxels(volume, params, asked)?;
     refuse_corrected_seeds(volume, params, &rules, &seeds)?;
     task.report(0, 4);
     let Chosen { windows_hu, planes, source, smooth, mut warnings } =
-        windows::choose(volume, params, &rules, &asked, &seeds, task)?;
+        windows::choose(volume, params, &rules, asked, &seeds, task)?;
     let image = smooth.as_ref().map_or(volume, |s| &s.image);
     let slab = Slab { volume: image, planes, windows_hu, rules: &rules };
     let seeds = lumen::checked_seeds(&slab, params, &seeds, source)?;
@@ -207,7 +227,7 @@ fn segment_in(
     let Lumen { grown, polarity, warnings: told } =
         Growth { slab: &slab, params, seeds: &seeds, source }.lumen(task)?;
     warnings.extend(told);
-    warnings.extend(doubtful::warnings(volume, &params.corrections));
+    warnings.extend(doubts::unused(volume, &params.corrections, &slab.planes));
     let mask = grown.into_mask(volume.dims);
     let covered = mask.planes();
     if covered.len() < 2 {
@@ -215,7 +235,7 @@ fn segment_in(
         return Err(Error::RegionTooFlat { found: covered.len(), z_mm });
     }
     warnings.extend(plausible::check(volume, &mask, params)?);
-    warnings.extend(range_not_reached(volume, &asked, &covered));
+    warnings.extend(range_not_reached(volume, asked, &covered));
     task.report(4, 4);
     Ok(Segmentation {
         window_hu: slab.window_hu(seeds[0][2]),

@@ -29,7 +29,7 @@ struct Shown<'a> {
 /// explains an error, and is none itself.
 #[must_use]
 pub fn of_error(volume: &Volume, error: &Error) -> Option<Vec<u8>> {
-    match error {
+    match error.fault() {
         Error::Leaks(leak) => of_leak(volume, leak),
         Error::Background { at, z_mm, region, .. } => {
             drawn(volume, Shown { voxel: *at, z_mm: *z_mm, region })
@@ -136,6 +136,7 @@ mod tests {
             window_hu: [100.0, 400.0],
             into: Some((Beyond::Bulk, 1.0)),
             region: Mask::from_fn(32..48, 20..36, 1..2, |_, _, _| true),
+            n_blocks: 0,
             can_be_cut: true,
             better_window_hu: None,
         };

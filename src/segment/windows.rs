@@ -77,7 +77,7 @@ pub(super) fn choose(
     let followed = follow::follow(image, asked, rules, seeds, levels, task)?;
     // Where somebody attends, or has said which planes, the lumen is looked for in all of them.
     let may_shorten = params.on_leak == OnLeak::Cut && params.z_mm.is_none() && followed.clear.len() > 1;
-    let planes = if may_shorten { followed.clear.clone() } else { asked.clone() };
+    let planes = if may_shorten { rules.reaching(followed.clear.clone(), asked) } else { asked.clone() };
     let windows_hu =
         planes.clone().map(|k| corrected(k, followed.levels[k - asked.start].window_hu())).collect();
     warnings.extend(faded(volume, asked, &planes));

@@ -44,12 +44,16 @@ fn files() {
         (
             "empty file called DICOM",
             |f| fs::write(f.file(3), "").unwrap(),
-            Err("ct/IM0003.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again"),
+            Err(
+                "ct/IM0003.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
+            ),
         ),
         (
             "text called DICOM",
             |f| fs::write(f.file(3), "not DICOM at all").unwrap(),
-            Err("ct/IM0003.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again"),
+            Err(
+                "ct/IM0003.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
+            ),
         ),
         (
             "no preamble and mark",
@@ -103,18 +107,22 @@ fn truncated_and_damaged() {
         (
             "ends within its preamble",
             |f| f.cut(|_| 100),
-            Err("ct/IM0004.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again"),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
+            ),
         ),
         (
             "ends behind its mark",
             |f| f.cut(|_| 132),
-            Err("ct/IM0004.dcm: damaged DICOM file (its header cannot be parsed): copy or export it again"),
+            Err(
+                "ct/IM0004.dcm: damaged DICOM file (its header cannot be parsed): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
+            ),
         ),
         (
             "ends within the file meta group",
             |f| f.cut(|_| 170),
             Err(
-                "ct/IM0004.dcm: damaged DICOM file (an element runs beyond the end of the file): copy or export it again",
+                "ct/IM0004.dcm: damaged DICOM file (an element runs beyond the end of the file): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder",
             ),
         ),
         (
@@ -292,7 +300,7 @@ fn a_damaged_file_spoils_the_series_that_it_names_and_all_where_it_names_none() 
     assert_eq!(first, (Ok(told), Verdict::Usable));
     let truncated = "Z3.dcm: truncated: 1052 bytes, its pixels need 1152: copy or export it again".to_owned();
     assert_eq!(second, (Err(truncated), Verdict::Unusable));
-    let unmarked = "Z3.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it does not say which series it is of: if it is none of the one that is wanted, take it out of the folder";
+    let unmarked = "Z3.dcm: damaged DICOM file (the mark DICM is missing): copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder";
     for told in told_of_two_series(|bytes| bytes[..100].to_vec()) {
         assert_eq!(told, (Err(unmarked.to_owned()), Verdict::Unusable));
     }
@@ -301,9 +309,21 @@ fn a_damaged_file_spoils_the_series_that_it_names_and_all_where_it_names_none() 
         let at = bytes.windows(5).rposition(|w| w == b"1.2.3").unwrap();
         [&bytes[..at], b"1.2.9", &bytes[at + 5..bytes.len() - 100]].concat()
     };
-    assert!(
-        told_of_two_series(other_uid)
-            .iter()
-            .all(|(said, verdict)| said.is_err() && *verdict == Verdict::Unusable)
-    );
+    let unknown = "Z3.dcm: truncated: 1052 bytes, its pixels need 1152: copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder";
+    for told in told_of_two_series(other_uid) {
+        assert_eq!(told, (Err(unknown.to_owned()), Verdict::Unusable));
+    }
+}
+
+#[test]
+fn a_damaged_report_beside_one_series_says_that_it_may_be_taken_out() {
+    let folder = Folder::new();
+    folder.copy(3, &folder.path().join("report.dcm"), |o| put(o, tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9"));
+    let file = folder.path().join("report.dcm");
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() - 100]).unwrap();
+    let way_out = "truncated: 1052 bytes, its pixels need 1152: copy or export it again; it names no series that could be read here: if it is none of the planes that are wanted, take it out of the folder";
+    assert_eq!(folder.said(false).unwrap_err(), format!("ct/report.dcm: {way_out}"));
+    let inspection = reader::inspect(&folder.path(), &Task::quiet()).unwrap();
+    assert_eq!(inspection.series[0].reason.as_deref(), Some(&*format!("a file of the folder: {way_out}")));
 }

@@ -139,6 +139,11 @@ pub(crate) fn unknown_sequence(length: u32) -> Vec<u8> {
     [b"\x01\x70\x10\x10UN\0\0\xff\xff\xff\xff", &item[..], &length.to_le_bytes(), b"ABCD", &ends].concat()
 }
 
+/// A compressed image: JPEG-LS of 29 x 23 pixels, JPEG 2000 of 37 x 33.
+pub(crate) fn golden(name: &str) -> Vec<u8> {
+    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/codec").join(name)).unwrap()
+}
+
 /// One fault: its name, what does it, and what is said.
 pub(crate) type Row = (&'static str, fn(&Folder), Result<&'static [&'static str], &'static str>);
 

@@ -78,7 +78,7 @@ impl Session<'_> {
             false => (None, Vec::new()),
         };
         self.note(Stage::Segment, "reading the segmentation");
-        let Ready { drawn, warnings: odd, reference, .. } = match loaded {
+        let Ready { drawn, warnings: odd, reference, absent, .. } = match loaded {
             Some(loaded) => loaded,
             None => self.load_ready(task)?,
         };
@@ -92,6 +92,8 @@ impl Session<'_> {
             None => drawn,
         };
         let drawn = between(drawn, self.settings().segment.z_mm)?;
+        let allow_gaps = self.settings().segment.allow_gaps;
+        let drawn = ready::gaps::resolve(drawn, absent, ct.as_ref(), allow_gaps, &mut warnings)?;
         self.note(Stage::Segment, "drawing its contours");
         let extracted = sections::ready::from_drawn(drawn, &sections::Params::default(), task)?;
         warnings.extend(extracted.warnings);

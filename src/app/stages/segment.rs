@@ -12,12 +12,11 @@ use crate::ct::{self, FrameOfReference, Loaded, SeriesChoice, SeriesMark, Series
 use crate::geom::{Bounds2, Contour, Point3};
 use crate::phantom;
 use crate::progress::Task;
-use crate::sections::{self, PlaneSections, SectionStack};
+use crate::sections::{self, SectionStack};
 use crate::segment::{self, Candidate, Polarity, Segmentation};
 use crate::topology;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Contours per CT plane.
@@ -167,8 +166,7 @@ impl Session<'_> {
         let found = &lumen.segmentation;
         self.note(Stage::Segment, "drawing its contours");
         let contours = sections::Params { boundary: settings.segment.boundary, ..Default::default() };
-        let mut extracted = sections::extract(&volume, found, &contours, task)?;
-        put_drawn(&mut extracted.stack, &volume, &found.drawn);
+        let extracted = sections::extract(&volume, found, &contours, task)?;
         warnings.extend(found.warnings.iter().chain(&extracted.warnings).cloned());
         // Kept under the number that was asked for, whatever number it has by now.
         let asked = self.settings().segment.series;
@@ -337,19 +335,6 @@ struct Lumen {
     segmentation: Segmentation,
     seed_mm: Vec<[f64; 3]>,
     candidates: Vec<Candidate>,
-}
-
-/// Puts the contours that the operator has drawn in the place of those that were found.
-fn put_drawn(stack: &mut SectionStack, volume: &Volume, drawn: &BTreeMap<usize, Vec<Contour>>) {
-    for (&k, contours) in drawn {
-        let z_mm = volume.plane_z_mm[k];
-        let at = stack.planes.partition_point(|p| p.z_mm < z_mm);
-        let plane = PlaneSections { z_mm, contours: contours.clone() };
-        match stack.planes.get_mut(at).filter(|p| p.z_mm <= z_mm) {
-            Some(found) => *found = plane,
-            None => stack.planes.insert(at, plane),
-        }
-    }
 }
 
 fn note(

@@ -32,6 +32,9 @@ const PIXELS_PER_PRECINCT: u64 = 256;
 const FEW_PRECINCTS: u64 = 4096;
 /// Layers of all precincts: two bytes for each.
 const LAYERS_PER_PRECINCT: u64 = 64;
+/// Where a coding style names its wavelets, and the ones whose numbers are rounded (the 9-7 filter).
+const TRANSFORM: usize = 4;
+const IRREVERSIBLE: u8 = 0;
 /// Code blocks are 32 x 32 or 64 x 64 as a rule; one of fewer samples than this has more about it than in it.
 const LEAST_BLOCK_SAMPLES_LOG2: u8 = 6;
 
@@ -39,14 +42,14 @@ const LEAST_BLOCK_SAMPLES_LOG2: u8 = 6;
 pub(super) fn decode(bytes: &[u8], size: Size) -> Result<Samples, Fault> {
     let stream = codestream(bytes)?;
     check_size(stream, size)?;
-    check_styles(stream, size)?;
+    let is_lossless = check_styles(stream, size)?;
     let strict = DecodeParameters::new().strict(true);
     let image = panics_caught(|| Image::from_bytes_with(stream, strict));
     let Some(Ok(image)) = image else {
         return Err(Fault::Damaged("the JPEG 2000 pixels cannot be decoded"));
     };
     match image.components() {
-        [component] => samples(component, size),
+        [component] => Ok(Samples { is_lossless, ..samples(component, size)? }),
         _ => Err(Fault::Unsupported("a JPEG 2000 image in colour")),
     }
 }
@@ -64,7 +67,8 @@ fn samples(component: &ImageComponent, size: Size) -> Result<Samples, Fault> {
         reason = "16 bits at most, checked first"
     )]
     let words = data.iter().map(|&v| v as u16).collect();
-    Ok(Samples { words, precision_bits: component.precision(), is_signed: component.is_signed() })
+    let (precision_bits, is_signed) = (component.precision(), component.is_signed());
+    Ok(Samples { words, precision_bits, is_signed, is_lossless: true })
 }
 
 /// The codestream, where boxes of a file stand before it.
@@ -100,11 +104,13 @@ fn check_size(stream: &[u8], expected: Size) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Checks that no coding style makes precincts, layers or code blocks that take more memory than the image.
-fn check_styles(stream: &[u8], size: Size) -> Result<(), Fault> {
+/// Checks that no coding style makes precincts, layers or code blocks that take more memory than the image. Whether all of them are
+/// reversible; what was left out of the stream does not tell.
+fn check_styles(stream: &[u8], size: Size) -> Result<bool, Fault> {
     let most = (size.n_pixels() as u64 / PIXELS_PER_PRECINCT).max(FEW_PRECINCTS);
     // Of a component's own style the layers are those of the image.
     let mut n_layers = 1;
+    let mut is_reversible = true;
     for segment in segments(stream) {
         let (flags, style) = match segment? {
             // Progression and colours stand around the layers.
@@ -126,8 +132,9 @@ fn check_styles(stream: &[u8], size: Size) -> Result<(), Fault> {
         {
             return Err(Fault::Damaged("the JPEG 2000 pixels have too many code blocks"));
         }
+        is_reversible &= style.get(TRANSFORM) != Some(&IRREVERSIBLE);
     }
-    Ok(())
+    Ok(is_reversible)
 }
 
 /// Precincts of all resolutions together, as if the image were one tile: `style` is the number of levels, four numbers of
@@ -198,11 +205,21 @@ mod tests {
     }
 
     #[test]
+    fn an_irreversible_transform_is_told() {
+        let (mut bytes, _) = stream("bits12_signed");
+        assert_eq!(check_styles(&bytes, SIZE), Ok(true));
+        // Marker, length, flags, order, layers, colours; then the style.
+        let style = bytes.windows(2).position(|w| w == [0xff, COD]).unwrap() + 9;
+        assert_eq!(std::mem::replace(&mut bytes[style + TRANSFORM], IRREVERSIBLE), 1);
+        assert_eq!(check_styles(&bytes, SIZE), Ok(false));
+    }
+
+    #[test]
     fn streams_of_another_encoder_decode_to_what_it_decodes_them_to() {
         for (bits, is_signed) in [(8, false), (12, false), (12, true), (16, true)] {
             let sign = if is_signed { "signed" } else { "unsigned" };
             let (bytes, words) = stream(&format!("bits{bits:02}_{sign}"));
-            let expected = Samples { words, precision_bits: bits, is_signed };
+            let expected = Samples { words, precision_bits: bits, is_signed, is_lossless: true };
             assert_eq!(decode(&bytes, SIZE), Ok(expected), "{bits} bits, {sign}");
         }
     }
@@ -276,7 +293,7 @@ mod tests {
             let stream = with_precincts(exponents);
             check_size(&stream, size).and_then(|()| check_styles(&stream, size))
         };
-        assert_eq!(checked(0x77), Ok(()));
+        assert_eq!(checked(0x77), Ok(true));
         assert_eq!(checked(0x11), Err(Fault::Damaged("the JPEG 2000 pixels have too many precincts")));
         assert_eq!(n_precincts(&[1, 0, 0, 0, 0, 0x00, 0x11], Size { columns: 8, rows: 6 }), 4 * 3 + 4 * 3);
         // A tile part may bring a style of its own.
@@ -305,10 +322,10 @@ mod tests {
         };
         let size = Size { columns: 4096, rows: 4096 };
         // Behind marker and length: flags, progression, two bytes of layers, colours, levels, exponents of a block's sides less two.
-        assert_eq!(changed(6, &[0, 20], size), Ok(()));
-        assert_eq!(changed(10, &[4, 4], size), Ok(()));
+        assert_eq!(changed(6, &[0, 20], size), Ok(true));
+        assert_eq!(changed(10, &[4, 4], size), Ok(true));
         assert!(changed(10, &[0, 0], size).is_err());
-        assert_eq!(changed(10, &[0, 0], SIZE), Ok(()));
+        assert_eq!(changed(10, &[0, 0], SIZE), Ok(true));
     }
 
     #[test]

@@ -53,6 +53,8 @@ pub struct Samples {
     pub precision_bits: u32,
     /// Whether the stream itself says that its samples are signed; only JPEG 2000 can.
     pub is_signed: bool,
+    /// Whether its way of coding gives back what was coded, as far as the stream tells.
+    pub is_lossless: bool,
 }
 
 /// Why a stream gives no samples.

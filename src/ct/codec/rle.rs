@@ -25,7 +25,12 @@ pub(super) fn decode(bytes: &[u8], size: Size, bytes_per_pixel: usize) -> Result
         let segment = bytes.get(start..end).ok_or(Fault::Truncated)?;
         unpack(segment, &mut words)?;
     }
-    Ok(Samples { words, precision_bits: 8 * u32::from(bytes_per_pixel == 2) + 8, is_signed: false })
+    Ok(Samples {
+        words,
+        precision_bits: 8 * u32::from(bytes_per_pixel == 2) + 8,
+        is_signed: false,
+        is_lossless: true,
+    })
 }
 
 /// Shifts the next byte of each word in; a run that goes on beyond the last word is cut.

@@ -104,7 +104,7 @@ impl Fields {
 
     fn thickness(&self) -> Result<Option<f64>, Fault> {
         let size = self.triple(&["ElementSize"])?.map(|s| s.z * self.unit_mm().unwrap_or(1.0));
-        Ok(size.filter(|&t| t > 0.0 && t < 1000.0))
+        Ok(size.filter(|&t| t > 0.0 && t.is_finite()))
     }
 
     fn grid(&self, dims: [usize; 3], n_dims: usize, warnings: &mut Vec<Warning>) -> Result<Grid, Fault> {

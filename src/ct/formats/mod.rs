@@ -21,6 +21,7 @@ pub(crate) mod values;
 
 pub use fault::Fault;
 
+use super::quote::told;
 use super::{LONGEST_SIDE, Warning};
 use grid::Grid;
 use values::{Endian, Packing, Scalar};
@@ -127,7 +128,7 @@ fn checked_sides(
     field: &'static str,
     sides: &[i64],
 ) -> Result<([usize; 3], usize), Fault> {
-    let fault = |expected| Fault::Field { format, field, found: text::told(sides), expected };
+    let fault = |expected| Fault::Field { format, field, found: told(sides), expected };
     let sides: Option<Vec<usize>> =
         sides.iter().map(|&n| usize::try_from(n).ok().filter(|&n| n > 0)).collect();
     let sides = sides.ok_or_else(|| fault("sizes from 1"))?;

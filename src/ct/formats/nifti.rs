@@ -4,9 +4,9 @@
 //! qform that differs is told. Where neither is, the voxel axes are taken as right, front, up, and that is told too.
 
 use super::grid::{self, Grid};
-use super::text::told;
 use super::values::{Endian, GZIP_MAGIC, Packing, Scalar};
 use super::{DataFile, DataPlace, Fault, Header, Skip, checked_sides};
+use crate::ct::quote::told;
 use crate::ct::{LARGEST_RESCALE, Warning};
 use crate::geom::{Point3, Vector3};
 use flate2::read::MultiGzDecoder;

@@ -156,7 +156,10 @@ impl Fields {
             "left-posterior-superior" | "lps" => Ok(Vector3::new(1.0, 1.0, 1.0)),
             "right-anterior-superior" | "ras" => Ok(Vector3::new(-1.0, -1.0, 1.0)),
             "left-anterior-superior" | "las" => Ok(Vector3::new(1.0, -1.0, 1.0)),
-            "scanner-xyz" | "3d-right-handed" | "3d-left-handed" => {
+            "3d-left-handed" => Err(field.fault(
+                "a right-handed space (left-posterior-superior, right-anterior-superior, 3D-right-handed): a left-handed one shows the vessel mirrored",
+            )),
+            "scanner-xyz" | "3d-right-handed" => {
                 warnings.push(no_orientation("the file's space is not the patient's"));
                 Ok(Vector3::new(1.0, 1.0, 1.0))
             }
@@ -210,7 +213,7 @@ impl Fields {
 
     fn thickness(&self, axes: &Axes) -> Option<f64> {
         let word = self.field("thicknesses")?.text.split_whitespace().nth(axes.first + 2)?;
-        word.parse().ok().filter(|t| *t > 0.0 && *t < 1000.0)
+        word.parse().ok().filter(|t: &f64| *t > 0.0 && t.is_finite())
     }
 
     fn place(&self, end: usize) -> Result<DataPlace, Fault> {

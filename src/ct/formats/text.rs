@@ -1,15 +1,13 @@
 //! Headers that are text: lines, numbers and words in them.
 
 use super::Fault;
+use crate::ct::quote::is_plain_number;
 
 /// Longest text header that is believed.
 pub(super) const LONGEST_HEADER: usize = 1 << 20;
 
 /// Characters of a field that are quoted.
 const LONGEST_QUOTE: usize = 40;
-/// Longest number that is quoted, characters; and the largest: those of six digits and more may be dates and numbers of records.
-const LONGEST_NUMBER: usize = 12;
-const LARGEST_NUMBER: f64 = 99_999.0;
 /// Words of the formats and of their relatives, and what is taken for one: nothing else is quoted.
 #[rustfmt::skip]
 const WORDS: [&str; 95] = [
@@ -33,18 +31,6 @@ const WORDS: [&str; 95] = [
 fn is_quotable(text: &str) -> bool {
     let mut words = text.split(|c: char| c.is_whitespace() || "(),\"".contains(c)).filter(|w| !w.is_empty());
     words.all(|w| is_plain_number(w) || WORDS.iter().any(|known| w.eq_ignore_ascii_case(known)))
-}
-
-fn is_plain_number(word: &str) -> bool {
-    word.len() <= LONGEST_NUMBER && word.parse::<f64>().is_ok_and(|v| v.abs() <= LARGEST_NUMBER)
-}
-
-/// Numbers as they are told: large ones may be dates and numbers of records, so that only their size is.
-pub(super) fn told<T: ToString>(numbers: &[T]) -> String {
-    let told = |n: &T| {
-        Some(n.to_string()).filter(|n| is_plain_number(n)).unwrap_or_else(|| "(a large number)".to_owned())
-    };
-    numbers.iter().map(told).collect::<Vec<_>>().join(" ")
 }
 
 /// The lines of a header, each with the place where the next one begins; what is not UTF-8 is replaced.

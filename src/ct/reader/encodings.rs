@@ -1,5 +1,6 @@
 //! Tests of how images are stored: transfer syntaxes against an independent decoder, multi-frame objects, media.
 
+use super::shared::real;
 use super::*;
 use crate::ct::Verdict;
 use crate::ct::series::Header;
@@ -440,14 +441,7 @@ fn nested_pixels_and_sequences_of_unknown_meaning_are_passed_over() {
 
 /// The samples of the transfer syntaxes, or none with a message where they are absent.
 fn samples() -> Option<PathBuf> {
-    let shared = std::env::var_os("LUMENFAB_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = shared.join("data/real/5_dicom_transfer_syntaxes");
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: no shared data 5_dicom_transfer_syntaxes");
-    None
+    real("5_dicom_transfer_syntaxes")
 }
 
 fn header_of(path: &Path) -> Header {

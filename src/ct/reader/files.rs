@@ -46,12 +46,12 @@ impl Damage {
         self.lies_beside(series) || !all.iter().any(|s| self.lies_beside(s))
     }
 
-    /// What is wrong, with a way out where the file may be of any of several series.
-    pub(super) fn into_fault(self, all: &[Series]) -> Error {
-        if all.len() < 2 || self.is_of_one_of(all) {
-            return self.fault;
+    /// The same with a way out where there are series and the file names none of them: it may be no plane at all.
+    pub(super) fn beside(self, all: &[Series]) -> Self {
+        if all.is_empty() || self.is_of_one_of(all) {
+            return self;
         }
-        Error::DamagedBeside { fault: Box::new(self.fault) }
+        Self { fault: Error::DamagedBeside { fault: Box::new(self.fault) }, ..self }
     }
 
     fn lies_beside(&self, series: &Series) -> bool {

@@ -5,6 +5,7 @@
 
 use super::super::axes::orthonormal;
 use super::super::encoding::{Frame, Loss, Packing};
+use super::super::quote::without_large_numbers;
 use super::super::series::{Header, PixelFormat, Shape};
 use super::super::traits::{Trait, Traits};
 use super::super::{Error, LARGEST_RESCALE, LONGEST_SIDE};
@@ -367,7 +368,7 @@ impl<'a> Attributes<'a> {
         const NAME: &str = "ImageOrientationPatient";
         let [a, b, c, d, e, f] = self.numbers::<6>(tags::IMAGE_ORIENTATION_PATIENT, NAME)?;
         orthonormal(Vector3::new(a, b, c), Vector3::new(d, e, f)).map_err(|fault| {
-            let found = format!("{:?}, off by {fault:.4}", [a, b, c, d, e, f]);
+            let found = without_large_numbers(&format!("{:?}, off by {fault:.4}", [a, b, c, d, e, f]));
             // The figure is `axes::REFUSED`.
             let expected = "two orthogonal unit vectors within 0.01";
             Error::BadAttribute { path: self.path.to_owned(), attribute: NAME, found, expected }
@@ -522,10 +523,11 @@ impl<'a> Attributes<'a> {
     }
 
     fn bad(&self, attribute: &'static str, found: &dyn std::fmt::Debug, expected: &'static str) -> Error {
-        Error::BadAttribute { path: self.path.to_owned(), attribute, found: format!("{found:?}"), expected }
+        let found = without_large_numbers(&format!("{found:?}"));
+        Error::BadAttribute { path: self.path.to_owned(), attribute, found, expected }
     }
 
     fn unsupported(&self, what: String) -> Error {
-        Error::UnsupportedImage { path: self.path.to_owned(), what }
+        Error::UnsupportedImage { path: self.path.to_owned(), what: without_large_numbers(&what) }
     }
 }

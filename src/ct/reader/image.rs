@@ -9,6 +9,7 @@ use super::super::formats::grid::Placed;
 use super::super::formats::values::{self, GZIP_MAGIC, Packing};
 use super::super::formats::{self, DataFile, Fault, Header, Skip};
 use super::super::inspection::next_command;
+use super::super::slabs;
 use super::super::{
     Error, FrameOfReference, Inspection, LabelMap, Loaded, Orientation, PixelReport, SeriesChoice,
     SeriesMark, SeriesName, SeriesReport, Verdict, Warning,
@@ -266,12 +267,24 @@ impl ImageFile {
                 warnings.push(Warning::new("ct.modality", text));
             }
         }
-        self.header.slab_thickness_mm.unwrap_or_else(|| {
-            let step_mm = placed.step_mm();
-            let text = format!("the {format} file states no slice thickness; the planes' distance, {step_mm:.3} mm, was taken");
-            warnings.push(Warning::new("ct.no_thickness", text));
-            step_mm
-        })
+        let step_mm = placed.step_mm();
+        match self.header.slab_thickness_mm {
+            Some(stated) if slabs::is_believed(stated) => {
+                warnings.extend(slabs::overlap(stated, step_mm));
+                stated
+            }
+            Some(_) => {
+                warnings.push(slabs::not_believed(step_mm));
+                step_mm
+            }
+            None => {
+                let text = format!(
+                    "the {format} file states no slice thickness; the planes' distance, {step_mm:.3} mm, was taken"
+                );
+                warnings.push(Warning::new("ct.no_thickness", text));
+                step_mm
+            }
+        }
     }
 
     fn labels(&self, task: &Task<'_>) -> Result<LabelMap, Error> {
@@ -333,7 +346,7 @@ impl ImageFile {
         let volume = loaded.map(|l| &l.volume);
         let warnings = loaded.map_or_else(|| self.header.warnings.clone(), |l| l.warnings.clone());
         let normal: Vector3 = grid.axes_mm[0].cross(&grid.axes_mm[1]).normalize();
-        let slab_thickness_mm = self.header.slab_thickness_mm;
+        let slab_thickness_mm = self.header.slab_thickness_mm.filter(|t| slabs::is_believed(*t));
         SeriesReport {
             number: index + 1,
             modality: self.modality().to_owned(),

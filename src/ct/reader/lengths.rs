@@ -10,6 +10,8 @@
 //! could hide where the two differ. One thing the library reads wrongly: elements of unknown kind and undefined length, which are
 //! implicit VR little endian in any file (PS3.5 6.2.2). Their places are told, so that it is not shown them.
 
+mod pixels_size;
+
 use super::super::Error;
 use super::beginning::{self, Beginning};
 use super::files::unreadable;
@@ -18,6 +20,7 @@ use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{StandardDataDictionary, tags, uids};
 use flate2::bufread::DeflateDecoder;
+use pixels_size::PixelsSize;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::ops::Range;
@@ -39,8 +42,6 @@ const DEEPEST: usize = 32;
 const LONGEST_VALUE: u32 = 1 << 28;
 /// The most that all of a deflated file but its pixels may inflate to, bytes: what states its length nowhere else.
 const MOST_INFLATED: u64 = 1 << 28;
-/// Most bytes of a pixel: three samples of 32 bits.
-const MOST_PIXEL_BYTES: u64 = 12;
 /// Longest offset table, bytes: one entry for each of a million frames.
 const LONGEST_TABLE: u32 = 1 << 22;
 
@@ -222,8 +223,8 @@ struct Walk<'a> {
     cuts: Vec<Range<u64>>,
     /// Every SeriesInstanceUID of the data set itself; a sound file has one.
     series: Vec<Vec<u8>>,
-    /// Frames, rows and columns that a deflated file states, before its pixels.
-    image: [u64; 3],
+    /// What a deflated file states of its pixels, before them.
+    size: PixelsSize,
 }
 
 impl<'a> Walk<'a> {
@@ -238,7 +239,7 @@ impl<'a> Walk<'a> {
             is_table_read: false,
             cuts: Vec::new(),
             series: Vec::new(),
-            image: [1, 0, 0],
+            size: PixelsSize::UNSTATED,
         }
     }
 
@@ -326,9 +327,7 @@ impl<'a> Walk<'a> {
                 self.series.push(uid);
                 Ok(())
             }
-            tags::NUMBER_OF_FRAMES | tags::ROWS | tags::COLUMNS if self.is_inflated_value(element) => {
-                self.image_side(element)
-            }
+            tag if PixelsSize::has(tag) && self.is_inflated_value(element) => self.size_of_pixels(element),
             _ if element.length > LONGEST_VALUE => {
                 self.check_within(element)?;
                 Err(damaged(self.path, "an element of its header has more than 256 MiB"))
@@ -346,23 +345,18 @@ impl<'a> Walk<'a> {
         is_inflated && self.levels.is_empty() && element.length <= LONGEST_UID
     }
 
-    fn image_side(&mut self, element: &Element) -> Result<(), Error> {
+    fn size_of_pixels(&mut self, element: &Element) -> Result<(), Error> {
         self.check_whole(element)?;
         let bytes = self.read_bytes(element.length as usize)?;
-        let text = || std::str::from_utf8(&bytes).ok()?.trim_matches(['\0', ' ']).parse().ok();
-        let word = || Some(u16::from_le_bytes(*bytes.first_chunk()?).into());
-        match element.tag {
-            tags::ROWS => self.image[1] = word().unwrap_or(0),
-            tags::COLUMNS => self.image[2] = word().unwrap_or(0),
-            _ => self.image[0] = text().unwrap_or(1),
-        }
+        self.size.take(element.tag, &bytes);
         Ok(())
     }
 
-    /// A few bytes may inflate to as many pixels as an element can claim: more than the image's are not waited for.
-    fn check_inflated_pixels(&self, element: &Element) -> Result<(), Error> {
-        let most = self.image.iter().fold(MOST_PIXEL_BYTES, |n, side| n.saturating_mul(*side));
-        if matches!(self.input, Input::Inflated(_)) && u64::from(element.length) > most {
+    /// Checks the pixels of a deflated data set itself by its image's size; those within a sequence (an icon) and in pieces, whose
+    /// size nothing states, by what a header's value may have.
+    fn check_inflated_pixels(&self, length: u32, has_size: bool) -> Result<(), Error> {
+        let most = if has_size { self.size.most_bytes() } else { LONGEST_VALUE.into() };
+        if matches!(self.input, Input::Inflated(_)) && u64::from(length) > most {
             return Err(damaged(self.path, "its pixels have more bytes than its rows and columns may have"));
         }
         Ok(())
@@ -408,9 +402,7 @@ impl<'a> Walk<'a> {
             }
             return self.enter(element, encoding, LevelKind::Fragments);
         }
-        if is_outermost {
-            self.check_inflated_pixels(element)?;
-        }
+        self.check_inflated_pixels(element.length, is_outermost)?;
         let start = self.position;
         self.skip_value(element)?;
         if is_outermost {
@@ -441,6 +433,7 @@ impl<'a> Walk<'a> {
     /// An item of compressed pixels: the offset table if it is the first, else a fragment.
     fn fragment(&mut self, element: &Element) -> Result<(), Error> {
         self.check_pixels_within(element.length)?;
+        self.check_inflated_pixels(element.length, false)?;
         let start = self.position;
         if self.levels.len() > 1 {
             return self.skip(element.length.into());

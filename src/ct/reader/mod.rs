@@ -86,7 +86,7 @@ pub fn load_with(path: &Path, options: &Options, task: &Task<'_>) -> Result<Load
         Err(_) => damages.into_iter().partition(|d| !d.is_of_one_of(&all)),
     };
     if let Some(damage) = own.into_iter().next() {
-        return Err(damage.into_fault(&all));
+        return Err(damage.beside(&all).fault);
     }
     let series = choose(path, &all, options.choice)?;
     warnings.extend(left_out("ct.damaged_elsewhere", elsewhere.len(), "damaged file(s) of other series"));
@@ -164,6 +164,7 @@ pub fn inspect(path: &Path, task: &Task<'_>) -> Result<Inspection, Error> {
         let damage = damages.into_iter().next();
         return Err(damage.map_or_else(|| Error::NoImages(path.to_owned()), |d| d.fault));
     }
+    let damages: Vec<_> = damages.into_iter().map(|d| d.beside(&all)).collect();
     let mut texts: Vec<String> = damages.iter().map(|d| d.fault.to_string()).collect();
     let mut reports = Vec::with_capacity(all.len());
     for (i, series) in all.iter().enumerate() {
@@ -347,5 +348,8 @@ fn left_out(code: &str, n: usize, what: &str) -> Option<Warning> {
 
 #[cfg(test)]
 mod encodings;
+#[cfg(test)]
+#[path = "../../../tests/shared/mod.rs"]
+mod shared;
 #[cfg(test)]
 mod tests;

@@ -5,7 +5,7 @@
 //! frames has no place to begin at but its first byte: it is inflated once and kept meanwhile ([`Inflated`]).
 
 use super::super::codec::{Codec, Fault, Samples, Size};
-use super::super::encoding::Packing;
+use super::super::encoding::{LOSS_CONSEQUENCE, Loss, Packing};
 use super::super::series::{Header, PixelFormat};
 use super::super::{Error, Warning};
 use super::files::unreadable;
@@ -35,6 +35,8 @@ pub(super) struct Findings {
     pub(super) n_beyond: usize,
     /// Images whose files hold more pixels than their headers say.
     pub(super) n_too_long: usize,
+    /// Images whose pixels were compressed with loss although their headers say without.
+    pub(super) n_lossy: usize,
 }
 
 impl Findings {
@@ -45,6 +47,7 @@ impl Findings {
             n_foreign_bits: self.n_foreign_bits + other.n_foreign_bits,
             n_beyond: self.n_beyond + other.n_beyond,
             n_too_long: self.n_too_long + other.n_too_long,
+            n_lossy: self.n_lossy + other.n_lossy,
         }
     }
 
@@ -71,6 +74,13 @@ impl Findings {
                 self.n_too_long
             );
             warnings.push(Warning::new("ct.more_pixels", text));
+        }
+        if self.n_lossy > 0 {
+            let text = format!(
+                "{} image(s) are compressed with loss although their headers say that they are not: {LOSS_CONSEQUENCE}",
+                self.n_lossy
+            );
+            warnings.push(Warning::new("ct.lossy", text));
         }
         warnings
     }
@@ -141,7 +151,10 @@ pub(super) fn read_plane(
         Packing::Compressed(codec) => {
             let samples = decoded(header, codec, &bytes)?;
             let extend = Extension::of(&samples, header.pixels);
-            Intensity::of(header).rescale(samples.words.iter().map(|&w| extend.word(w)), plane)
+            let found = Intensity::of(header).rescale(samples.words.iter().map(|&w| extend.word(w)), plane);
+            // Where the header lets it be lossy, that was told.
+            let is_untold = !samples.is_lossless && header.loss == Loss::Nowhere;
+            Findings { n_lossy: usize::from(is_untold), ..found }
         }
         Packing::Unknown => {
             return Err(Error::UnsupportedSyntax {
@@ -393,7 +406,7 @@ mod tests {
     #[test]
     fn short_samples_take_their_sign_with_them() {
         let format = |is_signed| PixelFormat { bits_allocated: 16, bits_stored: 16, high_bit: 15, is_signed };
-        let samples = Samples { words: Vec::new(), precision_bits: 12, is_signed: false };
+        let samples = Samples { words: Vec::new(), precision_bits: 12, is_signed: false, is_lossless: true };
         assert_eq!(Extension::of(&samples, format(true)).word(0x0fff), 0xffff);
         assert_eq!(Extension::of(&samples, format(true)).word(0x07ff), 0x07ff);
         assert_eq!(Extension::of(&samples, format(false)).word(0x0fff), 0x0fff);

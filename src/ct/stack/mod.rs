@@ -10,8 +10,10 @@ mod steps;
 
 use super::axes::{self, along};
 use super::encoding;
+use super::quote::without_large_numbers;
 use super::series::{Header, Series, Shape};
 use super::shift::Shift;
+use super::slabs;
 use super::traits::Origin;
 use super::{Error, SAME_PLACE_MM, Warning};
 use crate::geom::{Point2, Point3, RigidTransform, Vector2, Vector3};
@@ -70,7 +72,7 @@ pub(super) fn arrange(series: &Series, gaps: impl Into<Gaps>) -> Result<Stack, E
     }
     let planes = places(series, &images, &frame);
     let slab =
-        |(&i, p): (&usize, &Point3)| Slab { z_mm: p.z, thickness_mm: series.images[i].slab_thickness_mm };
+        |(&i, p): (&usize, &Point3)| Slab { z_mm: p.z, thickness_mm: series.images[i].believed_slab_mm() };
     let slabs: Vec<Slab> = images.iter().zip(&planes).map(slab).collect();
     let step_mm = steps::check(&slabs, gaps, &mut warnings)?;
     check_stated_spacing(series, step_mm, &mut warnings);
@@ -231,15 +233,22 @@ pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
 fn check_stated_spacing(series: &Series, step_mm: f64, warnings: &mut Vec<Warning>) {
     let Some(stated) = series.images[0].spacing_between_mm.map(f64::abs) else { return };
     if (stated - step_mm).abs() > 0.1 * step_mm {
+        let stated = without_large_numbers(&format!("{stated:.3}"));
         let text = format!(
-            "headers state {stated:.3} mm between planes, positions lie {step_mm:.3} mm apart: planes may be missing"
+            "headers state {stated} mm between planes, positions lie {step_mm:.3} mm apart: planes may be missing"
         );
         warnings.push(Warning::new("ct.spacing_disagrees", text));
     }
 }
 
 fn slab_thickness(series: &Series, step_mm: f64, warnings: &mut Vec<Warning>) -> f64 {
-    let stated: Vec<f64> = series.images.iter().filter_map(|h| h.slab_thickness_mm).collect();
+    let stated: Vec<f64> = series.images.iter().filter_map(Header::believed_slab_mm).collect();
+    if series.images.iter().filter_map(|h| h.slab_thickness_mm).any(|t| !slabs::is_believed(t)) {
+        warnings.push(slabs::not_believed(step_mm));
+        if stated.is_empty() {
+            return step_mm;
+        }
+    }
     if stated.is_empty() {
         let text =
             format!("no slice thickness in the headers; the planes' distance, {step_mm:.3} mm, was taken");
@@ -251,6 +260,7 @@ fn slab_thickness(series: &Series, step_mm: f64, warnings: &mut Vec<Warning>) ->
         let text = format!("slice thickness varies or is missing in some images; {usual:.3} mm was taken");
         warnings.push(Warning::new("ct.thickness_varies", text));
     }
+    warnings.extend(slabs::overlap(usual, step_mm));
     usual
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Planes need not lie at equal distances: they are used where they are. A plane counts as missing where another one would fit
 //! in between: where a distance is at least twice the one that is usual in the series, or twice both its neighbours. Unless the
-//! slabs on both sides are so thick that they meet: then the scanner was set to it and nothing was left unseen.
+//! slabs on both sides are so thick that they meet, and the others overlap no more than these: then the scanner was set to it and
+//! nothing was left unseen. Where all slabs overlap (planes resampled, or taken half a slab apart), one that is missing shows all the same.
 
 use super::super::{Error, Warning};
 use super::median;
@@ -56,7 +57,9 @@ pub(super) fn check(
     let steps: Vec<f64> = slabs.windows(2).map(|w| w[1].z_mm - w[0].z_mm).collect();
     // What is missing only ever lengthens a distance: of two middle ones the lower.
     let usual = median(steps.iter().copied());
-    let gaps: Vec<usize> = (0..steps.len()).filter(|&i| is_gap(slabs, &steps, i, usual)).collect();
+    let overlap_mm = median((0..steps.len()).map(|i| overlap_mm(slabs, &steps, i)));
+    let is_gap = |i: &usize| is_gap(&steps, *i, usual) && !is_excused(slabs, &steps, *i, usual, overlap_mm);
+    let gaps: Vec<usize> = (0..steps.len()).filter(is_gap).collect();
     let refused: Vec<usize> =
         gaps.iter().copied().filter(|&i| allowed.refuse(slabs[i].z_mm, slabs[i + 1].z_mm)).collect();
     if let Some(&first) = refused.first() {
@@ -89,17 +92,23 @@ fn rounding(step_mm: f64) -> f64 {
     (0.05 * step_mm).max(0.11)
 }
 
-fn is_gap(slabs: &[Slab], steps: &[f64], i: usize, usual: f64) -> bool {
+fn is_gap(steps: &[f64], i: usize, usual: f64) -> bool {
     let step = steps[i];
     let fits_twice = |other: f64| step >= 2.0 * other - rounding(other).min(0.5 * other);
     let neighbours = i.checked_sub(1).and_then(|below| Some(steps[below].max(*steps.get(i + 1)?)));
-    (fits_twice(usual) || neighbours.is_some_and(fits_twice)) && !slabs_meet(slabs, i, step)
+    fits_twice(usual) || neighbours.is_some_and(fits_twice)
 }
 
-/// Whether the slabs below and above a step leave nothing between them unseen.
-fn slabs_meet(slabs: &[Slab], i: usize, step: f64) -> bool {
+/// By how much the slabs below and above a step overlap, mm; below zero where they do not meet.
+fn overlap_mm(slabs: &[Slab], steps: &[f64], i: usize) -> f64 {
     let half = |slab: &Slab| 0.5 * slab.thickness_mm.unwrap_or(0.0);
-    half(&slabs[i]) + half(&slabs[i + 1]) >= step - rounding(step)
+    half(&slabs[i]) + half(&slabs[i + 1]) - steps[i]
+}
+
+/// Whether the slabs below and above a step leave nothing between them unseen, and overlap as much as the others do.
+fn is_excused(slabs: &[Slab], steps: &[f64], i: usize, usual: f64, usual_overlap_mm: f64) -> bool {
+    let own_mm = overlap_mm(slabs, steps, i);
+    own_mm >= -rounding(steps[i]) && own_mm >= usual_overlap_mm - rounding(usual).min(0.5 * usual)
 }
 
 fn describe(slabs: &[Slab], steps: &[f64], i: usize, usual: f64, n_gaps: usize) -> Error {
@@ -191,6 +200,15 @@ mod tests {
             panic!("{error}")
         };
         assert_eq!((below_mm, above_mm, n_missing, n_gaps), (7.5, 12.5, 1, 1));
+    }
+
+    #[test]
+    fn a_plane_missing_under_overlapping_slabs_is_found() {
+        // Taken half a slab apart; resampled, the thickness that of the original.
+        assert_eq!(n_gaps(&at(&[1.0, 1.0, 2.0, 1.0, 1.0]), 2.0), 1);
+        assert_eq!(n_gaps(&at(&[0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 1.5, 0.5]), 5.0), 2);
+        assert_eq!(n_gaps(&at(&[0.1, 0.1, 0.1, 0.2, 0.1]), 3.0), 1);
+        assert_eq!(n_gaps(&at(&[1.0, 1.0, 1.2, 1.0]), 2.0), 0);
     }
 
     #[test]

@@ -39,7 +39,8 @@ fn a_gap_is_located_and_may_be_allowed() {
 fn uneven_steps_are_used_with_a_warning() {
     let stack = arrange(&series(&[0.0, 3.0, 6.4, 9.0]), false).unwrap();
     assert_eq!(codes(&stack), ["ct.irregular_spacing"]);
-    let rounded_to_tenths = series(&[0.0, 0.6, 1.2, 1.9, 2.5]);
+    let mut rounded_to_tenths = series(&[0.0, 0.6, 1.2, 1.9, 2.5]);
+    rounded_to_tenths.images.iter_mut().for_each(|h| h.slab_thickness_mm = Some(0.6));
     assert!(arrange(&rounded_to_tenths, false).unwrap().warnings.is_empty());
 }
 

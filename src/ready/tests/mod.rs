@@ -196,6 +196,131 @@ fn faults_of_contours_are_named() {
     }
 }
 
+/// An open contour, or a point, at a height.
+fn open_item(kind: &str, z: f64) -> InMemDicomObject {
+    let mut item = contour_item(&circle(&RigidTransform::identity(), 5.0, z)[..2]);
+    put(&mut item, tags::CONTOUR_GEOMETRIC_TYPE, VR::CS, kind);
+    item
+}
+
+fn told(ready: &Ready) -> Vec<String> {
+    ready.warnings.iter().map(|w| format!("{}: {}", w.code, w.text)).collect()
+}
+
+#[test]
+fn contours_that_are_not_closed_are_left_out_and_told() {
+    let flat = RigidTransform::identity();
+    let mut object = structure_set(Vec::new());
+    let closed = [0.0, 2.0, 6.0].map(|z| contour_item(&circle(&flat, 5.0, z)));
+    let open = [open_item("OPEN_PLANAR", 4.0), open_item("POINT", 3.0)];
+    let own = item(|s| {
+        put(s, tags::REFERENCED_ROI_NUMBER, VR::IS, "5");
+        s.put(sequence(tags::CONTOUR_SEQUENCE, closed.into_iter().chain(open).collect()));
+    });
+    object.put(sequence(tags::ROI_CONTOUR_SEQUENCE, vec![own]));
+    let ready =
+        write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN).load(None).unwrap();
+    assert_eq!(
+        told(&ready),
+        [
+            "ready.open_contours: 2 contour(s) of the structure are open, or points, and were left out at z = 3.000, 4.000 mm: close them where the structure was drawn"
+        ]
+    );
+    assert_eq!((ready.drawn.planes.len(), ready.absent), (3, Absent::Undrawn));
+}
+
+#[test]
+fn contours_that_are_stored_twice_count_once() {
+    let flat = RigidTransform::identity();
+    let mut turned = circle(&flat, 5.0, 2.0);
+    turned.reverse();
+    turned.rotate_left(17);
+    let twice = [0.0, 2.0, 4.0].map(|z| circle(&flat, 5.0, z)).into_iter();
+    let all: Vec<Vec<Point3>> =
+        twice.chain([circle(&flat, 5.0, 0.0), turned, circle(&flat, 5.0, 4.0)]).collect();
+    let told_of_all = "ready.doubled_contours: 3 contour(s) of the structure are stored twice at z = 0.000, 2.000, 4.000 mm: each was taken once";
+    let ready = rtstruct(all.clone()).load(None).unwrap();
+    assert_eq!(told(&ready), [told_of_all]);
+    assert!(ready.drawn.planes.iter().all(|p| (area(p) - polygon_area(5.0)).abs() < 1e-3));
+    // The same in two items of one structure's number.
+    let mut object = structure_set(Vec::new());
+    let part = |contours: &[Vec<Point3>]| {
+        item(|s| {
+            put(s, tags::REFERENCED_ROI_NUMBER, VR::IS, "5");
+            s.put(sequence(tags::CONTOUR_SEQUENCE, contours.iter().map(|c| contour_item(c)).collect()));
+        })
+    };
+    object.put(sequence(tags::ROI_CONTOUR_SEQUENCE, vec![part(&all[..3]), part(&all[3..])]));
+    let written = write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    for label in [None, Some(Label::Number(5))] {
+        assert_eq!(told(&written.load(label).unwrap()), [told_of_all]);
+    }
+}
+
+#[test]
+fn contours_that_cross_are_told() {
+    let flat = RigidTransform::identity();
+    let aside = RigidTransform::translation(Vector3::new(6.0, 0.0, 0.0));
+    let crossing = vec![
+        circle(&flat, 5.0, 0.0),
+        circle(&aside, 5.0, 0.0),
+        circle(&flat, 5.0, 2.0),
+        circle(&flat, 2.0, 2.0),
+    ];
+    assert_eq!(
+        told(&rtstruct(crossing).load(None).unwrap()),
+        [
+            "ready.crossing_contours: contours of the structure cross at z = 0.000 mm: what lies in two of them is outside (even-odd rule); look at the contours before they are used"
+        ]
+    );
+}
+
+#[test]
+fn what_stands_in_the_attributes_of_a_structure_is_not_quoted() {
+    const WORDS: [&str; 3] = ["DOE^JANE", "19330717", "Doe"];
+    let flat = RigidTransform::identity();
+    let with = |tag: Tag, vr: VR, value: &str| {
+        let mut contour = contour_item(&circle(&flat, 5.0, 0.0));
+        put(&mut contour, tag, vr, value);
+        let mut object = structure_set(Vec::new());
+        let own = item(|s| {
+            put(s, tags::REFERENCED_ROI_NUMBER, VR::IS, "5");
+            s.put(sequence(tags::CONTOUR_SEQUENCE, vec![contour]));
+        });
+        object.put(sequence(tags::ROI_CONTOUR_SEQUENCE, vec![own]));
+        write(object, uids::RT_STRUCTURE_SET_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+    };
+    let of_seg = |tag: Tag, vr: VR, value: &str| {
+        let mut object = Seg::default().object();
+        put(&mut object, tag, vr, value);
+        write(object, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)
+    };
+    for value in &WORDS[..2] {
+        for (tag, vr) in [
+            (tags::CONTOUR_GEOMETRIC_TYPE, VR::CS),
+            (tags::NUMBER_OF_CONTOUR_POINTS, VR::IS),
+            (tags::CONTOUR_DATA, VR::DS),
+        ] {
+            let said = with(tag, vr, value).load(None).map(|r| format!("{:?}", r.warnings));
+            let said = said.unwrap_or_else(|e| e.text_without_path());
+            assert!(WORDS.iter().all(|w| !said.contains(w)), "{tag}: {said}");
+        }
+        for (tag, vr) in [
+            (tags::SEGMENTATION_TYPE, VR::CS),
+            (tags::NUMBER_OF_FRAMES, VR::IS),
+            (tags::ROWS, VR::IS),
+            (tags::COLUMNS, VR::IS),
+            (tags::BITS_ALLOCATED, VR::IS),
+            (tags::MAXIMUM_FRACTIONAL_VALUE, VR::IS),
+        ] {
+            let said =
+                of_seg(tag, vr, value).load(Some(Label::Number(1))).map(|r| format!("{:?}", r.warnings));
+            let said = said.unwrap_or_else(|e| e.text_without_path());
+            assert!(WORDS.iter().all(|w| !said.contains(w)), "{tag}: {said}");
+        }
+    }
+}
+
 // -- names, frames, labels --
 
 #[test]

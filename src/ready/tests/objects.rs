@@ -217,10 +217,22 @@ fn faults_of_a_seg_are_named() {
 }
 
 #[test]
-fn planes_that_a_seg_leaves_out_are_told() {
+fn planes_that_a_seg_leaves_out_are_empty_and_told() {
     let gap = Seg { order: [0, 1, 2, 4], ..Seg::default() }.object();
     let gap = write(gap, uids::SEGMENTATION_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
-    let warnings = gap.load(Some(Label::Number(1))).unwrap().warnings;
-    assert_eq!(warnings[0].code, "segment.gap");
-    assert!(warnings[0].text.contains("between z = 11.000 and 17.000 mm"), "{}", warnings[0].text);
+    let ready = gap.load(Some(Label::Number(1))).unwrap();
+    let z = |allow_gaps| {
+        let mut warnings = Vec::new();
+        let drawn =
+            gaps::resolve(ready.drawn.clone(), ready.absent, None, allow_gaps, &mut warnings).unwrap();
+        assert_eq!(warnings[0].code, "segment.gap");
+        assert!(
+            warnings[0].text.contains("between z = 11.000 and 17.000 mm (1 plane)"),
+            "{}",
+            warnings[0].text
+        );
+        drawn.planes.iter().map(|p| (p.z_mm, p.contours.len())).collect::<Vec<_>>()
+    };
+    assert_eq!(z(true), [(5.0, 1), (8.0, 1), (11.0, 1), (17.0, 1)]);
+    assert_eq!(z(false), [(5.0, 1), (8.0, 1), (11.0, 1), (14.0, 0), (17.0, 1)]);
 }

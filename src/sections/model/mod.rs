@@ -21,6 +21,7 @@
 
 pub(super) mod harmonics;
 pub(super) mod levels;
+mod plane;
 mod render;
 mod ring;
 mod smoother;
@@ -31,9 +32,10 @@ use crate::progress::{Cancelled, Task};
 use harmonics::Circle;
 use levels::Equations;
 pub(super) use levels::Levels;
+use plane::{Plane, align_centres};
 use rayon::prelude::*;
 pub(super) use render::Optics;
-use render::{EDGE_REACH, Lattice, Slab, View};
+use render::{Lattice, Slab};
 use ring::{At, Course, Outline, Ring};
 use smoother::Channel;
 use std::f64::consts::PI;
@@ -71,6 +73,8 @@ const LEAST_FACING: f64 = 0.3;
 const STEP_BLURS: f64 = 2.0;
 /// A body with less than this share of the stack's contrast has levels that are not believed; the stack's are taken.
 const LEAST_CONTRAST: f64 = 0.3;
+/// What is drawn counts as known to within a centimetre where contours are smoothed along the vessel: it leads on, and pulls nothing.
+const UNMEASURED_MM2: f64 = 100.0;
 /// From a median of absolute deviations to a standard deviation.
 const DEVIATION: f64 = 1.4826;
 
@@ -79,10 +83,19 @@ const DEVIATION: f64 = 1.4826;
 pub(super) enum Footing {
     /// Made where the image shows none: it stays.
     Made,
-    /// Moved to the edge in the image: its details are the image's.
+    /// Drawn by the operator: it stays, and its plane's image has no say.
+    Drawn,
+    /// Where the edge in the image is, as far as it shows one: its details are the image's.
     Measured,
     /// Cut, or not moved to the edge: what it has of details are none.
     Rough,
+}
+
+impl Footing {
+    /// Whether the image moves it.
+    pub(super) const fn is_image(self) -> bool {
+        matches!(self, Self::Measured | Self::Rough)
+    }
 }
 
 /// What the fit starts from on one plane.
@@ -139,19 +152,6 @@ impl Fit {
         let sum: f64 = (0..mine.values.len()).filter(counts).map(worth).sum();
         sum * mine.place.pixel_mm2() / density
     }
-}
-
-/// One plane in the making.
-struct Plane {
-    z_mm: f64,
-    view: View,
-    outlines: Vec<Outline>,
-    first: Vec<Option<Vec<f64>>>,
-    /// Outer contours with their holes, by index.
-    bodies: Vec<Vec<usize>>,
-    levels: Vec<Levels>,
-    /// By how much the level half-way between lumen and wall was last moved, per body, HU.
-    lifted: Vec<f64>,
 }
 
 /// What one step finds on a plane.
@@ -244,7 +244,7 @@ impl<'a> State<'a> {
 
     fn contour(&self, outline: &Outline) -> Contour {
         match outline {
-            Outline::Fixed(contour) => contour.clone(),
+            Outline::Fixed(contour) | Outline::Held(_, contour) => contour.clone(),
             Outline::Free(ring) => {
                 let contour = Contour::new(ring.points(&self.circle));
                 if ring.is_hole { contour.reversed() } else { contour }
@@ -300,6 +300,9 @@ impl<'a> State<'a> {
 
     /// What this step finds on a plane, and what it leaves unexplained there.
     fn finding(&self, plane: &Plane, courses: &[Option<Course>]) -> (Finding, Residual) {
+        if plane.is_drawn {
+            return plane.unseen();
+        }
         let (view, optics) = (&plane.view, self.scan.optics);
         let slab_mm = self.scan.volume.slab_thickness_mm;
         let slab = |&i: &usize| Slab::of(&plane.outlines[i], courses[i].as_ref(), slab_mm, &self.circle);
@@ -339,7 +342,7 @@ impl<'a> State<'a> {
 
     /// By how much each point of a ring has to move along its ray, read from the blurred residual.
     fn moves(&self, plane: &Plane, i: usize, course: Option<&Course>, blurred: &[f64]) -> Option<Vec<f64>> {
-        let ring = plane.outlines[i].ring()?;
+        let ring = plane.outlines[i].free()?;
         let body = plane.bodies.iter().position(|b| b.contains(&i))?;
         let contrast = plane.levels[body].contrast();
         let points = ring.points(&self.circle);
@@ -440,10 +443,15 @@ impl<'a> State<'a> {
         let mut waves: Vec<Vec<[f64; 2]>> = Vec::with_capacity(run.len());
         let mut noise: Vec<Vec<[f64; 2]>> = Vec::with_capacity(run.len());
         for &(k, i) in run {
+            let plane = &self.planes[k];
+            if let Outline::Held(ring, _) = &plane.outlines[i] {
+                waves.push(self.circle.waves(&ring.radii, self.n_waves));
+                noise.push(vec![[UNMEASURED_MM2; 2]; self.n_waves + 1]);
+                continue;
+            }
             let (Some(ring), Some(moves)) = (self.ring((k, i)), &findings[k].moves[i]) else {
                 return Vec::new();
             };
-            let plane = &self.planes[k];
             let Some(body) = plane.bodies.iter().position(|b| b.contains(&i)) else { return Vec::new() };
             let (w, v) = self.measured(ring, moves, plane.levels[body].contrast(), plane.lifted[body]);
             waves.push(w);
@@ -534,70 +542,4 @@ fn shrink(waves: &mut [[f64; 2]], noise: &[[f64; 2]]) {
         let power = best * (m as f64).powi(-FALL);
         (0..2).for_each(|c| wave[c] *= power / (power + noise[m][c]));
     }
-}
-
-/// Puts the centres of every run on a smooth line, so that the rays of neighbouring planes correspond.
-fn align_centres(planes: &mut [Plane], circle: &Circle) {
-    let outlines: Vec<Vec<Outline>> = planes.iter().map(|p| p.outlines.clone()).collect();
-    for run in ring::runs(&outlines, circle) {
-        let centres: Vec<Point2> =
-            run.iter().filter_map(|&(k, i)| Some(outlines[k][i].ring()?.centre)).collect();
-        for n in 1..run.len().saturating_sub(1) {
-            let (k, i) = run[n];
-            let [a, b] = [n - 1, n + 1].map(|m| planes[run[m].0].z_mm);
-            let t = (planes[k].z_mm - a) / (b - a);
-            let between = centres[n - 1] + (centres[n + 1] - centres[n - 1]) * t;
-            let centre = nalgebra::center(&centres[n], &between);
-            if let Some(ring) = outlines[k][i].ring().and_then(|r| r.recentred(centre, circle)) {
-                planes[k].first[i] = Some(ring.radii.clone());
-                planes[k].outlines[i] = Outline::Free(ring);
-            }
-        }
-    }
-}
-
-impl Plane {
-    fn new(start: &Start, around: &[Contour], scan: &Scan<'_>, circle: &Circle) -> Self {
-        let ring = |contour: &Contour, footing: &Footing| match footing {
-            Footing::Made => None,
-            Footing::Measured => Ring::of(contour, circle),
-            // What is smaller than the blur is no detail that the image shows.
-            Footing::Rough => {
-                Ring::of(contour, circle).or_else(|| Ring::roughly(contour, circle, scan.optics.blur_mm))
-            }
-        };
-        let outline = |(contour, footing): (&Contour, &Footing)| {
-            ring(contour, footing).map_or_else(|| Outline::Fixed(contour.clone()), Outline::Free)
-        };
-        let outlines: Vec<Outline> = start.contours.iter().zip(&start.footing).map(outline).collect();
-        let [sx, sy] = scan.volume.pixel_spacing_xy_mm;
-        let margin = scan.optics.wall_mm
-            + (EDGE_REACH + LIMIT_BLURS) * scan.optics.blur_mm
-            + LIMIT_PIXELS * sx.max(sy);
-        let view = View::of(scan.volume, start.k, scan.sign, around, margin).unwrap_or_else(View::empty);
-        let bodies = bodies(&start.contours);
-        let levels = vec![start.levels; bodies.len()];
-        let first = outlines.iter().map(|o| o.ring().map(|r| r.radii.clone())).collect();
-        let lifted = vec![0.0; bodies.len()];
-        Self { z_mm: start.z_mm, view, outlines, first, bodies, levels, lifted }
-    }
-
-    /// Radius of the circle as large as each body's outer contour.
-    fn body_radii_mm(&self) -> Vec<f64> {
-        let radius = |body: &Vec<usize>| match &self.outlines[body[0]] {
-            Outline::Free(ring) => (ring.area_mm2() / PI).sqrt(),
-            Outline::Fixed(contour) => (contour.signed_area_mm2().abs() / PI).sqrt(),
-        };
-        self.bodies.iter().map(radius).collect()
-    }
-}
-
-/// Every outer contour with the holes in it.
-fn bodies(contours: &[Contour]) -> Vec<Vec<usize>> {
-    let outers: Vec<usize> = (0..contours.len()).filter(|&i| contours[i].is_ccw()).collect();
-    let holes_of = |&o: &usize| {
-        let inside = |&h: &usize| !contours[h].is_ccw() && contours[o].contains(contours[h].points[0]);
-        std::iter::once(o).chain((0..contours.len()).filter(inside)).collect()
-    };
-    outers.iter().map(holes_of).collect()
 }

@@ -213,7 +213,7 @@ pub(super) struct Slab {
 impl Slab {
     pub(super) fn of(outline: &Outline, course: Option<&Course>, slab_mm: f64, circle: &Circle) -> Self {
         match outline {
-            Outline::Fixed(contour) => {
+            Outline::Fixed(contour) | Outline::Held(_, contour) => {
                 let is_hole = !contour.is_ccw();
                 let points = if is_hole { contour.reversed().points } else { contour.points.clone() };
                 let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();

@@ -44,12 +44,14 @@ impl Ring {
         let n =
             (POINTS_PER_LENGTH * length_mm / (ROUGHNESS[0] * detail_mm)).clamp(48.0, MOST_POINTS) as usize;
         let fine: Vec<Vector2> = contour.resampled(n).points.iter().map(|p| p.coords).collect();
-        ROUGHNESS.iter().find_map(|part| {
+        let smoothed = |part: &f64| {
             let kernel = gaussian(part * detail_mm * n as f64 / length_mm);
-            let smooth = smoothed_closed(&fine, &kernel);
-            let moved = fine.iter().zip(&smooth).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
-            let smooth = Contour::new(smooth.into_iter().map(Point2::from).collect());
-            (moved <= detail_mm).then(|| Self::of(&smooth, circle))?
+            smoothed_closed(&fine, &kernel)
+        };
+        let moved_mm =
+            |smooth: &[Vector2]| fine.iter().zip(smooth).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        ROUGHNESS.iter().map(smoothed).filter(|smooth| moved_mm(smooth) <= detail_mm).find_map(|smooth| {
+            Self::of(&Contour::new(smooth.into_iter().map(Point2::from).collect()), circle)
         })
     }
 
@@ -136,6 +138,8 @@ fn is_seen_whole(points: &[Point2], centre: Point2) -> bool {
 pub(super) enum Outline {
     /// To be fitted.
     Free(Ring),
+    /// Taken as it is, and known to be the vessel: what was drawn. Its ring leads from the plane below to the one above.
+    Held(Ring, Contour),
     /// Taken as it is: bridges, splits, and contours without an edge or that no centre sees whole.
     Fixed(Contour),
 }
@@ -143,15 +147,27 @@ pub(super) enum Outline {
 impl Outline {
     pub(super) fn ring(&self) -> Option<&Ring> {
         match self {
-            Self::Free(ring) => Some(ring),
+            Self::Free(ring) | Self::Held(ring, _) => Some(ring),
             Self::Fixed(_) => None,
+        }
+    }
+
+    /// The ring that the image moves.
+    pub(super) const fn free(&self) -> Option<&Ring> {
+        if let Self::Free(ring) = self { Some(ring) } else { None }
+    }
+
+    /// Puts the same curve seen from another centre in the place of the ring.
+    pub(super) fn set_ring(&mut self, other: Ring) {
+        if let Self::Free(ring) | Self::Held(ring, _) = self {
+            *ring = other;
         }
     }
 
     /// The ring, or the disk of the same area.
     fn stand_in(&self, circle: &Circle) -> Cow<'_, Ring> {
         match self {
-            Self::Free(ring) => Cow::Borrowed(ring),
+            Self::Free(ring) | Self::Held(ring, _) => Cow::Borrowed(ring),
             Self::Fixed(contour) => {
                 let radius_mm = (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt();
                 let radii = vec![radius_mm; circle.len()];
@@ -189,22 +205,20 @@ pub(super) fn runs(planes: &[Vec<Outline>], circle: &Circle) -> Vec<Vec<At>> {
 
 /// Pairs of rings of two planes that overlap each other and nothing else, be it a ring or not.
 fn followers(lower: &[Outline], upper: &[Outline], circle: &Circle) -> Vec<(usize, usize)> {
-    let meets = |a: &Outline, b: &Outline| {
-        let (a, b) = (a.stand_in(circle), b.stand_in(circle));
-        a.is_hole == b.is_hole && a.overlaps(&b, circle)
-    };
-    let only = |of: &Outline, others: &[Outline], first: bool| {
-        let mut found =
-            (0..others.len()).filter(|&o| if first { meets(of, &others[o]) } else { meets(&others[o], of) });
+    let [below, above] = [lower, upper].map(|o| o.iter().map(|o| o.stand_in(circle)).collect::<Vec<_>>());
+    let meets =
+        |a: usize, b: usize| below[a].is_hole == above[b].is_hole && below[a].overlaps(&above[b], circle);
+    let only = |n: usize, meets: &dyn Fn(usize) -> bool| {
+        let mut found = (0..n).filter(|&o| meets(o));
         found.next().filter(|_| found.next().is_none())
     };
     let pair = |a: usize| {
-        let b = only(&lower[a], upper, true)?;
-        let back = only(&upper[b], lower, false)?;
+        let b = only(above.len(), &|b| meets(a, b))?;
+        let back = only(below.len(), &|a| meets(a, b))?;
         let like = lower[a].ring()?.may_follow(upper[b].ring()?, circle);
         (back == a && like).then_some((a, b))
     };
-    (0..lower.len()).filter_map(|a| pair(a).map(|b| (b.0, b.1))).collect()
+    (0..lower.len()).filter_map(pair).collect()
 }
 
 /// How a ring's points move with height: first and second derivative, 1 and 1/mm.

@@ -15,6 +15,7 @@
 mod blobs;
 mod tracks;
 
+use super::corrections::doubts;
 use super::error::{Error, Place};
 use super::graph::root;
 use super::levels::median;
@@ -179,6 +180,8 @@ pub struct Found {
 /// those of [`super::segment`] for ranges and corrections.
 pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Result<Found, Error> {
     super::check_windows(params)?;
+    let asked = super::planes_in_range(volume, params.z_mm)?;
+    let rules = params.corrections.resolve(volume)?;
     let candidates = find(volume, params, task)?;
     let mut refused: Option<Error> = None;
     let mut passed_over = Vec::new();
@@ -189,8 +192,8 @@ pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Res
             on_leak: OnLeak::Cut,
             ..params.clone()
         };
-        let asked = super::planes_in_range(volume, params.z_mm)?;
-        let planes = if params.z_mm.is_some() { asked.clone() } else { candidate.reach(volume) };
+        let reach = || rules.reaching(candidate.reach(volume), &asked);
+        let planes = if params.z_mm.is_some() { asked.clone() } else { reach() };
         let found = super::segment_in(volume, &own, planes.clone(), task);
         match found.and_then(|found| no_speck(found, own.seeds_patient_mm[0])) {
             Ok((mut segmentation, across)) => {
@@ -212,8 +215,8 @@ pub fn find_unattended(volume: &Volume, params: &Params, task: &Task<'_>) -> Res
             }
         }
     }
-    let planes = super::planes_in_range(volume, params.z_mm)?.len();
-    Err(refused.unwrap_or(Error::NoCandidate { planes }))
+    let refused = refused.unwrap_or(Error::NoCandidate { planes: asked.len() });
+    Err(refused.beside(doubts::warnings(volume, &params.corrections)))
 }
 
 /// Finds what looks like a vessel, the best first.

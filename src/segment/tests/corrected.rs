@@ -112,8 +112,7 @@ fn a_contour_between_two_planes_is_told_with_the_plane_it_was_taken_for() {
     };
     assert_eq!(at(1.0), []);
     assert_eq!(at(1.01), []);
-    let text =
-        "segment.contour[1] lies 0.400 mm off the nearest plane, z 1.000 mm, whose contour it was taken for";
+    let text = "segment.contour[1] lies 0.400 mm off the nearest plane, z 1.000 mm, whose contour it was taken for: give z_mm at that height to say so, or draw it for the plane that is meant";
     assert_eq!(at(1.4), [("segment.contour_off_plane".to_owned(), text.to_owned())]);
 }
 
@@ -248,4 +247,56 @@ fn each_bad_correction_is_named_with_what_was_found_and_expected() {
             .to_string()
             .contains("unknown field")
     );
+}
+
+/// A square of 2 mm around the axis of a tube at (8, 7).
+fn square_at(z_mm: f64) -> String {
+    format!("[[contour]]\nz_mm = {z_mm}\npoints_mm = [[7, 6], [9, 6], [9, 8], [7, 8]]\n")
+}
+
+/// Texts of one kind.
+fn texts<'a>(found: &'a [Warning], code: &str) -> Vec<&'a str> {
+    found.iter().filter(|w| w.code == code).map(|w| w.text.as_str()).collect()
+}
+
+#[test]
+fn contours_and_windows_of_planes_that_are_not_used_are_told() {
+    let text = format!("{}{}[[window]]\nz_mm = [3, 4]\nwindow_hu = [1, 2]\n", square_at(1.0), square_at(4.0));
+    let params = Params { z_mm: Some([0.0, 2.0]), ..corrected(toml::from_str(&text).unwrap()) };
+    let found = run(&joined(), &params).unwrap();
+    assert_eq!(
+        texts(&found.warnings, "segment.contour_unused"),
+        [
+            "segment.contour[2] stands in the plane at z 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"
+        ]
+    );
+    assert_eq!(
+        texts(&found.warnings, "segment.window_unused"),
+        [
+            "segment.window[1] stands for z 3.000 to 4.000 mm, only z 0.000 to 2.000 mm are used: widen or give --z-mm"
+        ]
+    );
+}
+
+#[test]
+fn the_vessel_goes_on_to_a_contour_that_is_drawn_where_it_fades() {
+    let scene = Scene { n: [64, 56, 24], plane_mm: 2.0, noise_hu: 10.0, ..Scene::default() };
+    let volume = scene
+        .volume(|x, y, k| if (x - 8.0).hypot(y - 7.0) < 3.0 && (4..16).contains(&k) { 300.0 } else { 50.0 });
+    let ends = |corrections: &str| {
+        let params = Params {
+            on_leak: OnLeak::Cut,
+            corrections: toml::from_str(corrections).unwrap(),
+            ..params([8.0, 7.0, 20.0])
+        };
+        let by_itself = candidates::find_unattended(&volume, &params, &Task::quiet()).unwrap().segmentation;
+        let seeded = run(&volume, &params).unwrap();
+        assert!(texts(&seeded.warnings, "segment.contour_unused").is_empty());
+        assert!(texts(&by_itself.warnings, "segment.contour_unused").is_empty());
+        [seeded, by_itself].map(|found| (found.planes.end, found.drawn.len()))
+    };
+    assert_eq!(ends(""), [(16, 0); 2]);
+    // In the plane next to the last that shows the vessel, and far beyond what a candidate is followed in.
+    assert_eq!(ends(&square_at(32.0)), [(17, 1); 2]);
+    assert_eq!(ends(&square_at(46.0)), [(24, 1); 2]);
 }

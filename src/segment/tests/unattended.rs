@@ -272,3 +272,47 @@ fn a_faint_tube_is_followed_over_planes_that_noise_has_spoilt() {
     let found = find_unattended(&tube.volume(), &Params::default(), &Task::quiet()).unwrap();
     assert_eq!(found.segmentation.mask.planes(), 0..N[2], "{:?}", found.candidates);
 }
+
+#[test]
+fn a_leak_that_a_misplaced_block_should_have_kept_out_says_so() {
+    let volume = beside(2.0, 300.0, |x, y, _| disc(x, y, 36.0, 4.0));
+    let refused = |blocks: &str| {
+        let corrections = toml::from_str(blocks).unwrap();
+        let params = Params { window_hu: Some([175.0, 2000.0]), corrections, ..params([20.0, 20.0, 8.0]) };
+        let error = run(&volume, &params).unwrap_err();
+        assert!(matches!(error.fault(), Error::Leaks(_)) && error.code() == "segment.leak", "{error}");
+        assert!(picture::of_error(&volume, &error).is_some());
+        error.to_string()
+    };
+    let plain = refused("");
+    assert!(plain.contains("keep it out with [[segment.block]] in the case file, or"), "{plain}");
+    assert!(!plain.contains("of the corrections"), "{plain}");
+    // The signs of x and y are those of RAS.
+    let mirrored = "[[block]]\nbox_mm = [[-30, -25, 16], [-24, -15, 22]]\n";
+    let text = refused(mirrored);
+    assert!(
+        text.contains("with a [[segment.block]] in the case file that holds this place (the one that is given does not), or"),
+        "{text}"
+    );
+    assert!(
+        text.contains("; of the corrections in the case file: segment.block[1] holds no voxel of the image and keeps nothing out: check"),
+        "{text}"
+    );
+    let beside = format!("{mirrored}[[block]]\nbox_mm = [[2, 2, 2], [3, 3, 3]]\n");
+    let text = refused(&beside);
+    assert!(text.contains("(none of the 2 given does)") && !text.contains("block[2]"), "{text}");
+    // The right signs keep it out.
+    let block = toml::from_str("[[block]]\nbox_mm = [[24, 15, 16], [30, 25, 22]]\n").unwrap();
+    let params = Params { window_hu: Some([175.0, 2000.0]), corrections: block, ..params([20.0, 20.0, 8.0]) };
+    assert!(run(&volume, &params).unwrap().warnings.is_empty());
+}
+
+#[test]
+fn corrections_that_do_nothing_are_told_where_nothing_is_found() {
+    let volume = Scene::default().volume(|_, _, _| 50.0);
+    let corrections = toml::from_str("[[block]]\nz_mm = [90, 91]\n").unwrap();
+    let error =
+        find_unattended(&volume, &Params { corrections, ..Params::default() }, &Task::quiet()).unwrap_err();
+    assert_eq!(error.code(), "segment.no_candidate");
+    assert!(error.to_string().contains("segment.block[1] holds no voxel"), "{error}");
+}

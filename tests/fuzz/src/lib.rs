@@ -86,9 +86,7 @@ pub fn as_replies(bytes: &[u8]) {
 pub fn as_two_planes(bytes: &[u8]) {
     pass_over_caught_panics();
     let folder = written("planes", "IM0001.dcm", bytes);
-    let mut other = bytes.to_vec();
-    move_image(&mut other);
-    written("planes", "IM0002.dcm", &other);
+    written("planes", "IM0002.dcm", &moved(bytes));
     let options = Options { choice: SeriesChoice::ByNumber(1), allow_gaps: true, ..Options::default() };
     let _ = reader::load_with(&folder, &options, &Task::quiet());
 }
@@ -98,7 +96,36 @@ pub fn as_two_planes(bytes: &[u8]) {
 const POSITIONS: [(&[u8], usize, bool); 3] =
     [(b"\x20\x00\x32\x00DS", 2, false), (b"\x00\x20\x00\x32DS", 2, true), (b"\x20\x00\x32\x00", 4, false)];
 
-/// Changes the last digit of ImagePositionPatient, where it stands in a file that is not deflated.
+/// Most bytes of a deflated data set that is looked into.
+const MOST_INFLATED: u64 = 1 << 20;
+
+/// The file with its image at another place, deflated or not.
+fn moved(bytes: &[u8]) -> Vec<u8> {
+    use std::io::{Read, Write};
+    let (meta, data_set) = bytes.split_at(end_of_meta(bytes));
+    let is_deflated = meta.windows(DEFLATED.len()).any(|w| w == DEFLATED);
+    if !is_deflated {
+        let mut other = bytes.to_vec();
+        move_image(&mut other);
+        return other;
+    }
+    let mut inflated = Vec::new();
+    // What cannot be inflated is damaged, which is what it is to be.
+    let _ = flate2::bufread::DeflateDecoder::new(data_set).take(MOST_INFLATED).read_to_end(&mut inflated);
+    move_image(&mut inflated);
+    let mut file = flate2::write::DeflateEncoder::new(meta.to_vec(), flate2::Compression::fast());
+    file.write_all(&inflated).and_then(|()| file.finish()).unwrap_or_else(|_| bytes.to_vec())
+}
+
+const DEFLATED: &[u8] = b"1.2.840.10008.1.2.1.99";
+
+/// Where the file meta group ends by its own length, which its first element states.
+fn end_of_meta(bytes: &[u8]) -> usize {
+    let length = bytes.get(140..144).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    (144 + length as usize).min(bytes.len())
+}
+
+/// Changes the last digit of ImagePositionPatient, where it stands in bytes that are not deflated.
 fn move_image(bytes: &mut [u8]) {
     let place = |(tag, n, is_big): &(&[u8], usize, bool)| {
         let at = bytes.windows(tag.len()).position(|w| w == *tag)? + tag.len();

@@ -55,6 +55,12 @@ fn main() -> Done {
     }
     save("dicom", "phantom", &phantom_image()?)?;
     save("planes", "phantom", &phantom_image()?)?;
+    for target in ["dicom", "planes"] {
+        // Without preamble and mark.
+        save(target, "bare", &phantom_image()?[132..])?;
+    }
+    let deflated = uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN;
+    save("dicom", "enhanced-deflated", &dicom(enhanced(), uids::ENHANCED_CT_IMAGE_STORAGE, deflated)?)?;
     for (name, syntax) in OTHER_ENCODINGS {
         let image = encoded(&phantom_image()?, syntax)?;
         save("dicom", name, &image)?;

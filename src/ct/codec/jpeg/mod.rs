@@ -152,7 +152,8 @@ impl Head {
             let coding = dct::Coding::new(frame.precision_bits, &steps, self.restart_interval, expected);
             dct::decode(bytes, dc, ac, &coding)?
         };
-        Ok(Samples { words, precision_bits: frame.precision_bits, is_signed: false })
+        let (precision_bits, is_lossless) = (frame.precision_bits, frame.is_lossless);
+        Ok(Samples { words, precision_bits, is_signed: false, is_lossless })
     }
 }
 

@@ -168,5 +168,6 @@ fn decode_scan(
     }
     let mut words = zeroed(size.n_pixels())?;
     scan::decode(bytes, parameters, restart_rows, size.columns, &mut words)?;
-    Ok(Samples { words, precision_bits: parameters.precision_bits, is_signed: false })
+    let is_lossless = parameters.near == 0;
+    Ok(Samples { words, precision_bits: parameters.precision_bits, is_signed: false, is_lossless })
 }

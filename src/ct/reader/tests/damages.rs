@@ -76,7 +76,10 @@ fn a_damaged_file_that_names_no_series_stands_in_the_way_of_its_own_folder_alone
     };
     let text = error.to_string();
     assert!(text.contains("b/IM0009.dcm: damaged DICOM file"), "{text}");
-    assert!(text.ends_with("if it is none of the one that is wanted, take it out of the folder"), "{text}");
+    assert!(
+        text.ends_with("if it is none of the planes that are wanted, take it out of the folder"),
+        "{text}"
+    );
     assert_eq!(error.code(), "ct.damaged");
     assert!(sound.warnings.iter().any(|w| w.code == "ct.damaged_elsewhere"), "{:?}", sound.warnings);
     // Beside no image it may be a plane of any.

@@ -92,6 +92,7 @@ fn a_written_phantom_reads_back_as_it_was() {
             n_pixels: 96,
             first_plane_z_mm: -7.3,
             plane_step_mm: 0.7,
+            slab_mm: 1.0,
             ..Params::default()
         };
         let loaded = Case::of(&params, below).load().unwrap();
@@ -128,12 +129,20 @@ fn foreign_files_are_left_out_with_a_warning() {
     assert_eq!(case.codes(), ["ct.not_dicom"]);
 }
 
+/// What is wrong with a damaged file, without the way out.
+fn fault_of(error: Error) -> Error {
+    match error {
+        Error::DamagedBeside { fault } => *fault,
+        other => other,
+    }
+}
+
 #[test]
 fn a_damaged_file_is_named() {
     for junk in [&b""[..], b"not dicom at all", &[0; 400]] {
         let case = Case::new();
         fs::write(case.file(3), junk).unwrap();
-        let error = case.error();
+        let error = fault_of(case.error());
         assert!(matches!(&error, Error::Damaged { path, .. } if *path == case.file(3)), "{error}");
     }
 }
@@ -145,7 +154,7 @@ fn a_truncated_slice_is_named_wherever_it_ends() {
     for length in [133, 140, 300, 600, n_header - 12, n_header - 4, n_header, n_header + 1, whole.len() - 1] {
         let case = Case::new();
         fs::write(case.file(4), &whole[..length]).unwrap();
-        let error = case.error();
+        let error = fault_of(case.error());
         match &error {
             Error::Truncated { path, found_bytes, expected_bytes: 1152 } => {
                 assert!(*path == case.file(4) && *found_bytes == length - n_header, "{error}");
@@ -510,11 +519,12 @@ fn deflated_file(place: &Path, elements: &[Element<'_>]) -> PathBuf {
     for (group, number, vr, length, value) in elements {
         deflated.write_all(&[&group.to_le_bytes()[..], &number.to_le_bytes(), *vr].concat()).unwrap();
         match *vr {
-            b"OB" => deflated.write_all(&[&[0, 0], &length.to_le_bytes()[..]].concat()).unwrap(),
+            b"OB" | b"SQ" => deflated.write_all(&[&[0, 0], &length.to_le_bytes()[..]].concat()).unwrap(),
             _ => deflated.write_all(&u16::try_from(*length).unwrap().to_le_bytes()).unwrap(),
         }
         deflated.write_all(value).unwrap();
-        let rest = u64::from(*length) - value.len() as u64;
+        // Of no stated length: there is what is given, and no more.
+        let rest = if *length == u32::MAX { 0 } else { u64::from(*length) - value.len() as u64 };
         std::io::copy(&mut std::io::repeat(0).take(rest), &mut deflated).unwrap();
     }
     let path = place.join("bomb.dcm");
@@ -547,6 +557,32 @@ fn deflated_pixels_have_no_more_bytes_than_rows_and_columns_may_have() {
     let refused = of(64, 2 * 64 * 64 * 12 + 2).unwrap_err().to_string();
     assert!(refused.contains("its pixels have more bytes than its rows and columns may have"), "{refused}");
     assert!(of(0, 2).is_err());
+}
+
+#[test]
+fn deflated_pixels_of_an_icon_and_in_pieces_are_bounded() {
+    let place = tempfile::tempdir().unwrap();
+    let most: u32 = 1 << 28;
+    let of = |elements: &[Element<'_>]| lengths::check(&deflated_file(place.path(), elements)).map(drop);
+    // Pixels of one bit: an image of 64 x 64, and 4 GiB.
+    let size = [(0x0028, 0x0010, b"US", 2, &[64, 0][..]), (0x0028, 0x0011, b"US", 2, &[64, 0][..])];
+    let bits = (0x0028, 0x0100, b"US", 2, &[1, 0][..]);
+    let pixels = |length| [size[0], size[1], bits, (0x7fe0, 0x0010, b"OB", length, &[][..])];
+    assert!(of(&pixels(64 * 64 / 8)).is_ok() && of(&pixels(64 * 64)).is_err());
+    // Within a sequence, and as a piece: items have no VR, so that the length stands where it does.
+    let icon = |length: u32| {
+        let inner =
+            [&b"\xfe\xff\x00\xe0\xff\xff\xff\xff\xe0\x7f\x10\x00OB\0\0"[..], &length.to_le_bytes()].concat();
+        let path = deflated_file(place.path(), &[(0x0088, 0x0200, b"SQ", u32::MAX, &inner)]);
+        lengths::check(&path).unwrap_err().to_string()
+    };
+    assert!(icon(most + 2).contains("its pixels have more bytes"), "{}", icon(most + 2));
+    let piece = |length: u32| {
+        let table = [&b"\xfe\xff\x00\xe0\0\0\0\0\xfe\xff\x00\xe0"[..], &length.to_le_bytes()].concat();
+        let path = deflated_file(place.path(), &[(0x7fe0, 0x0010, b"OB", u32::MAX, &table)]);
+        lengths::check(&path).unwrap_err().to_string()
+    };
+    assert!(piece(most + 2).contains("its pixels have more bytes"), "{}", piece(most + 2));
 }
 
 #[test]

@@ -1,18 +1,7 @@
 //! Real series and samples, where they are at hand.
 
+use super::super::shared::real;
 use super::*;
-
-/// A folder of the shared real data, or `None` with a message where it is absent.
-fn real(below: &str) -> Option<PathBuf> {
-    let shared = std::env::var_os("LUMENFAB_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = shared.join("data/real").join(below);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: no shared data {below}");
-    None
-}
 
 #[test]
 fn the_aortic_bifurcation_has_its_seed_where_it_belongs() {

@@ -1,17 +1,24 @@
-//! Corrections that can be followed but hardly do what was meant: blocks beside the image, polygons between two planes.
+//! Corrections that can be followed but hardly do what was meant: blocks beside the image, polygons between two planes, and what
+//! stands in planes that are not used.
 
-use super::corrections::{Block, Corrections, Drawn, nearest_plane};
-use crate::ct::{Volume, Warning};
+use super::{Block, Corrections, Drawn, nearest_plane};
+use crate::ct::{HEIGHT_SLACK_MM, Volume, Warning};
 use crate::geom::Point3;
+use std::ops::Range;
 
 /// A polygon further off its plane than this part of the planes' distance was meant for another height.
 const OFF_PLANE: f64 = 0.02;
+/// A row of voxels that goes on by less than this a voxel along an axis, mm, stands across it: what it gains there in
+/// a whole image is rounding.
+const ACROSS_MM: f64 = 1e-12;
 
 /// What is to be told of corrections that were resolved.
-pub(super) fn warnings(volume: &Volume, corrections: &Corrections) -> Vec<Warning> {
+pub(in crate::segment) fn warnings(volume: &Volume, corrections: &Corrections) -> Vec<Warning> {
     let blocks = (1..).zip(&corrections.block).filter(|(_, block)| !holds_any(block, volume));
     let blocks = blocks.map(|(n, _)| {
-        let text = format!("segment.block[{n}] holds no voxel of the image and keeps nothing out: check its numbers (box_mm and point_mm are LPS, z_mm runs along the stack's normal)");
+        let text = format!(
+            "segment.block[{n}] holds no voxel of the image and keeps nothing out: check its numbers (box_mm and point_mm are LPS, z_mm runs along the stack's normal)"
+        );
         Warning::new("segment.block_outside", text)
     });
     let contours = (1..)
@@ -20,16 +27,47 @@ pub(super) fn warnings(volume: &Volume, corrections: &Corrections) -> Vec<Warnin
     blocks.chain(contours).collect()
 }
 
+/// What is to be told of corrections in planes that are not among those used.
+pub(in crate::segment) fn unused(
+    volume: &Volume,
+    corrections: &Corrections,
+    used: &Range<usize>,
+) -> Vec<Warning> {
+    let z_mm = |k: usize| volume.plane_z_mm[k];
+    let reach = || {
+        format!(
+            "only z {:.3} to {:.3} mm are used: widen or give --z-mm",
+            z_mm(used.start),
+            z_mm(used.end - 1)
+        )
+    };
+    let contour = |(n, drawn): (usize, &Drawn)| {
+        let k = nearest_plane(volume, drawn.in_stack(volume).first()?.z);
+        let text = format!("segment.contour[{n}] stands in the plane at z {:.3} mm, {}", z_mm(k), reach());
+        (!used.contains(&k)).then(|| Warning::new("segment.contour_unused", text))
+    };
+    let contours = (1..).zip(&corrections.contour).filter_map(contour);
+    let windows = (1..).zip(&corrections.window).filter_map(|(n, window)| {
+        let own = volume.planes_between(window.z_mm);
+        let is_met = own.start < used.end && used.start < own.end;
+        let [lo, hi] = window.z_mm;
+        let text = format!("segment.window[{n}] stands for z {lo:.3} to {hi:.3} mm, {}", reach());
+        (!is_met).then(|| Warning::new("segment.window_unused", text))
+    });
+    if used.is_empty() { Vec::new() } else { contours.chain(windows).collect() }
+}
+
 fn off_plane(key: &str, drawn: &Drawn, volume: &Volume) -> Option<Warning> {
     let corners = drawn.in_stack(volume);
     let k = nearest_plane(volume, corners.first()?.z);
     let plane_z_mm = volume.plane_z_mm[k];
     let off_mm = corners.iter().map(|p| (p.z - plane_z_mm).abs()).fold(0.0, f64::max);
+    let mend = if drawn.z_mm.is_some() { "give z_mm" } else { "move its corners" };
     let text = format!(
-        "{key} lies {off_mm:.3} mm off the nearest plane, z {plane_z_mm:.3} mm, whose contour it was taken for"
+        "{key} lies {off_mm:.3} mm off the nearest plane, z {plane_z_mm:.3} mm, whose contour it was taken for: {mend} at that height to say so, or draw it for the plane that is meant"
     );
-    (off_mm > OFF_PLANE * volume.plane_interval_mm(k))
-        .then(|| Warning::new("segment.contour_off_plane", text))
+    let most_mm = (OFF_PLANE * volume.plane_interval_mm(k)).max(HEIGHT_SLACK_MM);
+    (off_mm > most_mm).then(|| Warning::new("segment.contour_off_plane", text))
 }
 
 /// Whether any voxel's centre is blocked. A row of voxels is a line, which a block holds from one place to another.
@@ -58,7 +96,7 @@ fn is_met([a, b]: [[f64; 3]; 2], from: Point3, to: Point3, n: usize) -> bool {
     for d in 0..3 {
         let (low, high) = (a[d].min(b[d]), a[d].max(b[d]));
         let step = (to[d] - from[d]) / (n as f64).max(1.0);
-        if step.abs() < 1e-12 {
+        if step.abs() < ACROSS_MM {
             if from[d] < low || from[d] > high {
                 return false;
             }

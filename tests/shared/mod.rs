@@ -1,0 +1,17 @@
+//! Where the real scans lie, for the tests that look at them.
+
+use std::path::{Path, PathBuf};
+
+/// A file or folder of the real cases; says why where there is none.
+pub(crate) fn real(below: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("LUMENFAB_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let path = root.join("data/real").join(below);
+    if path.exists() {
+        return Some(path);
+    }
+    // Who says where they are means them to be looked at.
+    assert!(std::env::var_os("LUMENFAB_SHARED").is_none(), "there is no {}", path.display());
+    eprintln!("skipped: there is no {}", path.display());
+    None
+}
