@@ -370,7 +370,9 @@ pub(super) fn shorten(vertices: &mut Vec<Vertex>, mut gap_mm: f64) {
     while let [.., from, to] = vertices.as_mut_slice() {
         let length = (to.at - from.at).norm();
         if length > gap_mm + 1e-3 {
-            to.at -= (to.at - from.at) * (gap_mm / length);
+            let share = gap_mm / length;
+            to.at -= (to.at - from.at) * share;
+            to.width_mm -= (to.width_mm - from.width_mm) * share;
             return;
         }
         gap_mm -= length;
@@ -469,6 +471,11 @@ mod tests {
             .to_vec();
         shorten(&mut line, 0.3);
         assert!((line[line.len() - 1].at.x - 0.8).abs() < 1e-12);
+        // A bead that tapers does so as before, up to where it ends.
+        let mut taper =
+            [0.0, 1.0].map(|x| Vertex { at: Point2::new(x, 0.0), width_mm: 0.4 + x, room_mm: 0.0 }).to_vec();
+        shorten(&mut taper, 0.25);
+        assert!((taper[1].width_mm - 1.15).abs() < 1e-12);
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //!   modeling, CAD 128, 2020, whose bead counts along a skeleton these are in effect).
 //! - A raster in what is too deep for that, at alternating angles; where it is sparse, with solid floors and roofs; along the
 //!   span over air.
-//! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and
+//! - Order, seams and travels as the modules `sequence`, `seam` and `travel` say. Loops at the lumen begin and
 //!   end inside the wall.
 //!
 //! Outline, spacing and flow follow one bead model ([`BeadModel`]).
@@ -29,6 +29,7 @@ mod order;
 mod place;
 mod raft;
 mod raster;
+mod seam;
 mod sequence;
 mod simplify;
 mod skin;

@@ -1,6 +1,7 @@
 //! The beads of all layers in the order in which they are printed, and what the operator should know of them.
 
 use super::fill::Thin;
+use super::seam::Seams;
 use super::travel::Travel;
 use super::{Bead, Draft, Error, LayerPaths, adhesion, sequence};
 use crate::ct::Warning;
@@ -21,6 +22,8 @@ pub(super) struct Order {
     pub(super) paths: Vec<LayerPaths>,
     /// Where the nozzle is.
     at: Option<Point2>,
+    /// Where the loops along the lumen of the layer below begin.
+    seams: Vec<Point2>,
     z_mm: f64,
     /// Walls that are too thin, and features that no bead covers, with the heights of their layers in the stack.
     thin: Vec<(f64, Thin)>,
@@ -89,8 +92,9 @@ impl Order {
         beads.extend(around.beads);
         travels.extend(around.travels);
         if let Some(net) = &draft.net {
-            let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, self.at);
-            self.at = sequence.at;
+            let sequence =
+                sequence::sequence(draft.paths, net, &draft.params, self.at, &Seams::of(idx, &self.seams));
+            (self.at, self.seams) = (sequence.at, sequence.seams);
             beads.extend(sequence.beads);
             travels.extend(sequence.travels);
         }
