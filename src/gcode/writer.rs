@@ -396,24 +396,30 @@ fn distance_mm(a: [i64; 2], b: [i64; 2]) -> f64 {
 
 /// Appends `steps / 10^decimals` without superfluous zeros.
 fn number(text: &mut String, steps: i64, decimals: usize) {
-    let scale = 10u64.pow(u32::try_from(decimals).expect("a few decimals"));
+    // The digits from the last one on, and the point.
+    let mut reversed = [b'0'; 24];
+    let mut n = 0;
+    let mut rest = steps.unsigned_abs();
+    for place in 0.. {
+        let digit = u8::try_from(rest % 10).expect("a digit");
+        rest /= 10;
+        let is_whole = place >= decimals;
+        if place == decimals && n > 0 {
+            reversed[n] = b'.';
+            n += 1;
+        }
+        if is_whole || digit > 0 || n > 0 {
+            reversed[n] += digit;
+            n += 1;
+        }
+        if is_whole && rest == 0 {
+            break;
+        }
+    }
     if steps < 0 {
         text.push('-');
     }
-    let magnitude = steps.unsigned_abs();
-    let _infallible = write!(text, "{}", magnitude / scale);
-    let mut rest = magnitude % scale;
-    if rest == 0 {
-        return;
-    }
-    text.push('.');
-    let mut place = scale / 10;
-    while rest > 0 {
-        let digit = u32::try_from(rest / place).expect("a digit");
-        text.push(char::from_digit(digit, 10).expect("a digit"));
-        rest %= place;
-        place /= 10;
-    }
+    text.extend(reversed[..n].iter().rev().map(|&b| char::from(b)));
 }
 
 fn segment_mm3(pair: &[BeadPoint], model: BeadModel) -> f64 {

@@ -52,6 +52,7 @@ impl Box2 {
     }
 
     /// Squared distance of a point from the box; infinite for the empty one.
+    #[inline]
     fn distance2(&self, p: Point2) -> f64 {
         let dx = (self.min.x - p.x).max(p.x - self.max.x).max(0.0);
         let dy = (self.min.y - p.y).max(p.y - self.max.y).max(0.0);
@@ -123,17 +124,26 @@ impl SegmentIndex {
     pub fn nearest_within(&self, p: Point2, most_mm: f64) -> Option<Foot> {
         let mut best2 = most_mm * most_mm;
         let mut found = None;
-        // Depth of the tree of 2^32 edges: the stack holds one sibling a level.
-        let mut stack = [(0usize, 0.0f64); 40];
-        stack[0] = (1, self.boxes[1].distance2(p));
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let (node, distance2) = stack[depth];
-            if distance2 >= best2 {
-                continue;
+        // The farther siblings of the nodes on the way down, where they matter: one a level of the tree of 2^32 edges at most.
+        let mut put_off = [(0usize, 0.0f64); 32];
+        let mut n_put_off = 0;
+        let (mut node, mut distance2) = (1, self.boxes[1].distance2(p));
+        loop {
+            while node < self.n_leaves && distance2 < best2 {
+                let (one, other) = (2 * node, 2 * node + 1);
+                let (to_one2, to_other2) = (self.boxes[one].distance2(p), self.boxes[other].distance2(p));
+                let (nearer, farther) = if to_one2 <= to_other2 {
+                    ((one, to_one2), (other, to_other2))
+                } else {
+                    ((other, to_other2), (one, to_one2))
+                };
+                if farther.1 < best2 {
+                    put_off[n_put_off] = farther;
+                    n_put_off += 1;
+                }
+                (node, distance2) = nearer;
             }
-            if node >= self.n_leaves {
+            if distance2 < best2 {
                 for s in self.leaf(node) {
                     let foot = nearest_on_segment(p, s.a, s.b);
                     let d2 = (foot - p).norm_squared();
@@ -142,13 +152,10 @@ impl SegmentIndex {
                         found = Some((s, foot));
                     }
                 }
-                continue;
             }
-            let children = [2 * node, 2 * node + 1].map(|n| (n, self.boxes[n].distance2(p)));
-            let first_is_nearer = children[0].1 <= children[1].1;
-            stack[depth] = children[usize::from(first_is_nearer)];
-            stack[depth + 1] = children[usize::from(!first_is_nearer)];
-            depth += 2;
+            let Some(next) = n_put_off.checked_sub(1) else { break };
+            n_put_off = next;
+            (node, distance2) = put_off[next];
         }
         found.map(|(segment, point)| Foot {
             point,
@@ -188,6 +195,7 @@ impl SegmentIndex {
 }
 
 /// The point of the segment `a`..`b` nearest to `p`.
+#[inline]
 #[must_use]
 pub fn nearest_on_segment(p: Point2, a: Point2, b: Point2) -> Point2 {
     let along = b - a;

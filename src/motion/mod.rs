@@ -18,6 +18,7 @@ use crate::profile::{Dialect, Profile};
 use crate::progress::{Cancelled, Task};
 use crate::units::mm_s_from_mm_min;
 use heat::Heaters;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::FRAC_PI_4;
 
@@ -93,14 +94,43 @@ pub enum Error {
 /// A line that cannot be read, arcs without a centre, splines, cancellation.
 pub fn estimate(gcode: &str, profile: &Profile, task: &Task<'_>) -> Result<Estimate, Error> {
     let mut machine = Machine::new(profile);
-    for (idx, text) in gcode.lines().enumerate() {
-        if idx % 65536 == 0 {
-            task.check()?;
-            task.report(idx as u64, 0);
+    let mut lines = gcode.lines();
+    let mut read: Vec<Read> = Vec::new();
+    loop {
+        task.check()?;
+        task.report(machine.line as u64, 0);
+        let next: Vec<&str> = lines.by_ref().take(LINES_AT_ONCE).collect();
+        // The machine takes what was read while the next lines are.
+        let follow = || next.par_iter().map(|text| said(text)).collect::<Vec<Read>>();
+        let (driven, following) = rayon::join(|| machine.take(read), follow);
+        driven?;
+        read = following;
+        if read.is_empty() {
+            return Ok(machine.estimate());
         }
-        machine.read(idx + 1, text)?;
     }
-    Ok(machine.estimate())
+}
+
+/// Lines that are read while the machine takes those before them: enough for any number of threads, few in memory.
+const LINES_AT_ONCE: usize = 1 << 14;
+
+/// What a line says to the machine.
+enum Said {
+    Layer,
+    Command(Command),
+    Nothing,
+}
+
+type Read = Result<Said, reader::Error>;
+
+fn said(text: &str) -> Read {
+    if text.starts_with(";LAYER:") {
+        return Ok(Said::Layer);
+    }
+    if text.starts_with(';') {
+        return Ok(Said::Nothing);
+    }
+    Ok(reader::parse(text)?.command.map_or(Said::Nothing, Said::Command))
 }
 
 /// A move as the planner sees it. mm, mm/s, mm/s².
@@ -167,18 +197,20 @@ impl<'a> Machine<'a> {
         }
     }
 
-    fn read(&mut self, line: usize, text: &str) -> Result<(), Error> {
-        self.line = line;
-        if text.starts_with(";LAYER:") {
-            self.layer = Some(self.n_layers);
-            self.n_layers += 1;
-            return Ok(());
+    /// Takes the next lines.
+    fn take(&mut self, lines: Vec<Read>) -> Result<(), Error> {
+        for read in lines {
+            self.line += 1;
+            match read.map_err(|source| Error::Line { line: self.line, source })? {
+                Said::Layer => {
+                    self.layer = Some(self.n_layers);
+                    self.n_layers += 1;
+                }
+                Said::Command(command) => self.command(&command)?,
+                Said::Nothing => {}
+            }
         }
-        if text.starts_with(';') {
-            return Ok(());
-        }
-        let parsed = reader::parse(text).map_err(|source| Error::Line { line, source })?;
-        parsed.command.map_or(Ok(()), |c| self.command(&c))
+        Ok(())
     }
 
     fn command(&mut self, c: &Command) -> Result<(), Error> {

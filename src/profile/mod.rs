@@ -186,12 +186,18 @@ pub fn parse(text: &str, file: &str) -> Result<Profile, Error> {
 /// The keys of a file over those of all it inherits from.
 fn with_bases(text: &str, file: &str) -> Result<Layers, Error> {
     let mut layers = Layers::parse(text, file)?;
+    let is_named = layers.keys.contains_key("name");
     for _ in 0..MAX_INHERITANCE {
         let Some((base, origin)) = layers.keys.remove("inherits") else { return Ok(layers) };
         let known = || format!("the name of a built-in profile: {}", builtin_names().join(", "));
         let Some(name) = base.as_str().filter(|name| builtin_text(name).is_ok()) else {
             return Err(schema::wrong("inherits", &base.to_string(), known(), &origin));
         };
+        if !is_named {
+            // It is not the one that it inherits from, and its file's name may tell of whoever it is for.
+            let own = || (toml::Value::String(format!("{name}, changed")), origin.clone());
+            layers.keys.entry("name".to_owned()).or_insert_with(own);
+        }
         layers.inherit(Layers::parse(builtin_text(name)?, &builtin_file(name))?);
     }
     Err(Error::Syntax {
@@ -218,7 +224,7 @@ pub fn to_toml(profile: &Profile) -> String {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// The name it is chosen by.
+    /// The name it is chosen by; of a file without one, that of the profile it inherits from, and that it is changed.
     pub name: String,
     /// One line for the operator.
     pub description: String,

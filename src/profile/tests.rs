@@ -90,6 +90,13 @@ fn an_inherited_wrong_value_is_reported_where_it_was_written() {
 }
 
 #[test]
+fn a_file_without_a_name_of_its_own_is_not_called_what_it_inherits_from() {
+    let name = |text: &str| parse(text, "x.toml").unwrap().name;
+    assert_eq!(name("inherits = \"prusa-mk3s\"\n[print]\nperimeters = 3\n"), "prusa-mk3s, changed");
+    assert_eq!(name("inherits = \"prusa-mk3s\"\nname = \"mine\"\n"), "mine");
+}
+
+#[test]
 fn each_kind_of_wrong_value_is_refused() {
     for (line, replacement, expected) in [
         ("baud = 115200", "baud = 12.5", "firmware.baud = 12.5: expected a whole number"),
@@ -185,9 +192,14 @@ fn a_file_on_disk_can_inherit() {
 
 proptest::proptest! {
     #[test]
-    fn any_text_gives_a_profile_or_an_error_of_one_line(text in "[a-z\\[\\]=\"{}.0-9\n -]{0,200}") {
+    fn any_text_gives_a_profile_or_a_line_for_each_fault(text in "[a-z\\[\\]=\"{}.0-9\n -]{0,200}") {
         if let Err(error) = parse(&text, "x") {
-            proptest::prop_assert!(!error.to_string().contains('\n'));
+            let n_lines = match &error {
+                Error::Several(faults) if faults.len() > MOST_FAULTS => MOST_FAULTS + 1,
+                Error::Several(faults) => faults.len(),
+                _ => 1,
+            };
+            proptest::prop_assert_eq!(error.to_string().lines().count(), n_lines);
         }
     }
 }

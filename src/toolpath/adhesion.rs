@@ -12,8 +12,9 @@ const TOLERANCE_MM: f64 = 0.01;
 /// No brim for steadiness is wider than this, mm: a part that needs more wants a raft or a wider base.
 const MOST_BRIM_MM: f64 = 10.0;
 
-/// Skirt and brim of the first layer, from the outside inward: the brim follows the part's outlines, the skirt runs round
-/// the convex hull of part, brim and supports. What would leave the bed is left out, and said so.
+/// Skirt and brim of the first layer, from the outside inward: the brim follows the outlines of the part and of the supports
+/// beside it, as those of one thing, and the skirt runs round the convex hull of all. What would leave the bed is left out, and
+/// said so.
 pub(super) fn loops(
     material: &Region,
     supports: &Region,
@@ -23,8 +24,8 @@ pub(super) fn loops(
 ) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outline = outline(material);
-    let hull = outline.union(supports).convex_hull();
+    let outline = outline(material, supports, params.width_mm.max(print.support_gap_mm));
+    let hull = outline.convex_hull();
     let n_brim = n_brim(material, height_mm, profile, params);
     let brim = (0..n_brim).map(|i| (&outline, (i as f64 + 0.5) * pitch));
     let skirt_begin = n_brim as f64 * pitch + print.skirt_distance_mm;
@@ -51,8 +52,20 @@ pub(super) fn loops(
     (paths, warning)
 }
 
-fn outline(material: &Region) -> Region {
-    Region::new(material.contours.iter().filter(|c| c.is_ccw()).cloned().collect())
+/// The outlines of what stands on the bed, without holes; clefts between part and supports in which no loop has room, or which
+/// the supports' air is, are closed.
+fn outline(material: &Region, supports: &Region, cleft_mm: f64) -> Region {
+    let part = without_holes(material);
+    if supports.is_empty() {
+        return part;
+    }
+    let both = Region::union_all([&part, supports]);
+    let closed = both.offset(cleft_mm, TOLERANCE_MM).offset(-cleft_mm, TOLERANCE_MM);
+    without_holes(&closed.union(&both))
+}
+
+fn without_holes(region: &Region) -> Region {
+    Region::new(region.contours.iter().filter(|c| c.is_ccw()).cloned().collect())
 }
 
 fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
@@ -94,6 +107,8 @@ fn inside_bed(region: &Region, profile: &Profile, width_mm: f64) -> bool {
 mod tests {
     use super::*;
     use crate::geom::Point2;
+    use crate::profile;
+    use crate::toolpath::flow::BeadModel;
 
     #[test]
     fn a_slender_part_gets_the_brim_that_steadies_it() {
@@ -107,5 +122,41 @@ mod tests {
         let corners = [(-20.0, -2.0), (20.0, -2.0), (20.0, 2.0), (-20.0, 2.0)].map(|(x, y)| turned(x, y));
         let bar = Region::new(vec![Contour::new(corners.to_vec())]);
         assert!((steadying_brim_mm(&bar, 120.0, 12.0) - 3.0).abs() < 0.01, "10 mm are needed, 4 are there");
+    }
+
+    #[test]
+    fn brim_and_skirt_go_round_supports_and_part_as_one() {
+        // A disc, and columns beside it: one half a millimetre away, the air of supports, one farther off.
+        let disc =
+            |x: f64, radius: f64| Region::new(vec![Contour::circle(Point2::new(x, 100.0), radius, 240)]);
+        let part = disc(100.0, 6.0);
+        let supports = disc(109.5, 3.0).union(&disc(85.0, 3.0));
+        let mut profile = profile::builtin("reference").unwrap();
+        (profile.print.brim_mm, profile.print.skirt_loops, profile.print.support_gap_mm) = (4.0, 2, 0.5);
+        let model = BeadModel::new(profile.print.bead_shape, 0.2);
+        let params = FillParams { model, width_mm: 0.45, limits_mm: [0.3, 0.8], perimeters: 2 };
+        let (loops, warning) = loops(&part, &supports, 1.0, &profile, &params);
+        assert!(warning.is_none() && loops.len() > 9);
+        let ring = |path: &Path| {
+            let line = Region::new(vec![Contour::new(path.vertices.iter().map(|v| v.at).collect())]);
+            let half_mm = params.width_mm / 2.0;
+            line.offset(half_mm, 0.001).difference(&line.offset(-half_mm, 0.001))
+        };
+        let beads: Vec<Region> = loops.iter().map(ring).collect();
+        let on_bed = part.union(&supports);
+        for (i, bead) in beads.iter().enumerate() {
+            let over = bead.intersection(&on_bed).area_mm2();
+            assert!(over < 0.01 * bead.area_mm2(), "loop {i} runs over {over} mm2 of part and supports");
+            for other in &beads[..i] {
+                let twice = bead.intersection(other).area_mm2();
+                assert!(twice < 0.02 * bead.area_mm2(), "loop {i} runs over another one by {twice} mm2");
+            }
+        }
+        // Without supports the brim is a ring of its width around the disc.
+        let (alone, _) = super::loops(&part, &Region::default(), 1.0, &profile, &params);
+        let brim: f64 = alone[2..].iter().map(|path| ring(path).area_mm2()).sum();
+        let width_mm = (4.0_f64 / 0.45).round() * 0.45;
+        let expected = std::f64::consts::PI * ((6.0 + width_mm).powi(2) - 36.0);
+        assert!((brim / expected - 1.0).abs() < 0.01, "{brim} {expected}");
     }
 }

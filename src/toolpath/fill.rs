@@ -156,17 +156,18 @@ impl Filler<'_> {
     /// How each sample of a skin is filled.
     fn ways(&self, skin: &Skin) -> Vec<Way> {
         let n_ways = self.params.most_beads() + 1;
-        let costs: Vec<Vec<f64>> = skin.samples.iter().map(|s| self.costs(s)).collect();
-        let chosen = cheapest_walk(&costs, FLIP_COST);
+        let mut costs = Vec::with_capacity(n_ways * skin.samples.len());
+        skin.samples.iter().for_each(|s| costs.extend(self.costs(s)));
+        let chosen = cheapest_walk(&costs, n_ways, FLIP_COST);
         let way = |i: usize| if i + 1 == n_ways { Way::Raster } else { Way::Beads(i + 1) };
         let single = self.single(skin);
         chosen.iter().zip(single).map(|(&i, s)| if s { Way::Single } else { way(i) }).collect()
     }
 
     /// Cost of one bead, two, ..., of perimeters and raster; weighted with the length.
-    fn costs(&self, s: &Sample) -> Vec<f64> {
-        let p = self.params;
-        let beads = (1..=p.most_beads()).map(|n| {
+    fn costs(&self, s: &Sample) -> impl Iterator<Item = f64> {
+        let (p, s) = (*self.params, *s);
+        let beads = (1..=p.most_beads()).map(move |n| {
             let width = p.bead_pitch_mm(s.wall_mm, n) + p.model.overlap_mm();
             let outside = (p.limits_mm[0] - width).max(width - p.limits_mm[1]).max(0.0);
             let forbidden = if outside > 0.0 { OUTSIDE_COST } else { 0.0 };
@@ -181,7 +182,7 @@ impl Filler<'_> {
         } else {
             RASTER_COST * p.pitch_mm() / (s.wall_mm - p.raster_depth_mm())
         };
-        beads.chain([s.share_mm * raster]).collect()
+        beads.chain([s.share_mm * raster])
     }
 
     /// Where one bead fills the wall from skin to skin, short runs smoothed away.
@@ -370,7 +371,9 @@ pub(super) fn shorten(vertices: &mut Vec<Vertex>, mut gap_mm: f64) {
     while let [.., from, to] = vertices.as_mut_slice() {
         let length = (to.at - from.at).norm();
         if length > gap_mm + 1e-3 {
-            to.at -= (to.at - from.at) * (gap_mm / length);
+            let share = gap_mm / length;
+            to.at -= (to.at - from.at) * share;
+            to.width_mm -= (to.width_mm - from.width_mm) * share;
             return;
         }
         gap_mm -= length;
@@ -397,39 +400,39 @@ fn runs(values: &[bool], value: bool) -> Vec<Vec<usize>> {
     found
 }
 
-/// The state per step of a closed walk that costs least, each change of state costing `flip` (Viterbi).
-/// The walk begins where the choice is clearest, and ends in the same state.
-fn cheapest_walk(costs: &[Vec<f64>], flip: f64) -> Vec<usize> {
+/// The state per step of a closed walk that costs least, each change of state costing `flip` (Viterbi). `costs`: those of all
+/// states, step by step. The walk begins where the choice is clearest, and ends in the same state.
+fn cheapest_walk(costs: &[f64], n_states: usize, flip: f64) -> Vec<usize> {
     let best_of = |row: &[f64]| (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0);
-    let single: Vec<usize> = costs.iter().map(|row| best_of(row)).collect();
+    let single: Vec<usize> = costs.chunks_exact(n_states).map(best_of).collect();
     if single.windows(2).all(|p| p[0] == p[1]) {
         return single;
     }
+    let n = single.len();
+    let row = |i: usize| &costs[i * n_states..(i + 1) * n_states];
     let margin = |i: usize| {
-        let row = &costs[i];
-        let others = (0..row.len()).filter(|&s| s != single[i]).map(|s| row[s]);
-        others.fold(f64::INFINITY, f64::min) - row[single[i]]
+        let others = (0..n_states).filter(|&s| s != single[i]).map(|s| row(i)[s]);
+        others.fold(f64::INFINITY, f64::min) - row(i)[single[i]]
     };
-    let n = costs.len();
     let start = (0..n).max_by(|&a, &b| margin(a).total_cmp(&margin(b))).unwrap_or(0);
     let forced = single[start];
-    let n_states = costs[start].len();
     let mut total = vec![f64::INFINITY; n_states];
     total[forced] = 0.0;
-    let mut back = Vec::with_capacity(n);
+    // From which state each state of each step is reached.
+    let mut back = Vec::with_capacity(n * n_states);
     for step in 1..=n {
         let cheapest = best_of(&total);
-        let row = &costs[(start + step) % n];
-        let from: Vec<usize> =
-            (0..n_states).map(|s| if total[s] <= total[cheapest] + flip { s } else { cheapest }).collect();
-        total =
-            (0..n_states).map(|s| total[from[s]] + row[s] + if from[s] == s { 0.0 } else { flip }).collect();
-        back.push(from);
+        let least = total[cheapest];
+        for (s, (total, cost)) in total.iter_mut().zip(row((start + step) % n)).enumerate() {
+            let stays = *total <= least + flip;
+            back.push(if stays { s } else { cheapest });
+            *total = if stays { *total + cost } else { least + cost + flip };
+        }
     }
     let mut states = vec![forced; n];
     let mut state = forced;
     for step in (1..n).rev() {
-        state = back[step][state];
+        state = back[step * n_states + state];
         states[(start + step) % n] = state;
     }
     states
@@ -445,8 +448,8 @@ mod tests {
         let mut states = [0; 40];
         states[10] = 1;
         (20..35).for_each(|i| states[i] = 1);
-        let costs: Vec<Vec<f64>> = states.iter().map(|&s| cost(s)).collect();
-        let walk = cheapest_walk(&costs, 0.3);
+        let costs: Vec<f64> = states.iter().flat_map(|&s| cost(s)).collect();
+        let walk = cheapest_walk(&costs, 2, 0.3);
         assert_eq!(walk[10], 0);
         assert!(walk[20..35].iter().all(|&s| s == 1));
         assert!(walk[..20].iter().chain(&walk[35..]).all(|&s| s == 0));
@@ -469,6 +472,11 @@ mod tests {
             .to_vec();
         shorten(&mut line, 0.3);
         assert!((line[line.len() - 1].at.x - 0.8).abs() < 1e-12);
+        // A bead that tapers does so as before, up to where it ends.
+        let mut taper =
+            [0.0, 1.0].map(|x| Vertex { at: Point2::new(x, 0.0), width_mm: 0.4 + x, room_mm: 0.0 }).to_vec();
+        shorten(&mut taper, 0.25);
+        assert!((taper[1].width_mm - 1.15).abs() < 1e-12);
     }
 
     #[test]

@@ -6,10 +6,12 @@
 //!   material on both sides, and of these the one with the shortest lines; they reach [`ANCHOR_MM`] onto that material.
 //!   Where less than half of them would, it is no bridge but an overhang, and filled like the rest.
 //!
-//! What supports hold up is no bridge. A layer of sparse fill counts as material: a roof lies on its lines.
+//! What supports hold up is no bridge. A layer of sparse fill counts as material: a roof lies on its lines. Where the fill is 0 %
+//! there are none, and a roof spans from wall to wall.
 //! Cost: where anything is left to fill, a boolean operation for each layer within the shell.
 
-use super::fill::{FillParams, Path};
+use super::fill::{self, FillParams, Path};
+use super::skin::Skins;
 use super::supports::{AIR_LAYERS, Support};
 use super::{BeadKind, raster};
 use crate::geom::{Contour, Point2, Region};
@@ -64,25 +66,23 @@ impl Interior {
         if rest.is_empty() {
             return Self::default();
         }
-        let bridges = stack.bridges(idx, &rest, params);
-        let rest = bridges.iter().fold(rest, |rest, (bridge, _)| rest.difference(bridge));
-        if raster::is_solid(profile.print.infill_percent) {
-            return Self { bridges, solid: rest, sparse: Region::default() };
-        }
-        let Some(exposed) = stack.exposed(idx, &rest, profile.print.shell_mm) else {
-            return Self { bridges, solid: rest, sparse: Region::default() };
+        let print = &profile.print;
+        let is_open = print.infill_percent <= 0.0;
+        let (rest, hollow) = if is_open {
+            let open = stack.sparse(idx, &rest, params, print.shell_mm);
+            (rest.difference(&open), stack.hollow_below(idx, params, profile))
+        } else {
+            (rest, Region::default())
         };
-        let noise_mm = params.width_mm / 4.0;
-        let core = exposed.offset(-noise_mm, TOLERANCE_MM);
-        if core.is_empty() {
-            return Self { bridges, solid: Region::default(), sparse: rest };
-        }
-        let solid = core.offset(noise_mm + params.pitch_mm(), TOLERANCE_MM).intersection(&rest);
-        // What is left beside it in pieces too small for any line of sparse fill is solid, too.
-        let mut left = rest.difference(&solid).islands();
-        left.retain(|piece| piece.area_mm2() > (SMALLEST_SPARSE * params.width_mm).powi(2));
-        let sparse = Region::new(left.into_iter().flat_map(|piece| piece.contours).collect());
-        Self { bridges, solid: rest.difference(&sparse), sparse }
+        let bridges = stack.bridges(idx, &rest, &hollow, params);
+        let rest = bridges.iter().fold(rest, |rest, (bridge, _)| rest.difference(bridge));
+        let sparse = if is_open || raster::is_solid(print.infill_percent) {
+            Region::default()
+        } else {
+            stack.sparse(idx, &rest, params, print.shell_mm)
+        };
+        let solid = if sparse.is_empty() { rest } else { rest.difference(&sparse) };
+        Self { bridges, solid, sparse }
     }
 
     /// The lines, bridges first; `angle_rad`: of all that are none.
@@ -98,6 +98,30 @@ impl Interior {
 }
 
 impl Stack<'_> {
+    /// What of a layer's rest lies so deep that it is filled sparsely.
+    fn sparse(&self, idx: usize, rest: &Region, params: &FillParams, shell_mm: f64) -> Region {
+        let Some(exposed) = self.exposed(idx, rest, shell_mm) else { return Region::default() };
+        let noise_mm = params.width_mm / 4.0;
+        let core = exposed.offset(-noise_mm, TOLERANCE_MM);
+        if core.is_empty() {
+            return rest.clone();
+        }
+        let solid = core.offset(noise_mm + params.pitch_mm(), TOLERANCE_MM).intersection(rest);
+        // What is left beside it in pieces too small for any line of sparse fill is solid, too.
+        let mut left = rest.difference(&solid).islands();
+        left.retain(|piece| piece.area_mm2() > (SMALLEST_SPARSE * params.width_mm).powi(2));
+        Region::new(left.into_iter().flat_map(|piece| piece.contours).collect())
+    }
+
+    /// What the layer below leaves empty where nothing is filled sparsely. Its bridges are no matter: what spans air is no part
+    /// of its depth.
+    fn hollow_below(&self, idx: usize, params: &FillParams, profile: &Profile) -> Region {
+        let Some(below) = idx.checked_sub(1) else { return Region::default() };
+        let skins = Skins::try_new(&self.placed[below].0, params.cap_mm(), super::OUTLINE_TOLERANCE_MM);
+        let rest = skins.map(|skins| fill::fill(&skins, params).rest).unwrap_or_default();
+        self.sparse(below, &rest, params, profile.print.shell_mm)
+    }
+
     /// What of a layer has less than `shell_mm` of material over or under it; none: all of it, near an end of the part.
     fn exposed(&self, idx: usize, rest: &Region, shell_mm: f64) -> Option<Region> {
         let z_mm = self.layers[idx].slot.z_mid_mm;
@@ -116,9 +140,10 @@ impl Stack<'_> {
         Some(rest.difference(&covered))
     }
 
-    /// What of a layer spans air, with the direction of each span.
-    fn bridges(&self, idx: usize, rest: &Region, params: &FillParams) -> Vec<(Region, f64)> {
+    /// What of a layer spans air, with the direction of each span; `hollow` is empty, though it lies in the layer below.
+    fn bridges(&self, idx: usize, rest: &Region, hollow: &Region, params: &FillParams) -> Vec<(Region, f64)> {
         let Some(below) = idx.checked_sub(1).map(|j| &self.placed[j].0) else { return Vec::new() };
+        let below = &if hollow.is_empty() { below.clone() } else { below.difference(hollow) };
         let air = rest.difference(below);
         let held = idx.checked_sub(1 + AIR_LAYERS).and_then(|j| self.columns.get(j)).map(Support::area);
         let air = held.map_or(air.clone(), |held| air.difference(&held));
@@ -227,6 +252,27 @@ mod tests {
                 assert!(sparse == 0.0 && (solid / inside - 1.0).abs() < 0.02, "layer {i}: {solid} {sparse}");
             }
         }
+    }
+
+    #[test]
+    fn a_roof_over_no_fill_spans_from_wall_to_wall() {
+        let layers = printed(vec![rectangle([0.0, 24.0], [0.0, 18.0]); 20], 0.0);
+        for (i, layer) in layers.iter().enumerate() {
+            let [bridge, solid, sparse] = [BeadKind::Bridge, BeadKind::SolidInfill, BeadKind::InternalInfill]
+                .map(|kind| area_mm2(layer, kind));
+            // Within one perimeter of 0.4 mm; the lowest layer of the roof is a bridge, with its anchors all of it.
+            let inside = 23.2 * 17.2;
+            let is_roof = |filled: f64| (filled / inside - 1.0).abs() < 0.02;
+            match i {
+                4..16 => assert!(bridge + solid + sparse == 0.0, "layer {i}: {bridge} {solid} {sparse}"),
+                16 => assert!(is_roof(bridge) && solid < 0.02 * inside, "layer {i}: {bridge} {solid}"),
+                _ => assert!(bridge == 0.0 && is_roof(solid), "layer {i}: {bridge} {solid}"),
+            }
+        }
+        // Across the shorter side.
+        let lines = layers[16].beads.iter().filter(|b| b.kind == BeadKind::Bridge);
+        let longest = lines.flat_map(|b| b.points.windows(2)).map(|p| p[1].at - p[0].at);
+        assert!(longest.filter(|way| way.norm() > 1.0).all(|way| way.x.abs() < 1e-6 && way.y.abs() > 16.0));
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //!   modeling, CAD 128, 2020, whose bead counts along a skeleton these are in effect).
 //! - A raster in what is too deep for that, at alternating angles; where it is sparse, with solid floors and roofs; along the
 //!   span over air.
-//! - Order, seams and travels as the modules `sequence` and `travel` say. Loops at the lumen begin and
+//! - Order, seams and travels as the modules `sequence`, `seam` and `travel` say. Loops at the lumen begin and
 //!   end inside the wall.
 //!
 //! Outline, spacing and flow follow one bead model ([`BeadModel`]).
@@ -29,6 +29,7 @@ mod order;
 mod place;
 mod raft;
 mod raster;
+mod seam;
 mod sequence;
 mod simplify;
 mod skin;
@@ -179,8 +180,8 @@ pub enum Error {
     Empty,
     /// The part does not fit the machine.
     #[error(
-        "the part is {:.1} x {:.1} x {:.1} mm, the build space {:.1} x {:.1} x {:.1} mm; shorten the z range or choose a \
-         larger machine", part_mm[0], part_mm[1], part_mm[2], bed_mm[0], bed_mm[1], bed_mm[2]
+        "the part is {:.1} x {:.1} x {:.1} mm, the build space {:.1} x {:.1} x {:.1} mm; it needs a larger machine, or less of it is \
+         to be printed", part_mm[0], part_mm[1], part_mm[2], bed_mm[0], bed_mm[1], bed_mm[2]
     )]
     LargerThanBed {
         /// Size of the part, mm.
@@ -190,7 +191,7 @@ pub enum Error {
     },
     /// Most of a layer's wall is thinner than the thinnest bead.
     #[error(
-        "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} on the bed); the \
+        "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} in the model); the \
          thinnest bead is {thinnest_mm} mm: use a thicker wall or a finer nozzle"
     )]
     WallTooThin {
@@ -198,9 +199,9 @@ pub enum Error {
         layer: usize,
         /// Height of the layer's middle in the stack, mm.
         z_mm: f64,
-        /// Place on the bed, mm.
+        /// Place in the stack, mm.
         x_mm: f64,
-        /// Place on the bed, mm.
+        /// Place in the stack, mm.
         y_mm: f64,
         /// Thickness found, mm.
         thickness_mm: f64,
@@ -234,7 +235,9 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let placement = place::place(layers, profile)?;
     let placed = placed(layers, &placement, profile, task)?;
     let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
-    let (columns, on_part) = columns(layers, &placed, profile);
+    let compensation = placement.compensation(profile);
+    let frame = StackFromBed::of(&placement.bed_from_stack, compensation);
+    let (columns, on_part) = columns(layers, &placed, &frame, profile);
     let stack = Stack { layers, placed: &placed, columns: &columns };
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
@@ -247,7 +250,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
     let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
-    let mut order = Order::of_part(height_mm, on_bed, raft, placement.raft.height_mm());
+    let mut order = Order::of_part(height_mm, on_bed, frame).upon(raft, placement.raft.height_mm());
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -260,7 +263,6 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.add(drafts, profile, task)?;
     order.check()?;
     let warnings = order.warnings().into_iter().chain(on_part).collect();
-    let compensation = placement.compensation(profile);
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
@@ -287,6 +289,7 @@ fn placed(
 fn columns(
     layers: &[Layer],
     placed: &[(Region, Region)],
+    frame: &StackFromBed,
     profile: &Profile,
 ) -> (Vec<Support>, Option<Warning>) {
     if profile.print.support == SupportStyle::None {
@@ -296,9 +299,9 @@ fn columns(
     let columns = supports::columns(&slabs, profile);
     let on_part = supports::on_part(&columns, &slabs, profile).map(|(layer, at)| {
         let text = format!(
-            "supports stand on the part, first at z {:.2} mm (x {:.2}, y {:.2} on the bed), and may stand in a bore that no layer \
-             shows as a hole; print.support_on_part = false in the profile keeps them on the bed",
-            layers[layer].slot.z_mid_mm, at.x, at.y
+            "supports stand on the part, first at {}, and may stand in a bore that no layer shows as a hole; print.support_on_part = \
+             false in the profile keeps them on the bed",
+            frame.told(at, layers[layer].slot.z_mid_mm)
         );
         Warning::new("toolpath.support_on_part", text)
     });

@@ -1,8 +1,9 @@
 //! The beads of all layers in the order in which they are printed, and what the operator should know of them.
 
 use super::fill::Thin;
+use super::seam::Seams;
 use super::travel::Travel;
-use super::{Bead, Draft, Error, LayerPaths, adhesion, sequence};
+use super::{Bead, Draft, Error, LayerPaths, StackFromBed, adhesion, sequence};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Region};
 use crate::profile::{Profile, SupportStyle};
@@ -16,11 +17,14 @@ const A_SLIVER_IN: usize = 20;
 const REST_STRIDE: usize = 4;
 
 /// Layers whose beads are in order, each begun where the one below ended.
-#[derive(Default)]
 pub(super) struct Order {
     pub(super) paths: Vec<LayerPaths>,
+    /// Where places on the bed lie in the model.
+    frame: StackFromBed,
     /// Where the nozzle is.
     at: Option<Point2>,
+    /// Where the loops along the lumen of the layer below begin.
+    seams: Vec<Point2>,
     z_mm: f64,
     /// Walls that are too thin, and features that no bead covers, with the heights of their layers in the stack.
     thin: Vec<(f64, Thin)>,
@@ -40,10 +44,31 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// Of a part so high, with supports that stand on this part of the bed, or all of it on a raft, which with its air is so high.
-    pub(super) fn of_part(height_mm: f64, on_bed: Region, raft: Vec<LayerPaths>, raft_mm: f64) -> Self {
+    /// Of a part so high, with supports that stand on this part of the bed.
+    pub(super) const fn of_part(height_mm: f64, on_bed: Region, frame: StackFromBed) -> Self {
+        Self {
+            paths: Vec::new(),
+            frame,
+            at: None,
+            seams: Vec::new(),
+            z_mm: 0.0,
+            thin: Vec::new(),
+            lost: Vec::new(),
+            sliver: None,
+            n_slivers: 0,
+            n_floating: 0,
+            floating: None,
+            adhesion: None,
+            n_raft: 0,
+            height_mm,
+            on_bed,
+        }
+    }
+
+    /// All of it on a raft, which with its air is so high.
+    pub(super) fn upon(self, raft: Vec<LayerPaths>, raft_mm: f64) -> Self {
         let at = raft.iter().flat_map(|l| &l.beads).last().and_then(|b| b.points.last()).map(|p| p.at);
-        Self { height_mm, on_bed, at, z_mm: raft_mm, n_raft: raft.len(), paths: raft, ..Self::default() }
+        Self { at, z_mm: raft_mm, n_raft: raft.len(), paths: raft, ..self }
     }
 
     /// Puts the next layers in order.
@@ -66,11 +91,12 @@ impl Order {
         self.thin.extend(draft.thin.map(|t| (draft.slot.z_mid_mm, t)));
         if let Some(thin) = draft.thin.filter(|t| t.share > MOST_THIN_SHARE) {
             self.n_slivers += 1;
+            let at = self.frame.point(thin.at);
             self.sliver.get_or_insert(Error::WallTooThin {
                 layer: idx,
                 z_mm: draft.slot.z_mid_mm,
-                x_mm: thin.at.x,
-                y_mm: thin.at.y,
+                x_mm: at.x,
+                y_mm: at.y,
                 thickness_mm: thin.thickness_mm,
                 thinnest_mm: draft.params.limits_mm[0],
             });
@@ -89,8 +115,9 @@ impl Order {
         beads.extend(around.beads);
         travels.extend(around.travels);
         if let Some(net) = &draft.net {
-            let sequence = sequence::sequence(draft.paths, net, &draft.params, idx, self.at);
-            self.at = sequence.at;
+            let sequence =
+                sequence::sequence(draft.paths, net, &draft.params, self.at, &Seams::of(idx, &self.seams));
+            (self.at, self.seams) = (sequence.at, sequence.seams);
             beads.extend(sequence.beads);
             travels.extend(sequence.travels);
         }
@@ -149,9 +176,9 @@ impl Order {
     fn in_the_air(&self) -> Option<Warning> {
         let (z_mm, at) = self.floating?;
         let text = format!(
-            "{} island(s) begin in the air, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed): turn the part, or have it held \
-             up (print.support in the profile)",
-            self.n_floating, at.x, at.y
+            "{} island(s) begin in the air, the first at {}: turn the part, or have it held up (print.support in the profile)",
+            self.n_floating,
+            self.frame.told(at, z_mm)
         );
         Some(Warning::new("toolpath.in_the_air", text))
     }
@@ -160,22 +187,20 @@ impl Order {
         let worst = self.thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
         let (z_mm, Thin { at, thickness_mm, .. }) = worst?;
         let text = format!(
-            "material thinner than the thinnest bead in {} layers, worst {thickness_mm:.3} mm at z {z_mm:.2} mm (x {:.2}, y {:.2} \
-             on the bed): printed too thick there, or not at all below half a bead",
+            "material thinner than the thinnest bead in {} layers, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
+             at all below half a bead",
             self.thin.len(),
-            at.x,
-            at.y
+            self.frame.told(*at, *z_mm)
         );
         Some(Warning::new("toolpath.thin_wall", text))
     }
 
     fn lost_features(&self) -> Option<Warning> {
-        let (z_mm, at) = self.lost.first()?;
+        let &(z_mm, at) = self.lost.first()?;
         let text = format!(
-            "{} outlines are too small for a bead and left out, the first at z {z_mm:.2} mm (x {:.2}, y {:.2} on the bed)",
+            "{} outlines are too small for a bead and left out, the first at {}",
             self.lost.len(),
-            at.x,
-            at.y
+            self.frame.told(at, z_mm)
         );
         Some(Warning::new("toolpath.lost_feature", text))
     }

@@ -63,6 +63,12 @@ impl StackFromBed {
         self.moved.apply(Point3::new(cooled.x, cooled.y, 0.0)).xy()
     }
 
+    /// A place as it is told: in the model's own coordinates, as in the file or the CT that it comes from; the height is theirs.
+    pub(super) fn told(&self, on_bed: Point2, z_mm: f64) -> String {
+        let at = self.point(on_bed);
+        format!("z {z_mm:.2} mm (x {:.2}, y {:.2} in the model)", at.x, at.y)
+    }
+
     /// A length in the bed's plane, mm.
     #[must_use]
     pub fn length_mm(&self, mm: f64) -> f64 {

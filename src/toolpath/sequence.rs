@@ -1,27 +1,23 @@
 //! The order of the beads, the places of their seams, and the travels between them.
 //!
 //! Islands follow each other by nearness; in an island come the loops at the lumen, at the outer skin,
-//! the loops inside, the raster. A loop at the lumen begins at a place that wanders around the
-//! circumference from layer to layer by a fixed irrational share, so that seams never stack to a ridge
-//! and never repeat; its first millimetre fraction leads in from the wall, and its end stops short by as
-//! much material. Every other path begins at its vertex nearest to the nozzle.
+//! the loops inside, the raster. A loop at the lumen begins and ends as the module `seam` says, every other
+//! path at its vertex nearest to the nozzle.
 
-use super::fill::{FillParams, Path, Role, Vertex, shorten};
-use super::simplify;
+use super::fill::{FillParams, Path, Role, Vertex};
+use super::seam::Seams;
 use super::travel::{Net, Travel};
 use super::{Bead, BeadPoint};
+use super::{seam, simplify};
 use crate::geom::{Point2, Vector2, Vector3};
 
-/// Share of the circumference by which seams wander from layer to layer: the golden ratio to the power of
-/// -4, about 4 mm on a carotid. Far enough that neighbouring seams do not touch, near enough for short
-/// travels.
-const SEAM_STEP: f64 = 0.145_898_033_750_315_46;
-/// Shortest lead-in, mm.
-const SHORTEST_LEAD_MM: f64 = 0.03;
-/// Most of its width by which a loop stops short of its begin: its ends are round and still meet.
-const MOST_GAP: f64 = 0.25;
-/// Largest change of width from one segment to the next before the segment is divided, mm.
+/// Largest change of width from one segment to the next before the segment is divided, mm,
 const WIDTH_STEP_MM: f64 = 0.006;
+/// unless the pieces would be shorter than this, mm;
+const SHORTEST_STEP_MM: f64 = 0.05;
+/// and before it is divided whatever its length, mm: a quarter of it is how far the wider piece bulges out of the skin where the
+/// narrower one begins.
+const STEEPEST_STEP_MM: f64 = 0.04;
 
 /// The grid in which places on the bed are written, mm.
 const GRID_MM: f64 = 1e-3;
@@ -33,6 +29,8 @@ pub(super) struct Sequence {
     pub(super) travels: Vec<Travel>,
     /// Where the nozzle is.
     pub(super) at: Option<Point2>,
+    /// Where the loops along the lumen begin.
+    pub(super) seams: Vec<Point2>,
 }
 
 /// Puts the paths of a layer in order, beginning at `at`.
@@ -40,8 +38,8 @@ pub(super) fn sequence(
     mut paths: Vec<Path>,
     net: &Net,
     params: &FillParams,
-    layer: usize,
     at: Option<Point2>,
+    seams: &Seams<'_>,
 ) -> Sequence {
     let mut sequence = Sequence { at, ..Sequence::default() };
     let islands: Vec<usize> = paths.iter().map(|p| net.island_near(p.vertices[0].at)).collect();
@@ -54,7 +52,9 @@ pub(super) fn sequence(
             let (_, path) = here.swap_remove(next);
             let begin = if path.role == Role::Lumen && path.closed {
                 n_lumens += 1;
-                seam(&path.vertices, layer, n_lumens)
+                let begin = seams.place(&path.vertices, n_lumens);
+                sequence.seams.push(path.vertices[begin].at);
+                begin
             } else {
                 nearest_vertex(&path, sequence.at).0
             };
@@ -106,26 +106,11 @@ fn nearest_vertex(path: &Path, at: Option<Point2>) -> (usize, f64) {
     (nearest, distance(nearest))
 }
 
-/// Where a loop at the lumen begins: so far around from its easternmost vertex as the layer says.
-fn seam(vertices: &[Vertex], layer: usize, nth: usize) -> usize {
-    let n = vertices.len();
-    let east = (0..n).max_by(|&a, &b| vertices[a].at.x.total_cmp(&vertices[b].at.x)).unwrap_or(0);
-    let step = |i: usize| (vertices[(i + 1) % n].at - vertices[i % n].at).norm();
-    let around: f64 = (0..n).map(step).sum();
-    let mut left = around * (layer as f64 * SEAM_STEP + nth as f64 * 0.5).fract();
-    let mut i = east;
-    while left > step(i) && i < east + n {
-        left -= step(i);
-        i += 1;
-    }
-    i % n
-}
-
 impl Sequence {
     fn lay(&mut self, path: &Path, begin: usize, net: &Net, params: &FillParams) {
         let vertices = unrolled(path, begin);
         let vertices =
-            if path.closed && path.role == Role::Lumen { led_in(vertices, params) } else { vertices };
+            if path.closed && path.role == Role::Lumen { seam::led_in(vertices, params) } else { vertices };
         let (first, last) = (vertices[0].at, vertices[vertices.len() - 1].at);
         self.travels.push(self.at.map(|at| net.travel(at, first)).unwrap_or_default());
         self.beads.push(Bead { kind: path.kind, points: bead_points(&vertices) });
@@ -145,27 +130,6 @@ fn unrolled(path: &Path, begin: usize) -> Vec<Vertex> {
     vertices
 }
 
-/// Begins a loop with a narrow lead-in out of the wall, as long as the bead itself reaches into it, and
-/// ends it short by the same material.
-fn led_in(mut vertices: Vec<Vertex>, params: &FillParams) -> Vec<Vertex> {
-    let begin = vertices[0];
-    let width_mm = params.limits_mm[0].min(begin.width_mm);
-    let model = params.model;
-    let lead_mm = begin.room_mm - model.pitch_mm(width_mm) / 2.0;
-    if lead_mm < SHORTEST_LEAD_MM {
-        return vertices;
-    }
-    let along = (vertices[1].at - vertices[vertices.len() - 2].at).normalize();
-    let into_wall = Vector2::new(-along.y, along.x);
-    let gap = lead_mm * model.area_mm2(width_mm) / model.area_mm2(begin.width_mm);
-    shorten(&mut vertices, gap.min(MOST_GAP * begin.width_mm));
-    vertices.insert(0, Vertex { at: begin.at + into_wall * lead_mm, width_mm, room_mm: 0.0 });
-    // The width of a segment is the mean of its ends': a second vertex at the same place makes the
-    // lead-in's its own.
-    vertices.insert(1, Vertex { at: begin.at, width_mm, room_mm: begin.room_mm });
-    vertices
-}
-
 /// Widths of segments from widths at vertices; segments along which the width changes much are divided. All points lie on
 /// the grid in which places are written: were only the written ones rounded, the length of a short segment would not be
 /// the one that its filament is meant for, and the bead would be too wide or too narrow by more than it is misplaced.
@@ -182,8 +146,9 @@ pub(super) fn bead_points(vertices: &[Vertex]) -> Vec<BeadPoint> {
         if length < 1e-6 {
             continue;
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        let n = (change.abs() / WIDTH_STEP_MM).ceil().clamp(1.0, (length / 0.05).max(1.0)) as usize;
+        let wanted = (change.abs() / WIDTH_STEP_MM).min(length / SHORTEST_STEP_MM);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "widths are a few mm")]
+        let n = wanted.max(change.abs() / STEEPEST_STEP_MM).ceil().max(1.0) as usize;
         (0..n).for_each(|i| {
             push(BeadPoint {
                 at: on_grid(a.at + (b.at - a.at) * (i as f64 / n as f64)),
@@ -225,21 +190,6 @@ mod tests {
     fn vertices(points: &[(f64, f64)]) -> Vec<Vertex> {
         let vertex = |&(x, y): &(f64, f64)| Vertex { at: Point2::new(x, y), width_mm: 0.5, room_mm: 0.25 };
         points.iter().map(vertex).collect()
-    }
-
-    #[test]
-    fn seams_spread_over_the_circumference() {
-        let circle = crate::geom::Contour::circle(Point2::origin(), 3.0, 100);
-        let loop_of: Vec<(f64, f64)> = circle.points.iter().map(|p| (p.x, p.y)).collect();
-        let loop_of = vertices(&loop_of);
-        let mut hits = [0; 10];
-        (0..690).for_each(|layer| hits[seam(&loop_of, layer, 1) / 10] += 1);
-        assert!(hits.iter().all(|&h| (60..=78).contains(&h)), "{hits:?}");
-        for layer in 0..50 {
-            let (a, b) = (seam(&loop_of, layer, 1), seam(&loop_of, layer + 1, 1));
-            let apart = (loop_of[a].at - loop_of[b].at).norm();
-            assert!(apart > 2.0, "layers {layer} and the next: {apart} mm");
-        }
     }
 
     #[test]

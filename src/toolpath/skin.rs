@@ -151,26 +151,29 @@ impl Probe<'_> {
                 continue;
             }
             let edge = Edge { a, along: (b - a) / length, length_mm: length, edge_idx };
-            let mut longest_mm = PIECE_MM;
+            let (begin, mut longest_mm, mut n_pieces) = (pieces.len(), PIECE_MM, 0);
             loop {
-                let begin = pieces.len();
-                self.divide(&edge, longest_mm, &mut pieces);
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a bed's size")]
+                let n = ((length / longest_mm).ceil() as usize).max(1);
+                // Asked again, as many pieces would be the same.
+                if n != n_pieces {
+                    n_pieces = n;
+                    pieces.truncate(begin);
+                    self.divide(&edge, n, &mut pieces);
+                }
                 let beside = &pieces[begin.saturating_sub(1)..];
                 let step = |p: &[Piece]| (p[0].ball.radius_mm - p[1].ball.radius_mm).abs();
                 longest_mm /= 2.0;
                 if longest_mm < SHORTEST_PIECE_MM || beside.windows(2).all(|p| step(p) < DEPTH_STEP_MM) {
                     break;
                 }
-                pieces.truncate(begin);
             }
         }
         pieces
     }
 
-    /// Appends an edge in equal pieces.
-    fn divide(&self, edge: &Edge, longest_mm: f64, pieces: &mut Vec<Piece>) {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a bed's size at most")]
-        let n = ((edge.length_mm / longest_mm).ceil() as usize).max(1);
+    /// Appends an edge in `n` equal pieces.
+    fn divide(&self, edge: &Edge, n: usize, pieces: &mut Vec<Piece>) {
         let length_mm = edge.length_mm / n as f64;
         for i in 0..n {
             let from = edge.a + edge.along * (i as f64 * length_mm);

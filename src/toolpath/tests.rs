@@ -394,6 +394,11 @@ fn each_fault_is_named() {
     let thin = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.12, [0.0, 1.0]));
     let text = plan(&thin, &reference(), &Task::quiet()).unwrap_err().to_string();
     assert!(text.contains("0.119 mm thin in layer 0 at z 0.10"), "{text}");
+    // The place is the model's: on its skins, though it is printed elsewhere.
+    let Err(Error::WallTooThin { x_mm, y_mm, .. }) = plan(&thin, &reference(), &Task::quiet()) else {
+        panic!("no thin wall")
+    };
+    assert!((x_mm.hypot(y_mm) - 3.06).abs() < 0.07, "{x_mm} {y_mm}");
     // One thin layer of many is told.
     let wide = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 6.0]));
     let layers: Vec<Layer> = thin.iter().take(1).chain(&wide[1..]).cloned().collect();

@@ -126,13 +126,15 @@ impl Net {
 
     /// The nearest pair of nodes on the outer skins of two islands.
     fn gap(&self, start: usize, end: usize) -> (usize, usize) {
-        let on = |island: usize| {
-            (0..self.nodes.len()).filter(move |&i| self.nodes[i].island == island && !self.nodes[i].on_hole)
+        let on = |island: usize| -> Vec<(usize, Point2)> {
+            let all = self.nodes.iter().enumerate();
+            all.filter(|(_, n)| n.island == island && !n.on_hole).map(|(i, n)| (i, n.at)).collect()
         };
+        let there = on(end);
         let mut best = (0, 0, f64::INFINITY);
-        for i in on(start) {
-            for k in on(end) {
-                let d2 = (self.nodes[i].at - self.nodes[k].at).norm_squared();
+        for (i, from) in on(start) {
+            for &(k, to) in &there {
+                let d2 = (from - to).norm_squared();
                 if d2 < best.2 {
                     best = (i, k, d2);
                 }

@@ -6,6 +6,8 @@
 #![expect(clippy::unwrap_used, reason = "a test fails where something is wrong")]
 #![expect(clippy::print_stdout, reason = "what was measured is shown with --nocapture")]
 
+mod seams;
+
 use hil_sim::event::{Bead, Event, Summary};
 use hil_sim::printer::{Options, Pace, Printer};
 use lumenfab::gcode::{self, Header};
