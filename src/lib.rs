@@ -38,6 +38,7 @@
 //! | [`gcode`] | commands, writer, reader, checksum |
 //! | [`motion`] | acceleration model: how long a job takes |
 //! | [`printer`] | the protocol core and the session (pure), journal and resuming, links, the driver |
+//! | [`queue`] | states of jobs, claims, beds, history, schedule (pure) |
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
 //! | [`cli`] | the command line, a face of `app` |
@@ -69,6 +70,7 @@ pub mod preview;
 pub mod printer;
 pub mod profile;
 pub mod progress;
+pub mod queue;
 pub mod ready;
 pub mod report;
 pub mod sections;
