@@ -11,7 +11,7 @@
 use super::claim::{Claim, Claimant, MOST_LOST};
 use super::fact::{Fact, What, Who};
 use super::fit;
-use super::job::{Change, Job, Ticket};
+use super::job::{Change, Edit, Job, Ticket};
 use super::printer::{Bed, Evidence, Printer, PrinterChange};
 use super::state::{Kind, Role, State};
 use super::{Loaded, Name, Rank, Reason, Refusal};
@@ -142,11 +142,22 @@ pub fn add(ticket: &Ticket, rank: Rank, is_submitted: bool, by: &By) -> Result<O
     Ok(Outcome { scene, facts })
 }
 
-/// What is asked of a job.
+/// What is asked of a job, but for moving it.
 ///
 /// # Errors
 /// [`Refusal`].
 pub fn change(scene: &Scene, request: &Request) -> Result<Outcome, Refusal> {
+    match request.change {
+        Change::Edit(Edit::Rank(_)) => Err(Refusal::PlaceByHand),
+        _ => place(scene, request),
+    }
+}
+
+/// The same, to a place that the store has found free as well.
+///
+/// # Errors
+/// [`Refusal`].
+pub fn place(scene: &Scene, request: &Request) -> Result<Outcome, Refusal> {
     authorise(scene, request)?;
     let kind = request.change.kind();
     if matches!(kind, Kind::Accept | Kind::Reject | Kind::Fail) && request.why.is_empty() {

@@ -408,7 +408,7 @@ impl Job {
             Change::Edit(Edit::Copies(found)) => self.check_copies(*found),
             Change::Prepare { .. } if self.made.is_some() => Err(Refusal::IsPrepared),
             Change::Start { .. } => self.check_start(now),
-            Change::GiveBack { .. } if self.is_laid => Err(Refusal::MaterialLaid),
+            Change::Lay | Change::GiveBack { .. } if self.is_laid => Err(Refusal::MaterialLaid),
             Change::Printed { .. } if !self.is_laid => Err(Refusal::NothingLaid),
             Change::NextCopy if self.n_left() == 0 => Err(Refusal::NoCopyLeft),
             Change::AskSignOff | Change::Complete if self.n_left() > 0 => Err(Refusal::CopiesLeft),

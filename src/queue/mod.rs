@@ -1,7 +1,7 @@
 //! The queue: what becomes of jobs, from a draft to the sign-off, on printers that nobody watches.
 //!
-//! Everything here is pure: time arrives as an argument, chance as bytes; nothing is read or written. A store keeps what is decided
-//! here, each change in one transaction together with its records.
+//! Everything here is pure: time arrives as an argument, chance as bytes; nothing is read or written. [`crate::store`] keeps what is
+//! decided here, each change in one transaction together with its records.
 //!
 //! - [`state`]: the states of a job and the one table of what may follow what, and by whom;
 //! - [`job`]: a job, its opaque specification, and how a change changes it;
@@ -32,7 +32,7 @@ mod refusal;
 pub mod schedule;
 pub mod state;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod text;
 
 pub use act::{Actor, By, Request, Said};

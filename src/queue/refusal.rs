@@ -33,7 +33,9 @@ pub enum Refusal {
         found: State,
     },
     /// The claim has gone to somebody else, or is given up.
-    #[error("the claim is lost: the job is not this appliance's any more, and nothing more of it may be laid")]
+    #[error(
+        "the claim is lost: the job is not this appliance's any more, and nothing more of it may be laid"
+    )]
     ClaimLost,
     /// An appliance that is alive has the job: it has to be asked to stop.
     #[error("{holder} has the job and is alive: it has to stop first")]
@@ -109,6 +111,9 @@ pub enum Refusal {
         /// What was asked for.
         printer: Name,
     },
+    /// Places are given by the store, so that no two jobs have the same.
+    #[error("a job is moved by naming its neighbour, not its place")]
+    PlaceByHand,
     /// A reason is needed.
     #[error("\"{change}\" needs a reason")]
     NoReason {
@@ -173,6 +178,7 @@ impl Refusal {
             Self::NoEvidence => "queue.no_evidence",
             Self::Misfit(_) => "queue.misfit",
             Self::NoPrinter { .. } => "queue.no_printer",
+            Self::PlaceByHand => "queue.place_by_hand",
             Self::NoReason { .. } => "queue.no_reason",
             Self::Text { .. } => "queue.text",
             Self::SpecTooLarge { .. } => "queue.spec_too_large",

@@ -142,6 +142,18 @@ fn what_was_laid_goes_back_into_the_queue_by_an_operator_alone() {
 }
 
 #[test]
+fn an_appliance_that_comes_back_cannot_begin_the_copy_anew() {
+    let adopted = act::adopt(&laid(queued(&ticket(1))), &name("left"), 9, at(30)).unwrap().scene;
+    assert_eq!(held_by(&adopted, Change::Lay, 31).unwrap_err(), Refusal::MaterialLaid);
+}
+
+#[test]
+fn a_job_is_moved_by_the_store_alone() {
+    let edit = Change::Edit(Edit::Rank(Rank::between(None, None)));
+    assert_eq!(asked(&scene(queued(&ticket(1))), edit, 1).unwrap_err(), Refusal::PlaceByHand);
+}
+
+#[test]
 fn a_job_that_laid_nothing_leaves_the_bed_as_clear_as_it_was() {
     let scene = started(queued(&ticket(1)));
     for change in
