@@ -34,6 +34,8 @@ pub mod state;
 #[cfg(test)]
 pub(crate) mod tests;
 mod text;
+#[cfg(test)]
+mod week;
 
 pub use act::{Actor, By, Request, Said};
 pub use claim::{Claim, Claimant};

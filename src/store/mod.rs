@@ -67,6 +67,17 @@ pub trait Store: Clone + Send + Sync + 'static {
         by: By,
     ) -> impl Future<Output = Result<Job, Error>> + Send;
 
+    /// Adds many jobs, all or none, in one transaction.
+    ///
+    /// # Errors
+    /// As [`Store::add`].
+    fn add_all(
+        &self,
+        tickets: Vec<Ticket>,
+        is_submitted: bool,
+        by: By,
+    ) -> impl Future<Output = Result<Vec<Job>, Error>> + Send;
+
     /// Changes a job as somebody asks for.
     ///
     /// # Errors

@@ -112,6 +112,11 @@ impl Store for Sqlite {
         self.write(move |db| work::add(db, &ticket, is_submitted, &by)).await
     }
 
+    async fn add_all(&self, tickets: Vec<Ticket>, is_submitted: bool, by: By) -> Result<Vec<Job>, Error> {
+        self.write(move |db| tickets.iter().map(|ticket| work::add(db, ticket, is_submitted, &by)).collect())
+            .await
+    }
+
     async fn change(&self, job: JobId, request: Request) -> Result<Job, Error> {
         self.write(move |db| work::change(db, job, &request)).await
     }

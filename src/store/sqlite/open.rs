@@ -49,17 +49,9 @@ impl Db {
         Ok(Self { connection, path: path.to_owned() })
     }
 
-    fn pragma(&self, name: &str) -> Result<i64, Error> {
-        self.connection.pragma_query_value(None, name, |row| row.get(0)).map_err(|e| told(&self.path, &e))
-    }
-
     /// Refuses another program's database, and a later version's, before anything is written.
-    fn check_whose(&self, steps: &[&str]) -> Result<(), Error> {
-        let (id, found) = (self.pragma("application_id")?, self.pragma("user_version")?);
-        let n_tables: i64 = self
-            .connection
-            .query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))
-            .map_err(|e| told(&self.path, &e))?;
+    fn check_whose(&mut self, steps: &[&str]) -> Result<(), Error> {
+        let (id, found, n_tables) = self.marks().map_err(|e| told(&self.path, &e))?;
         let is_new = id == 0 && found == 0 && n_tables == 0;
         if !is_new && id != APPLICATION_ID {
             return Err(Error::Foreign { path: self.path.clone() });
@@ -69,6 +61,14 @@ impl Db {
             return Err(Error::Newer { path: self.path.clone(), found, known });
         }
         Ok(())
+    }
+
+    /// Whose it is, its version, and how much is in it, all at one moment: others may just be making it.
+    fn marks(&mut self) -> rusqlite::Result<(i64, i64, i64)> {
+        let tx = self.connection.transaction()?;
+        let pragma = |name| tx.pragma_query_value(None, name, |row| row.get(0));
+        let n_tables = tx.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
+        Ok((pragma("application_id")?, pragma("user_version")?, n_tables))
     }
 
     fn set_modes(&self) -> Result<(), Error> {

@@ -207,16 +207,14 @@ pub(super) fn say(db: &Connection, name: &Name, said: &Said, by: &By) -> Result<
         Bed::Taken(id) => Some(rows::job(db, id)?),
         Bed::Clear | Bed::Unknown => None,
     };
-    let (Bedside { printer, job }, facts) =
-        act::say(&Bedside { printer, job: job.clone() }, said, by).map(|(after, facts)| {
-            (Bedside { job: after.job.filter(|after| job.as_ref() != Some(after)), ..after }, facts)
-        })?;
+    let before = Bedside { printer, job };
+    let (after, facts) = act::say(&before, said, by)?;
     let head = rows::record(db, facts)?;
-    rows::put_printer(db, &printer)?;
-    if let Some(job) = job {
+    rows::put_printer(db, &after.printer)?;
+    if let Some(job) = after.job.filter(|job| before.job.as_ref() != Some(job)) {
         rows::put_job(db, &job, head.seq)?;
     }
-    Ok(printer)
+    Ok(after.printer)
 }
 
 pub(super) fn printers(db: &Connection) -> Result<Vec<Printer>, Error> {
