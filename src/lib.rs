@@ -38,6 +38,8 @@
 //! | [`gcode`] | commands, writer, reader, checksum |
 //! | [`motion`] | acceleration model: how long a job takes |
 //! | [`printer`] | the protocol core and the session (pure), journal and resuming, links, the driver |
+//! | [`queue`] | states of jobs, claims, beds, history, schedule (pure) |
+//! | [`store`] | where the queue is kept: SQLite |
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
 //! | [`cli`] | the command line, a face of `app` |
@@ -47,7 +49,7 @@
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
 //!   `phantom::series`, `profile::load`, `printer::{ask, device, driver, job, journal::writer, paper, serial, sim}`,
-//!   `report::write`, `app` and `cli`.
+//!   `report::write`, `store`, `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.
@@ -69,6 +71,7 @@ pub mod preview;
 pub mod printer;
 pub mod profile;
 pub mod progress;
+pub mod queue;
 pub mod ready;
 pub mod report;
 pub mod sections;
@@ -77,6 +80,7 @@ pub mod slice;
 pub mod solid;
 pub mod spline;
 pub mod step;
+pub mod store;
 pub mod toolpath;
 pub mod topology;
 pub mod units;

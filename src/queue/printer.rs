@@ -1,0 +1,113 @@
+//! A printer as the queue knows it: what it has loaded, and whether its bed is clear.
+
+use super::fit::Loaded;
+use super::{JobId, Name, Refusal};
+use serde::{Deserialize, Serialize};
+
+/// What is known of a bed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bed {
+    /// Nothing: nothing starts.
+    Unknown,
+    /// Nothing lies on it.
+    Clear,
+    /// This job is printed on it, or what was laid of it lies there.
+    Taken(JobId),
+}
+
+/// How it is known that a bed is clear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Evidence {
+    /// An operator says so.
+    Word,
+    /// A sensor has confirmed that the bed-clearing routine succeeded.
+    Sensor,
+    /// A hook program has.
+    Hook,
+}
+
+/// What happens to a printer.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum PrinterChange {
+    /// This is what it is fitted with from now on.
+    Load(Loaded),
+    /// Its bed is clear.
+    Clear(Evidence),
+    /// Whatever was known of the bed does not hold any more.
+    Doubt,
+    /// A job begins on it.
+    Take(JobId),
+    /// The job that had begun has laid nothing: the bed is as clear as it was.
+    Free(JobId),
+    /// So much filament is gone, mm³.
+    Use(u64),
+}
+
+/// A printer.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Printer {
+    /// Its name in the queue.
+    pub name: Name,
+    /// What it is fitted with; `None`: nobody has said.
+    pub loaded: Option<Loaded>,
+    /// What is known of its bed.
+    pub bed: Bed,
+}
+
+impl Printer {
+    /// A printer of which nothing is known.
+    #[must_use]
+    pub const fn new(name: Name) -> Self {
+        Self { name, loaded: None, bed: Bed::Unknown }
+    }
+
+    /// The printer after a change.
+    ///
+    /// # Errors
+    /// [`Refusal::BedNotClear`] where a job begins on a bed that is not known to be clear; [`Refusal::BedInUse`] where another job has it.
+    pub fn apply(&self, change: &PrinterChange) -> Result<Self, Refusal> {
+        let mut after = self.clone();
+        match change {
+            PrinterChange::Load(loaded) => after.loaded = Some(loaded.clone()),
+            PrinterChange::Clear(_) => after.bed = Bed::Clear,
+            PrinterChange::Doubt => after.bed = if self.bed == Bed::Clear { Bed::Unknown } else { self.bed },
+            PrinterChange::Take(job) => {
+                self.check_clear()?;
+                after.bed = Bed::Taken(*job);
+            }
+            PrinterChange::Free(job) => {
+                self.check_holds(*job)?;
+                after.bed = Bed::Clear;
+            }
+            PrinterChange::Use(mm3) => after.use_up(*mm3),
+        }
+        Ok(after)
+    }
+
+    fn check_clear(&self) -> Result<(), Refusal> {
+        match self.bed {
+            Bed::Clear => Ok(()),
+            Bed::Unknown | Bed::Taken(_) => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+        }
+    }
+
+    fn check_holds(&self, job: JobId) -> Result<(), Refusal> {
+        match self.bed {
+            Bed::Taken(found) if found != job => {
+                Err(Refusal::BedInUse { printer: self.name.clone(), job: found })
+            }
+            Bed::Taken(_) => Ok(()),
+            Bed::Clear | Bed::Unknown => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+        }
+    }
+
+    fn use_up(&mut self, mm3: u64) {
+        if let Some(left_mm3) = self.loaded.as_mut().and_then(|loaded| loaded.left_mm3.as_mut()) {
+            *left_mm3 = left_mm3.saturating_sub(mm3);
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! The queue in one SQLite file: nothing to set up, safe against whatever ends the program.
+//!
+//! A thread of its own has the connection; calls reach it over a bounded channel, so that nothing that waits for a disk holds up
+//! the task that talks to a printer. Write-ahead log, flushed at every commit: what a call has answered survives a power cut. Other
+//! processes may use the same file (`lumenfab work`, backups); whoever writes waits for the others, five seconds at most.
+//!
+//! Cost: one transaction a change. Taking, listing and changing jobs goes by indices, so that none depends on the length of
+//! the queue or on how much is over; only jobs that need more filament than the spool has are passed over one by one, within the index.
+//! [`Store::verify`] reads everything, over a connection of its own that holds up nobody.
+
+mod check;
+mod open;
+mod rows;
+#[cfg(test)]
+mod tests;
+mod work;
+
+use super::{Claimed, Error, Place, Store, Which};
+use crate::queue::{
+    Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Request, Said, Sealed, Spec,
+    Subject, Ticket,
+};
+use jiff::Timestamp;
+use open::Db;
+use rusqlite::Connection;
+use std::path::{Path, PathBuf};
+use tokio::sync::{mpsc, oneshot};
+
+/// Calls that may wait for the thread.
+const MOST_WAITING: usize = 64;
+
+type Work = Box<dyn FnOnce(&mut Db) + Send>;
+
+/// What the thread is told.
+enum Message {
+    Work(Work),
+    Close(oneshot::Sender<()>),
+}
+
+/// The queue in a SQLite file. Clones are the same; the file is closed when the last one is dropped.
+#[derive(Debug, Clone)]
+pub struct Sqlite {
+    messages: mpsc::Sender<Message>,
+    path: PathBuf,
+}
+
+impl Sqlite {
+    /// Opens the file, or makes it; brings it to the newest format. Blocks as long as that takes.
+    ///
+    /// # Errors
+    /// [`Error`]: it cannot be opened or written, is another program's, a later version's, or damaged.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let db = Db::open(path, open::STEPS)?;
+        let (messages, inbox) = mpsc::channel(MOST_WAITING);
+        let failed = |e: std::io::Error| Error::Io { path: path.to_owned(), problem: e.to_string() };
+        std::thread::Builder::new().name("queue".into()).spawn(move || serve(db, inbox)).map_err(failed)?;
+        Ok(Self { messages, path: path.to_owned() })
+    }
+
+    /// Ends the thread once everything that was asked for is done, and closes the file. Other clones are refused from then on.
+    pub async fn close(self) {
+        let (done, closed) = oneshot::channel();
+        if self.messages.send(Message::Close(done)).await.is_ok() {
+            // Where the thread is gone already, the file is closed, too.
+            closed.await.ok();
+        }
+    }
+
+    /// Does something on the thread.
+    async fn on_thread<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut Db) -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        let (answer, answered) = oneshot::channel();
+        // Whoever asked may have left: what was done is done.
+        let work: Work = Box::new(move |db| drop(answer.send(work(db))));
+        self.messages.send(Message::Work(work)).await.map_err(|_closed| Error::Gone)?;
+        answered.await.map_err(|_ended| Error::Gone)?
+    }
+
+    async fn write<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        self.on_thread(|db| db.write(work)).await
+    }
+
+    async fn read<T: Send + 'static>(
+        &self,
+        look: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        self.on_thread(|db| db.read(look)).await
+    }
+}
+
+/// The thread: one thing after the other, until nobody is left who could ask.
+fn serve(mut db: Db, mut inbox: mpsc::Receiver<Message>) {
+    while let Some(message) = inbox.blocking_recv() {
+        match message {
+            Message::Work(work) => work(&mut db),
+            Message::Close(done) => {
+                drop(db);
+                done.send(()).ok();
+                return;
+            }
+        }
+    }
+}
+
+impl Store for Sqlite {
+    async fn add(&self, ticket: Ticket, is_submitted: bool, by: By) -> Result<Job, Error> {
+        self.write(move |db| work::add(db, &ticket, is_submitted, &by)).await
+    }
+
+    async fn add_all(&self, tickets: Vec<Ticket>, is_submitted: bool, by: By) -> Result<Vec<Job>, Error> {
+        self.write(move |db| tickets.iter().map(|ticket| work::add(db, ticket, is_submitted, &by)).collect())
+            .await
+    }
+
+    async fn change(&self, job: JobId, request: Request) -> Result<Job, Error> {
+        self.write(move |db| work::change(db, job, &request)).await
+    }
+
+    async fn place(
+        &self,
+        job: JobId,
+        place: Place,
+        actor: Actor,
+        why: Reason,
+        now: Timestamp,
+    ) -> Result<Job, Error> {
+        self.write(move |db| work::place(db, job, place, actor, why, now)).await
+    }
+
+    async fn claim(&self, claimant: Claimant, now: Timestamp) -> Result<Option<Claimed>, Error> {
+        self.write(move |db| work::claim(db, &claimant, now)).await
+    }
+
+    async fn renew(&self, claim: Claim, now: Timestamp) -> Result<Claim, Error> {
+        self.write(move |db| work::renew(db, &claim, now)).await
+    }
+
+    async fn adopt(&self, holder: Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
+        self.write(move |db| work::adopt(db, &holder, now)).await
+    }
+
+    async fn sweep(&self, now: Timestamp) -> Result<Vec<Job>, Error> {
+        self.write(move |db| work::sweep(db, now)).await
+    }
+
+    async fn say(&self, printer: Name, said: Said, by: By) -> Result<Printer, Error> {
+        self.write(move |db| work::say(db, &printer, &said, &by)).await
+    }
+
+    async fn printers(&self) -> Result<Vec<Printer>, Error> {
+        self.read(work::printers).await
+    }
+
+    async fn job(&self, id: JobId) -> Result<(Job, Option<Claim>), Error> {
+        self.read(move |db| Ok((rows::job(db, id)?, rows::claim(db, id)?))).await
+    }
+
+    async fn list(&self, which: Which, behind: Option<JobId>, most: u32) -> Result<Vec<Job>, Error> {
+        self.read(move |db| work::list(db, which, behind, most)).await
+    }
+
+    async fn spec(&self, id: JobId) -> Result<Spec, Error> {
+        self.read(move |db| rows::spec(db, id)).await
+    }
+
+    async fn history(&self, of: Option<Subject>, after: u64, most: u32) -> Result<Vec<Sealed>, Error> {
+        self.read(move |db| work::history(db, of.as_ref(), after, most)).await
+    }
+
+    async fn head(&self) -> Result<Head, Error> {
+        self.read(rows::head).await
+    }
+
+    async fn verify(&self) -> Result<(), Error> {
+        let path = self.path.clone();
+        let checked = tokio::task::spawn_blocking(move || Db::open_to_read(&path)?.read(check::check));
+        checked.await.map_err(|_panicked| Error::Gone)?
+    }
+}

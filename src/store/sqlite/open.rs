@@ -1,0 +1,195 @@
+//! A database file: opened with care, brought to the newest format, trusted only after a look.
+
+use super::rows;
+use crate::store::Error;
+use rusqlite::{Connection, ErrorCode, OpenFlags, TransactionBehavior};
+use rustix::fs::{Access, access};
+use std::fs::OpenOptions;
+use std::io;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// What a database is made from: each step brings it one version on, in a transaction of its own. Steps are never changed, only added.
+pub(super) const STEPS: &[&str] = &[include_str!("v1.sql")];
+/// "LFab": that it is ours.
+pub(super) const APPLICATION_ID: i64 = 0x4c46_6162;
+/// How long another program is waited for.
+pub(super) const PATIENCE: Duration = Duration::from_secs(5);
+/// How often the mode is asked for while others open the new file, too.
+const MOST_ATTEMPTS: u32 = 20;
+
+/// An open database.
+#[derive(Debug)]
+pub(super) struct Db {
+    pub(super) connection: Connection,
+    pub(super) path: PathBuf,
+}
+
+impl Db {
+    /// Opens the file, or makes it; readable by its owner alone.
+    pub(super) fn open(path: &Path, steps: &[&str]) -> Result<Self, Error> {
+        make(path)?;
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(path, flags).map_err(|e| told(path, &e))?;
+        let mut db = Self { connection, path: path.to_owned() };
+        db.connection.busy_timeout(PATIENCE).map_err(|e| told(path, &e))?;
+        db.check_whose(steps)?;
+        db.set_modes()?;
+        db.migrate(steps)?;
+        db.check()?;
+        Ok(db)
+    }
+
+    /// A second look at the same file that only reads, so that long reading holds nobody up.
+    pub(super) fn open_to_read(path: &Path) -> Result<Self, Error> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(path, flags).map_err(|e| told(path, &e))?;
+        connection.busy_timeout(PATIENCE).map_err(|e| told(path, &e))?;
+        Ok(Self { connection, path: path.to_owned() })
+    }
+
+    /// Refuses another program's database, and a later version's, before anything is written.
+    fn check_whose(&mut self, steps: &[&str]) -> Result<(), Error> {
+        let (id, found, n_tables) = self.marks().map_err(|e| told(&self.path, &e))?;
+        let is_new = id == 0 && found == 0 && n_tables == 0;
+        if !is_new && id != APPLICATION_ID {
+            return Err(Error::Foreign { path: self.path.clone() });
+        }
+        let known = version(steps.len());
+        if found > known {
+            return Err(Error::Newer { path: self.path.clone(), found, known });
+        }
+        Ok(())
+    }
+
+    /// Whose it is, its version, and how much is in it, all at one moment: others may just be making it.
+    fn marks(&mut self) -> rusqlite::Result<(i64, i64, i64)> {
+        let tx = self.connection.transaction()?;
+        let pragma = |name| tx.pragma_query_value(None, name, |row| row.get(0));
+        let n_tables = tx.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
+        Ok((pragma("application_id")?, pragma("user_version")?, n_tables))
+    }
+
+    fn set_modes(&self) -> Result<(), Error> {
+        let found = self.set_wal().map_err(|e| told(&self.path, &e))?;
+        if !found.eq_ignore_ascii_case("wal") {
+            return Err(Error::NoWal { path: self.path.clone(), found });
+        }
+        self.connection
+            .execute_batch(
+                "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF;
+                 PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;",
+            )
+            .map_err(|e| told(&self.path, &e))
+    }
+
+    /// The mode that the database is in then. Whoever makes the same file at the same moment is waited for.
+    fn set_wal(&self) -> rusqlite::Result<String> {
+        let ask = || self.connection.pragma_update_and_check(None, "journal_mode", "wal", |row| row.get(0));
+        for _ in 1..MOST_ATTEMPTS {
+            match ask() {
+                Err(e) if e.sqlite_error_code() == Some(ErrorCode::DatabaseBusy) => {
+                    self.connection.execute_batch("BEGIN IMMEDIATE; COMMIT")?;
+                }
+                other => return other,
+            }
+        }
+        ask()
+    }
+
+    /// Brings it to the newest version, step by step.
+    fn migrate(&mut self, steps: &[&str]) -> Result<(), Error> {
+        for (idx, step) in steps.iter().enumerate() {
+            self.step(version(idx), step).map_err(|e| told(&self.path, &e))?;
+        }
+        Ok(())
+    }
+
+    /// Does a step, unless it is done.
+    fn step(&mut self, before: i64, sql: &str) -> rusqlite::Result<()> {
+        let tx = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let found: i64 = tx.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        if found == before {
+            tx.execute_batch(sql)?;
+            tx.pragma_update(None, "user_version", before + 1)?;
+            tx.pragma_update(None, "application_id", APPLICATION_ID)?;
+        }
+        tx.commit()
+    }
+
+    /// Whether pages and indices are sound, and the history ends where it was left.
+    fn check(&mut self) -> Result<(), Error> {
+        let found: String = self
+            .connection
+            .pragma_query_value(None, "quick_check", |row| row.get(0))
+            .map_err(|e| told(&self.path, &e))?;
+        if found != "ok" {
+            return Err(Error::Damaged { path: self.path.clone(), problem: found });
+        }
+        self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
+    }
+
+    /// Looks at one moment of the database.
+    pub(super) fn read<T>(
+        &mut self,
+        look: impl FnOnce(&Connection) -> Result<T, rows::Error>,
+    ) -> Result<T, Error> {
+        let tx = self.connection.transaction().map_err(|e| told(&self.path, &e))?;
+        look(&tx).map_err(|e| e.at(&self.path))
+    }
+
+    /// Does something as a whole or not at all; it is on the disk when this returns.
+    pub(super) fn write<T>(
+        &mut self,
+        work: impl FnOnce(&Connection) -> Result<T, rows::Error>,
+    ) -> Result<T, Error> {
+        let begun = self.connection.transaction_with_behavior(TransactionBehavior::Immediate);
+        let tx = begun.map_err(|e| told(&self.path, &e))?;
+        let done = work(&tx).map_err(|e| e.at(&self.path))?;
+        tx.commit().map_err(|e| told(&self.path, &e))?;
+        Ok(done)
+    }
+}
+
+/// The version behind so many steps.
+fn version(n_steps: usize) -> i64 {
+    i64::try_from(n_steps).unwrap_or(i64::MAX)
+}
+
+/// Makes an empty file where there is none. One that is there is never opened here: closing it again would take away the locks that
+/// another connection of this process has on it.
+fn make(path: &Path) -> Result<(), Error> {
+    match OpenOptions::new().write(true).create_new(true).mode(0o600).open(path) {
+        Ok(_) => Ok(()),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        Err(e) if e.kind() == io::ErrorKind::ReadOnlyFilesystem && path.exists() => Ok(()),
+        Err(e) if matches!(e.kind(), io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied) => {
+            Err(Error::ReadOnly { path: path.to_owned() })
+        }
+        Err(e) if e.kind() == io::ErrorKind::StorageFull => Err(Error::Full { path: path.to_owned() }),
+        Err(e) => Err(Error::Io { path: path.to_owned(), problem: e.to_string() }),
+    }
+}
+
+/// What SQLite says, in words that tell what to do.
+pub(super) fn told(path: &Path, error: &rusqlite::Error) -> Error {
+    let path = path.to_owned();
+    match error.sqlite_error_code() {
+        Some(ErrorCode::DiskFull) => Error::Full { path },
+        Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied) => Error::ReadOnly { path },
+        Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
+            Error::Locked { path, waited_s: PATIENCE.as_secs() }
+        }
+        Some(ErrorCode::CannotOpen) if path.exists() && cannot_be_written(&path) => Error::ReadOnly { path },
+        Some(ErrorCode::NotADatabase) => Error::NotADatabase { path },
+        Some(ErrorCode::DatabaseCorrupt) => Error::Damaged { path, problem: error.to_string() },
+        _ => Error::Io { path, problem: error.to_string() },
+    }
+}
+
+/// Whether the system lets the file, or others beside it, not be written.
+fn cannot_be_written(path: &Path) -> bool {
+    let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    [path, beside].iter().any(|place| access(*place, Access::WRITE_OK).is_err())
+}
