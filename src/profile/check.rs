@@ -5,6 +5,9 @@ use super::{Dialect, Error, Firmware, NUMBERING_BYTES, ObjectLabels, Profile, Re
 use serde::Serialize;
 use toml::Value;
 
+/// So far beside the bed a script may go, to wipe or to purge, mm.
+const BESIDE_MM: f64 = 30.0;
+
 /// A key at odds with others, and what it should say.
 type Fault = (String, String);
 
@@ -130,5 +133,49 @@ fn scripts(profile: &Profile) -> Vec<Fault> {
         .safe
         .is_empty()
         .then(|| fault("scripts.safe", "at least the lines that switch the heaters off".to_owned()));
-    unsafe_end.into_iter().chain(long).collect()
+    let harmful = filled.iter().filter_map(|(script, lines)| {
+        let (line, why) = harmful(script, lines, profile.machine.bed_mm)?;
+        Some(fault(&format!("scripts.{script}"), format!("no line like `{line}`: {why}")))
+    });
+    unsafe_end.into_iter().chain(long).chain(harmful).collect()
+}
+
+/// The first line of a script that cannot be meant, and why.
+fn harmful<'a>(script: &str, lines: &'a [String], bed_mm: [f64; 3]) -> Option<(&'a str, String)> {
+    let mut is_absolute = true;
+    lines.iter().find_map(|line| {
+        let mut words = line.split_ascii_whitespace();
+        let why = match words.next()? {
+            "G90" => {
+                is_absolute = true;
+                None
+            }
+            "G91" => {
+                is_absolute = false;
+                None
+            }
+            "M112" if script != "safe" => Some("it stops the printer, and the print with it".to_owned()),
+            "G0" | "G1" | "G2" | "G3" | "G28" if script == "safe" => {
+                Some("it moves where nobody knows what stands in the way".to_owned())
+            }
+            "G0" | "G1" if is_absolute && words.any(|word| is_far(word, bed_mm)) => {
+                let [x, y, z] = bed_mm;
+                Some(format!("it leaves the machine, machine.bed_mm = {x} x {y} x {z} mm"))
+            }
+            _ => None,
+        };
+        why.map(|why| (line.as_str(), why))
+    })
+}
+
+/// Whether a word names a place beyond the bed, and beyond what may lie beside it.
+fn is_far(word: &str, bed_mm: [f64; 3]) -> bool {
+    let limit_mm = match word.get(..1) {
+        Some("X") => bed_mm[0],
+        Some("Y") => bed_mm[1],
+        Some("Z") => bed_mm[2],
+        _ => return false,
+    };
+    let place_mm: Option<f64> = word[1..].parse().ok();
+    place_mm.is_some_and(|mm| !(-BESIDE_MM..=limit_mm + BESIDE_MM).contains(&mm))
 }

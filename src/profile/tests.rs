@@ -97,6 +97,28 @@ fn a_file_without_a_name_of_its_own_is_not_called_what_it_inherits_from() {
 }
 
 #[test]
+fn a_script_that_cannot_be_meant_is_refused_with_its_line() {
+    let with = |scripts: &str| format!("inherits = \"marlin\"\nname = \"x\"\n[scripts]\n{scripts}\n");
+    for (scripts, expected) in [
+        ("start = [\"G28\", \"M112\"]", "`M112`: it stops the printer"),
+        ("end = [\"M104 S0\", \"G1 X500 F3000\"]", "`G1 X500 F3000`: it leaves the machine"),
+        ("end = [\"G90\", \"G0 Z-40\"]", "`G0 Z-40`: it leaves the machine"),
+        ("safe = [\"M104 S0\", \"G28 X\"]", "`G28 X`: it moves"),
+    ] {
+        let error = error_of(&with(scripts));
+        assert!(error.contains("x.toml:4: scripts.") && error.contains(expected), "{scripts}: {error}");
+    }
+    // Beside the bed, by steps, and at once where everything is to be stopped.
+    for scripts in [
+        "start = [\"G28\", \"G1 Y-3 X20 F3000\"]",
+        "end = [\"G91\", \"G1 Z-100\", \"G90\"]",
+        "safe = [\"M112\"]",
+    ] {
+        parse(&with(scripts), "x.toml").unwrap();
+    }
+}
+
+#[test]
 fn each_kind_of_wrong_value_is_refused() {
     for (line, replacement, expected) in [
         ("baud = 115200", "baud = 12.5", "firmware.baud = 12.5: expected a whole number"),
