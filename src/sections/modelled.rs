@@ -1,7 +1,7 @@
 //! The half-maximum contours of a stack refined under the model of the image, and the close branches told apart.
 
 use super::consistency::Plane;
-use super::fit::{Fitted, HalfLevels, Stack, are_simple, ordered};
+use super::fit::{Fitted, HalfLevels, Stack, are_simple};
 use super::model::{self, Footing, Scan, Start};
 use super::parting::{self, LEAST_EVIDENCE};
 use crate::geom::Contour;

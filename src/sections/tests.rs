@@ -346,7 +346,8 @@ fn a_contour_that_no_centre_sees_whole_is_told_with_what_was_kept() {
         let (dx, dy) = (x - 10.0, y - 9.0);
         let r = dx.hypot(dy);
         let crescent = (2.5..5.5).contains(&r) && !(dx > 0.0 && dy.abs() < dx);
-        if (if (4..7).contains(&k) { crescent } else { r < 5.5 }) { 300.0 } else { 50.0 }
+        let is_lumen = if (4..7).contains(&k) { crescent } else { r < 5.5 };
+        if is_lumen { 300.0 } else { 50.0 }
     });
     let found = extracted(&volume, [6.0, 9.0, 1.0]);
     let told: Vec<&str> = found

@@ -367,3 +367,50 @@ fn attributes() {
     ];
     check(rows, false);
 }
+
+#[test]
+fn no_number_is_quoted_that_may_be_a_date() {
+    let numbers = [
+        (tags::SLICE_THICKNESS, VR::DS),
+        (tags::SPACING_BETWEEN_SLICES, VR::DS),
+        (tags::KVP, VR::DS),
+        (tags::ECHO_TIME, VR::DS),
+        (tags::TRIGGER_TIME, VR::DS),
+        (tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE, VR::DS),
+        (tags::ACQUISITION_NUMBER, VR::IS),
+        (tags::INSTANCE_NUMBER, VR::IS),
+        (tags::TEMPORAL_POSITION_IDENTIFIER, VR::IS),
+        (tags::IMAGE_POSITION_PATIENT, VR::DS),
+        (tags::IMAGE_ORIENTATION_PATIENT, VR::DS),
+        (tags::PIXEL_SPACING, VR::DS),
+        (tags::SAMPLES_PER_PIXEL, VR::IS),
+        (tags::NUMBER_OF_FRAMES, VR::IS),
+        (tags::ROWS, VR::IS),
+        (tags::COLUMNS, VR::IS),
+        (tags::BITS_ALLOCATED, VR::IS),
+        (tags::BITS_STORED, VR::IS),
+        (tags::HIGH_BIT, VR::IS),
+        (tags::PIXEL_REPRESENTATION, VR::IS),
+        (tags::PIXEL_PADDING_VALUE, VR::IS),
+        (tags::PIXEL_PADDING_RANGE_LIMIT, VR::IS),
+        (tags::RESCALE_SLOPE, VR::DS),
+        (tags::RESCALE_INTERCEPT, VR::DS),
+    ];
+    let several = [
+        (tags::PIXEL_SPACING, format!("{DATE}\\1")),
+        (tags::IMAGE_POSITION_PATIENT, format!("0\\0\\{DATE}")),
+        (tags::IMAGE_ORIENTATION_PATIENT, format!("{DATE}\\0\\0\\0\\1\\0")),
+    ];
+    let alone = numbers.into_iter().map(|(tag, vr)| (tag, vr, DATE.to_owned()));
+    let all = alone.chain(several.into_iter().map(|(tag, value)| (tag, VR::DS, value)));
+    for (tag, vr, value) in all {
+        let folder = Folder::new();
+        folder.edit_all(|_, o| {
+            put(o, tags::PIXEL_PADDING_VALUE, VR::IS, "-2000");
+            put(o, tag, vr, &value);
+        });
+        let said = format!("{:?}", folder.said(true));
+        assert!(!said.contains(DATE), "{tag}: {said}");
+        folder.is_usable();
+    }
+}

@@ -12,6 +12,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 pub(crate) const N_PLANES: usize = 8;
+/// A number that may be a date, or that of a record.
+pub(crate) const DATE: &str = "19330717";
 /// Bytes of the pixels of one image.
 pub(crate) const PIXEL_BYTES: usize = 24 * 24 * 2;
 
@@ -100,6 +102,7 @@ impl Folder {
         let text = format!("{inspection}{}", serde_json::to_string(&inspection).unwrap());
         let folder = self.place.path().display().to_string();
         assert!(!text.contains(&folder) && !text.contains("IM000"), "an inspection names no path: {text}");
+        assert!(!text.contains(DATE), "an inspection quotes what may be a date: {text}");
         Some(inspection.series.iter().all(|s| s.verdict != Verdict::Unusable))
     }
 }

@@ -446,8 +446,10 @@ impl<'a> Attributes<'a> {
     }
 
     fn padding(&self) -> Result<Option<[i32; 2]>, Error> {
-        let Some(value) = self.integer(tags::PIXEL_PADDING_VALUE)? else { return Ok(None) };
-        let limit = self.integer(tags::PIXEL_PADDING_RANGE_LIMIT)?.unwrap_or(value);
+        // What no word can hold pads no pixel.
+        let fits = |v: &i32| (-0x8000..0x1_0000).contains(v);
+        let Some(value) = self.integer(tags::PIXEL_PADDING_VALUE)?.filter(fits) else { return Ok(None) };
+        let limit = self.integer(tags::PIXEL_PADDING_RANGE_LIMIT)?.filter(fits).unwrap_or(value);
         let is_signed = self.integer(tags::PIXEL_REPRESENTATION)? == Some(1);
         // Implicit VR cannot tell a signed padding value from an unsigned one, and writers confuse the two.
         let as_stored = |v: i32| match is_signed {

@@ -289,7 +289,7 @@ fn the_vessel_goes_on_to_a_contour_that_is_drawn_where_it_fades() {
             corrections: toml::from_str(corrections).unwrap(),
             ..params([8.0, 7.0, 20.0])
         };
-        let by_itself = candidates::find_unattended(&volume, &params, &Task::quiet()).unwrap().segmentation;
+        let by_itself = find_unattended(&volume, &params, &Task::quiet()).unwrap().segmentation;
         let seeded = run(&volume, &params).unwrap();
         assert!(texts(&seeded.warnings, "segment.contour_unused").is_empty());
         assert!(texts(&by_itself.warnings, "segment.contour_unused").is_empty());
