@@ -65,7 +65,7 @@ pub enum WhyNot {
     Empty,
     /// There are jobs, but none that can begin.
     #[error("no job can begin: {0}")]
-    Obstacles(Obstacles),
+    Obstacles(Box<Obstacles>),
 }
 
 impl fmt::Display for Obstacles {
@@ -97,7 +97,11 @@ pub fn next<'a>(printer: &Printer, jobs: &'a [Job], now: Timestamp) -> Result<&'
             return Ok(job);
         }
     }
-    Err(if obstacles == Obstacles::default() { WhyNot::Empty } else { WhyNot::Obstacles(obstacles) })
+    Err(if obstacles == Obstacles::default() {
+        WhyNot::Empty
+    } else {
+        WhyNot::Obstacles(Box::new(obstacles))
+    })
 }
 
 fn check_bed(printer: &Printer, jobs: &[Job]) -> Result<(), WhyNot> {
@@ -261,8 +265,8 @@ pub fn plan(lanes: &[Lane], jobs: &[Job], now: Timestamp) -> Plan {
 
 fn why_unplanned(job: &Job, lanes: &[Lane]) -> Unplanned {
     let Some(estimate) = job.estimate() else { return Unplanned::NoEstimate };
-    let checked = lanes.iter().map(|l| fit::check(job.needs(), &estimate, l.printer.loaded.as_ref()));
-    match checked.last() {
+    let mut checked = lanes.iter().map(|l| fit::check(job.needs(), &estimate, l.printer.loaded.as_ref()));
+    match checked.next_back() {
         None => Unplanned::NoPrinter,
         Some(Err(misfit)) => Unplanned::Misfit(misfit),
         // It fits as the printer is now, but the jobs before it will have emptied the spool.

@@ -5,7 +5,7 @@
 
 use super::act::{self, Bedside, Outcome, Scene};
 use super::claim::{HEARTBEAT_S, LEASE_S};
-use super::tests::{at, because, id, loaded, name, ticket};
+use super::tests::{at, because, id, loaded, name, operator, ticket};
 use super::*;
 use std::collections::BTreeMap;
 
@@ -351,10 +351,6 @@ impl Week {
             assert_eq!(history::replay_printer(of_printer).unwrap().as_ref(), Some(printer));
         }
     }
-}
-
-fn operator(seconds: i64) -> By {
-    super::tests::operator(seconds)
 }
 
 #[test]

@@ -55,9 +55,12 @@ async fn step(store: &impl Store, dice: &mut Dice, claims: &mut Vec<Claim>, cloc
     match dice.below(10) {
         0 => store.add(any_ticket(number, dice, clock), dice.below(2) == 0, operator(clock)).await.map(drop),
         1 => store.say(host, any_word(dice), operator(clock)).await.map(drop),
-        2 | 3 => {
-            let claimant = if dice.below(2) == 0 { Claimant::Worker(host) } else { Claimant::Printer(host) };
-            keep(store.claim(claimant, at(clock)).await?.into_iter().collect(), claims);
+        2 => {
+            keep(store.claim(Claimant::Worker(host), at(clock)).await?.into_iter().collect(), claims);
+            Ok(())
+        }
+        3 => {
+            keep(claim_as_the_rule_says(store, host, clock).await?.into_iter().collect(), claims);
             Ok(())
         }
         4 => store.sweep(at(clock)).await.map(drop),
@@ -86,6 +89,22 @@ async fn step(store: &impl Store, dice: &mut Dice, claims: &mut Vec<Claim>, cloc
     }
 }
 
+/// What a printer is given is what the rule of the schedule gives it.
+async fn claim_as_the_rule_says(
+    store: &impl Store,
+    host: Name,
+    clock: i64,
+) -> Result<Option<Claimed>, Error> {
+    let (jobs, printers) = (store.list(Which::Live, None, 100).await?, store.printers().await?);
+    let printer = printers.iter().find(|printer| printer.name == host);
+    let expected =
+        printer.and_then(|printer| schedule::next(printer, &jobs, at(clock)).ok()).map(|job| job.id);
+    let claimed = store.claim(Claimant::Printer(host), at(clock)).await;
+    let found = claimed.as_ref().ok().and_then(|claimed| claimed.as_ref()).map(|claimed| claimed.job.id);
+    assert_eq!(found, expected);
+    claimed
+}
+
 fn any_claim(claims: &[Claim], dice: &mut Dice) -> Claim {
     let newest = claims.len().saturating_sub(4);
     let n = u64::try_from(claims.len() - newest).unwrap();
@@ -96,14 +115,25 @@ fn any_ticket(number: u16, dice: &mut Dice, clock: i64) -> Ticket {
     let not_before = (dice.below(4) == 0).then(|| at(clock + 100));
     let copies = u16::try_from(dice.below(4)).unwrap();
     let wishes = Wishes { copies, not_before, sign_off: dice.below(2) == 0, ..Wishes::default() };
-    let made = (dice.below(2) == 0).then(made);
+    let made = (dice.below(2) == 0).then(|| any_made(dice));
     Ticket { wishes, made, ..ticket(number) }
+}
+
+fn any_made(dice: &mut Dice) -> Made {
+    let mut made = made();
+    made.needs.material = (dice.below(3) == 0).then(|| Material::try_new("PLA").unwrap());
+    made.estimate.filament_mm3 *= 1 + dice.below(4);
+    made
 }
 
 fn any_word(dice: &mut Dice) -> Said {
     match dice.below(6) {
         0 => Said::BedInDoubt,
-        1 | 2 => Said::Loaded(Loaded { left_mm3: Some(1_000_000), ..loaded() }),
+        1 | 2 => {
+            let material = Material::try_new(["ABS", "PLA"][usize::from(dice.below(3) == 0)]).unwrap();
+            let left_mm3 = [None, Some(25_000), Some(1_000_000)][usize::try_from(dice.below(3)).unwrap()];
+            Said::Loaded(Loaded { material, left_mm3, ..loaded() })
+        }
         _ => Said::BedClear(Evidence::Word),
     }
 }
@@ -120,7 +150,7 @@ fn any_change(dice: &mut Dice, clock: i64) -> Change {
         6 => Change::Cancel { used_mm3 },
         7 => Change::Retry,
         8 => Change::Prepare { worker: name("left") },
-        9 => Change::Prepared(made()),
+        9 => Change::Prepared(any_made(dice)),
         10 => Change::Start { printer: name("left") },
         11 => Change::Lay,
         12 => Change::Pause,

@@ -78,10 +78,15 @@ fn a_crash_between_any_two_statements_leaves_all_of_a_change_or_nothing() {
         })
         .await;
         let heads = Mutex::new(Vec::new());
-        one_of_everything(&store, async || heads.lock().unwrap().push(store.head().await.unwrap())).await;
+        let look = async || {
+            let head = store.head().await.unwrap();
+            heads.lock().unwrap().push(head);
+        };
+        one_of_everything(&store, look).await;
         let heads = heads.into_inner().unwrap();
-        assert!(*n_images.lock().unwrap() > 100 && heads.is_sorted_by(|a, b| a.seq < b.seq));
-        for image in 0..*n_images.lock().unwrap() {
+        let n_images = *n_images.lock().unwrap();
+        assert!(n_images > 100 && heads.is_sorted_by(|a, b| a.seq < b.seq));
+        for image in 0..n_images {
             assert_whole(&images.path().join(image.to_string()), &heads).await;
         }
     });
@@ -109,7 +114,7 @@ fn no_statement_looks_at_all_jobs_or_sorts_them() {
         for which in [Which::Live, Which::Over] {
             store.list(which, None, 9).await.unwrap();
         }
-        store.history(Some(crate::queue::Subject::Job(id(1))), 2, 9).await.unwrap();
+        store.history(Some(Subject::Job(id(1))), 2, 9).await.unwrap();
         store.history(None, 2, 9).await.unwrap();
         store.job(id(1)).await.unwrap();
     });
