@@ -345,13 +345,11 @@ fn enhanced(place: &Place) -> InMemDicomObject {
     let mut paths = files(&place.input("series"));
     paths.retain(|p| p.extension().is_some_and(|e| e == "dcm"));
     let mut images: Vec<_> = paths.iter().map(|p| open_file(p).unwrap()).collect();
-    let height = |o: &dicom_object::DefaultDicomObject| {
+    let height = |o: &DefaultDicomObject| {
         o.element(tags::IMAGE_POSITION_PATIENT).unwrap().to_multi_float64().unwrap()[2]
     };
     images.sort_by(|a, b| height(a).total_cmp(&height(b)));
-    let words = |o: &dicom_object::DefaultDicomObject| {
-        o.element(tags::PIXEL_DATA).unwrap().to_multi_int::<u16>().unwrap()
-    };
+    let words = |o: &DefaultDicomObject| o.element(tags::PIXEL_DATA).unwrap().to_multi_int::<u16>().unwrap();
     let pixels: Vec<u16> = images.iter().flat_map(words).collect();
     let frame = |k: usize| {
         let rescale = vec![
