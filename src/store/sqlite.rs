@@ -6,7 +6,8 @@
 //!
 //! Cost: one transaction a change. Taking, listing and changing jobs goes by indices, so that none depends on the length of
 //! the queue or on how much is over; only jobs that need more filament than the spool has are passed over one by one, within the index.
-//! [`Store::verify`] reads everything, over a connection of its own that holds up nobody.
+//! Opening checks the end of the history and, in a file of up to 8 MiB, all pages and indices; [`Store::verify`] reads everything
+//! however much it is, over a connection of its own that holds up nobody: a face asks for it after the start, and from time to time.
 
 mod check;
 mod open;
@@ -178,7 +179,11 @@ impl Store for Sqlite {
 
     async fn verify(&self) -> Result<(), Error> {
         let path = self.path.clone();
-        let checked = tokio::task::spawn_blocking(move || Db::open_to_read(&path)?.read(check::check));
+        let checked = tokio::task::spawn_blocking(move || {
+            let mut db = Db::open_to_read(&path)?;
+            db.check_pages()?;
+            db.read(check::check)
+        });
         checked.await.map_err(|_panicked| Error::Gone)?
     }
 }

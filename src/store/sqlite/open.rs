@@ -18,6 +18,8 @@ pub(super) const APPLICATION_ID: i64 = 0x4c46_6162;
 pub(super) const PATIENCE: Duration = Duration::from_secs(5);
 /// How often the mode is asked for while others open the new file, too.
 const MOST_ATTEMPTS: u32 = 20;
+/// A larger file is not read whole when it is opened, which would take longer than anybody waits for a start.
+const MOST_CHECKED_BYTES: u64 = 1 << 23;
 
 /// An open database.
 #[derive(Debug)]
@@ -118,16 +120,21 @@ impl Db {
         tx.commit()
     }
 
-    /// Whether pages and indices are sound, and the history ends where it was left.
+    /// Whether the history ends where it was left and, in a file that is read in no time, whether pages and indices are sound.
     fn check(&mut self) -> Result<(), Error> {
+        if std::fs::metadata(&self.path).is_ok_and(|file| file.len() <= MOST_CHECKED_BYTES) {
+            self.check_pages()?;
+        }
+        self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
+    }
+
+    /// Whether pages and indices are sound: reads the whole file.
+    pub(super) fn check_pages(&self) -> Result<(), Error> {
         let found: String = self
             .connection
             .pragma_query_value(None, "quick_check", |row| row.get(0))
             .map_err(|e| told(&self.path, &e))?;
-        if found != "ok" {
-            return Err(Error::Damaged { path: self.path.clone(), problem: found });
-        }
-        self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
+        if found == "ok" { Ok(()) } else { Err(Error::Damaged { path: self.path.clone(), problem: found }) }
     }
 
     /// Looks at one moment of the database.
