@@ -486,7 +486,8 @@ fn ports_that_do_not_exist_or_vanish_are_said_so() {
 
 /// A journal as a print leaves it whose host was killed in the middle.
 fn break_off(job: &Path) {
-    let id = JobId { hash: String::new(), n_lines: 6 };
+    let hash = blake3::hash(&fs::read(job).unwrap()).to_hex().to_string();
+    let id = JobId { hash, n_lines: 6 };
     let machine = Machine {
         profile: "marlin".into(),
         profile_hash: String::new(),
@@ -514,6 +515,8 @@ fn the_job_of_a_print_that_broke_off_stays_until_it_is_given_up() {
         &["run", "case", "--wall-mm", "1.4"][..],
         &["slice", "case", "--layer-mm", "0.25"],
         &["solid", "case", "--wall-mm", "1.4"],
+        // Where it was printed the case could not keep; the simulated printer is no place to begin it again.
+        &["print", "case"],
     ] {
         let error = place.refused(1, args);
         assert!(error.contains("broke off behind line") && error.contains("--anew"), "{error}");
@@ -523,6 +526,7 @@ fn the_job_of_a_print_that_broke_off_stays_until_it_is_given_up() {
     assert_eq!(done_and_kept(&kept), (vec![], vec!["slice"]), "the refused parameters were not kept");
     assert!(place.run(&["slice", "case", "--layer-mm", "0.25", "--anew"]).status.success());
     assert!(fs::read(&job).unwrap() != before);
+    assert!(place.run(&["slice", "case", "--layer-mm", "0.2"]).status.success(), "it was given up for good");
 }
 
 #[test]

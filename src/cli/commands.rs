@@ -11,6 +11,7 @@ use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
 use crate::printer::control::Controls;
+use crate::printer::paper::port_kept;
 use crate::progress::Task;
 use crate::{ct, phantom, profile};
 use clap::Parser;
@@ -395,10 +396,11 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
 fn safe_off(args: &SafeOffArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
     let printer = app::Printer { profile_name: &args.profile, port: Some(&args.port), baud: args.baud };
     let after = std::time::Duration::from_secs(args.after_s.into());
-    face.line(&format!(
-        "switches the heaters of the printer on {} off; it may take half a minute to say so",
-        args.port
-    ));
+    let port = port_kept(&args.port);
+    face.line(&match args.after_s {
+        0 => format!("switches the heaters of the printer on {port} off; it may take half a minute to say so"),
+        after_s => format!("switches the heaters of the printer on {port} off in {after_s} s, unless another program has it then"),
+    });
     let done = app::safe_off(printer, after, &context.cancel)?;
     face.result(&done, &format!("{done}\n"));
     Ok(0)

@@ -123,7 +123,10 @@ impl Face {
         }
         *told = Some(now);
         if self.json {
-            say_document(&json!({"event": "progress", "stage": Stage::Print, "done": done, "total": total}));
+            let event = "printer.progress";
+            say_document(
+                &json!({"event": event, "stage": Stage::Print, "n_lines_done": done, "n_lines": total}),
+            );
         } else {
             say(&format!("{:<8} {} % of its lines", Stage::Print, 100 * done / total.max(1)));
         }
@@ -165,9 +168,9 @@ impl Face {
         error.exit_code()
     }
 
-    /// One line on stderr, above the bar where there is one.
+    /// One line on stderr, above the bar where there is one. It may name files, so it is no document.
     pub(super) fn line(&self, line: &str) {
-        self.suspended(|| say(line));
+        self.suspended(|| say_line(line));
     }
 
     fn suspended(&self, say: impl FnOnce()) {

@@ -254,7 +254,9 @@ fn next_step_after(fault: &Fault, heat: &Heat) -> &'static str {
         Heat::Off(_) | Heat::Obeyed | Heat::Halted => fault.next_step(),
         Heat::On(_) => "switch the printer off",
         Heat::Unknown(_) => match fault {
-            Fault::NoAnswer { .. } | Fault::NoLineNumbers | Fault::Echo => fault.next_step(),
+            Fault::NoAnswer { .. } | Fault::NoLineNumbers | Fault::OtherFirmware { .. } | Fault::Echo => {
+                fault.next_step()
+            }
             _ => "switch the printer off if it is hot, then look what is wrong with it and its cable",
         },
     }

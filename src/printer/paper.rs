@@ -59,12 +59,17 @@ pub fn log_of(job: &Path) -> Result<Log, Error> {
 /// # Errors
 /// [`Error::BeingPrinted`], [`Error::Unfinished`]; [`Error::Journal`] where the journal cannot be read.
 pub fn refuse_replacing(job: &Path, anew: bool) -> Result<(), Error> {
+    if !job.exists() {
+        return Ok(());
+    }
     lock(job)?;
     match unfinished(job) {
         // Nothing of ours, and nothing that a new job would touch.
         Err(Error::Journal(journal::Error::Foreign(_))) => Ok(()),
         Ok(None) => Ok(()),
         Ok(Some(_)) | Err(_) if anew => Ok(()),
+        // It was replaced already: there is nothing left to spare.
+        Ok(Some(log)) if hash_of(job)? != log.job.hash => Ok(()),
         Ok(Some(log)) => Err(broke_off(job, &log)),
         Err(error) => Err(error),
     }
@@ -84,6 +89,15 @@ fn unfinished(job: &Path) -> Result<Option<Log>, Error> {
 fn broke_off(job: &Path, log: &Log) -> Error {
     let (n_done, n_lines) = (log.progress.n_certain, log.job.n_lines);
     Error::Unfinished { job: job.display().to_string(), n_done, n_lines }
+}
+
+/// BLAKE3 of a job's bytes.
+fn hash_of(job: &Path) -> Result<String, Error> {
+    let unreadable = |source| job::Error::Read { name: job.display().to_string(), source };
+    let mut hasher = blake3::Hasher::new();
+    let mut file = File::open(job).map_err(unreadable)?;
+    std::io::copy(&mut file, &mut hasher).map_err(unreadable)?;
+    Ok(hasher.finalize().to_hex().to_string())
 }
 
 /// The job is this process's own as long as this lives: two prints of one job would write one journal. A file system that knows no
@@ -121,7 +135,7 @@ fn check_machine(now: &Machine, before: &Machine) -> Result<(), Error> {
     if now.profile_hash != before.profile_hash {
         let found = format!("the profile {}", now.profile);
         let expected = if now.profile == before.profile {
-            format!("{} as it was when the print began: it has changed since", before.profile)
+            format!("the profile {}, which has changed since", before.profile)
         } else {
             format!("the profile {}", before.profile)
         };
@@ -287,7 +301,7 @@ impl Paper<'_> {
             Ok(None) => Ok(()),
             Err(error @ Error::Journal(journal::Error::Foreign(_))) => Err(error),
             Ok(Some(_)) | Err(_) if anew => Ok(()),
-            Ok(Some(log)) if self.hash()? != log.job.hash => {
+            Ok(Some(log)) if hash_of(self.job)? != log.job.hash => {
                 let journal = path_for(self.job).display().to_string();
                 Err(Error::OtherJob { job: self.job.display().to_string(), journal })
             }
@@ -321,19 +335,11 @@ impl Paper<'_> {
     }
 
     fn job_id(&self, job: &Job<BufReader<File>>) -> Result<JobId, Error> {
-        Ok(JobId { hash: self.hash()?, n_lines: job.n_lines() })
-    }
-
-    fn hash(&self) -> Result<String, Error> {
-        let unreadable = |source| job::Error::Read { name: self.job.display().to_string(), source };
-        let mut hasher = blake3::Hasher::new();
-        let mut file = File::open(self.job).map_err(unreadable)?;
-        std::io::copy(&mut file, &mut hasher).map_err(unreadable)?;
-        Ok(hasher.finalize().to_hex().to_string())
+        Ok(JobId { hash: hash_of(self.job)?, n_lines: job.n_lines() })
     }
 
     fn check_same(&self, job: &Job<BufReader<File>>, log: &Log) -> Result<(), Error> {
-        if self.hash()? == log.job.hash && job.n_lines() == log.job.n_lines {
+        if hash_of(self.job)? == log.job.hash && job.n_lines() == log.job.n_lines {
             return Ok(());
         }
         let journal = path_for(self.job).display().to_string();

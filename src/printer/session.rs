@@ -34,6 +34,16 @@ use std::time::Duration;
 /// Asked before a job: a profile of another firmware leaves out what keeps a print exact.
 const WHICH_FIRMWARE: &str = "M115";
 
+/// What the firmware calls itself, which the job waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Name {
+    ToBeAsked,
+    /// The question is sent; it is awaited until then.
+    Asked(Instant),
+    /// Or not told in time: then it is believed.
+    Known,
+}
+
 /// How many times the time for an answer the job waits for this one: on a bad wire it may come to be sent again.
 const NAME_PATIENCE: u32 = 2;
 
@@ -173,10 +183,7 @@ pub struct Session<R> {
     /// The firmware was told to throw moves away (M410): from then on the job says no more where it is, however this ends.
     is_cancelled: bool,
     disk: Disk,
-    /// The firmware is asked what it is before the job.
-    asks_name: bool,
-    /// Until then the job waits for its answer.
-    name_due: Option<Instant>,
+    name: Name,
     /// The record given out last was none of `records`.
     is_polled: bool,
     /// How it ends once the heaters are seen to.
@@ -209,8 +216,7 @@ impl<R: BufRead + Seek> Session<R> {
             parked: None,
             is_cancelled: false,
             disk: Disk::default(),
-            asks_name: false,
-            name_due: None,
+            name: Name::Known,
             is_polled: false,
             pending: None,
             heat: Heat::default(),
@@ -219,7 +225,7 @@ impl<R: BufRead + Seek> Session<R> {
         match start {
             Start::Fresh => {
                 session.stage = Stage::Greeting { host_lines: vec![WHICH_FIRMWARE.to_owned()] };
-                session.asks_name = true;
+                session.name = Name::ToBeAsked;
                 session.command(Command::Connect);
             }
             Start::Resume { known, after_reset } => {
@@ -250,8 +256,7 @@ impl<R: BufRead + Seek> Session<R> {
             self.core.handle_timeout(now);
         }
         self.disk_timeout();
-        // One that does not say what it is is believed.
-        self.name_due = self.name_due.filter(|due| now < *due);
+        self.name_timeout();
         self.settle();
     }
 
@@ -355,7 +360,7 @@ impl<R: BufRead + Seek> Session<R> {
             Stage::Over => return None,
             _ => self.core.poll_timeout(),
         };
-        due.into_iter().chain(self.disk_due()).chain(self.name_due).min()
+        due.into_iter().chain(self.disk_due()).chain(self.name_due()).min()
     }
 
     /// Whether the port is to be opened again.
@@ -509,8 +514,6 @@ impl<R: BufRead + Seek> Session<R> {
         let Stage::Greeting { host_lines } = &mut self.stage else { return };
         let host_lines = std::mem::take(host_lines);
         self.stage = Stage::Printing;
-        let patience = Duration::from_secs_f64(self.profile.firmware.response_timeout_s) * NAME_PATIENCE;
-        self.name_due = std::mem::take(&mut self.asks_name).then(|| self.now + patience);
         let n_before = self.job.n_given();
         let prelude = self.core.prelude().iter().chain(&host_lines).cloned().collect();
         let track = Track { first_number: 1, prelude, n_before, n_twice: self.n_twice, ..Track::default() };

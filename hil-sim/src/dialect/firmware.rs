@@ -147,6 +147,8 @@ pub static MARLIN_1: Dialect = MARLIN_1_WORDS;
 /// The firmware of the Prusa MK3, of the family of Marlin 1.
 pub static PRUSA: Dialect = Dialect {
     name: "prusa",
+    // `cmdqueue.cpp` looks for M112 alone as a line comes in.
+    urgent: Urgent { by_byte: &[], by_line: &[Kill] },
     boot: &["start", "echo: 3.13.0-6853", "echo: Free Memory: 2048  PlannerBufferBytes: 1760"],
     firmware: "FIRMWARE_NAME:Prusa-Firmware 3.13.0 (hil-sim) based on Marlin \
                FIRMWARE_URL:https://github.com/prusa3d/Prusa-Firmware PROTOCOL_VERSION:1.0 MACHINE_TYPE:{machine} \

@@ -112,6 +112,7 @@ pub fn slice_model(
     let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
     let settings = format!("{:?}", (layer_mm, perimeters, infill_percent, turn));
     let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings, &task)?;
+    paper::refuse_replacing(out, job.gives_up_print)?;
     atomic::write_export(out, text.as_bytes())?;
     job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
     for warning in model.warnings.into_iter().chain(sliced.warnings).chain(planned.warnings) {

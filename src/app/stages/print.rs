@@ -96,6 +96,10 @@ impl Session<'_> {
     pub fn print(&mut self) -> Result<(), Error> {
         self.require(Stage::Slice)?;
         let profile = self.profile()?;
+        if self.is_simulated() {
+            // A process that was killed could not keep in the case that it printed on another one.
+            paper::refuse_replacing(&self.case.path(JOB_FILE), self.gives_up_print)?;
+        }
         self.stage(Stage::Print, |session, task| session.print_job(&profile, task))
     }
 
@@ -108,6 +112,7 @@ impl Session<'_> {
         let settings = self.settings();
         check_printer(&self.profile()?, &settings.profile, &settings.port, baud)?;
         if self.is_simulated() {
+            self.give_up_broken_off_print(anew);
             return self.print();
         }
         self.require(Stage::Slice)?;
@@ -245,8 +250,8 @@ pub struct Printer<'a> {
     pub baud: Option<u32>,
 }
 
-/// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off, or where a port is named that is
-/// simulated.
+/// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off, unless the port is named
+/// and simulated.
 ///
 /// # Errors
 /// [`Error`] where profile, file or port cannot be used, or where the print failed.

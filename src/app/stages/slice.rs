@@ -112,6 +112,8 @@ impl Session<'_> {
             filament_g: estimate.filament_g,
             warnings: warnings.clone(),
         };
+        // A print of the old one may have begun meanwhile.
+        paper::refuse_replacing(&self.case.path(JOB_FILE), self.gives_up_print)?;
         let staging = self.case.staging()?;
         staging.write(JOB_FILE, job.as_bytes())?;
         staging.write(LAYERS_FILE, &to_json(&document))?;

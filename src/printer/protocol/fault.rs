@@ -131,7 +131,7 @@ impl Fault {
             Self::NoAnswer { is_garbled: true } => "check the baud rate of the profile",
             Self::NoAnswer { is_garbled: false } => {
                 "check that the printer is on and that this is its port; where it has stopped for good (M112, an error on its \
-                 display), reset it or switch it off and on"
+                 display), reset it or switch it off and on; `lumenfab profiles detect` tells which profile it needs"
             }
             Self::Echo => "check that this is the printer's port, and that no other program uses it",
             Self::LostPlace { .. } => {

@@ -473,9 +473,12 @@ impl Core {
         }
     }
 
-    /// It is the firmware of this profile: what switches its heaters off is said in its own words.
+    /// It is the firmware of this profile: what switches its heaters off is said in its own words, and what was set for another one is
+    /// taken back.
     pub fn speaks(&mut self, profile: &Profile) {
+        self.config.firmware.dialect = profile.firmware.dialect;
         self.config.safe = profile.safe_gcode();
+        self.config.safe.extend(self.config.guard_end.iter().cloned());
     }
 
     /// The job leaves heaters on: the firmware's own time-out for them is not taken back at its end.
@@ -494,8 +497,9 @@ impl Core {
 
     fn cancel(&mut self) {
         self.state = State::Cancelling;
-        self.say_now("M108");
-        self.say_now("M410");
+        // Without a checksum, so twice: one may be lost.
+        ["M108", "M410", "M108"].into_iter().for_each(|word| self.say_now(word));
+        self.wire.let_lines_behind_heating();
         self.wire.drop_unsent();
         // The time-out that watched over the heaters would kill a firmware that is done, half an hour later.
         for line in self.config.safe.iter().chain(self.config.postlude.iter().skip(1)) {

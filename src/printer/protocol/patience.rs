@@ -59,7 +59,7 @@ impl Core {
         self.timers.set(Timer::Response, self.quiet_since + self.patience(is_slow));
         let is_alive = self.is_talkative() && self.oldest.is_none_or(|oldest| self.heard > oldest.since);
         let silence =
-            if is_slow && !is_alive { self.command_limit() } else { self.config.response * SILENCE_FACTOR };
+            if is_slow && !is_alive { self.silence_limit() } else { self.config.response * SILENCE_FACTOR };
         self.timers.set(Timer::Silence, self.heard_or_sent() + silence);
         match self.oldest {
             Some(oldest) => self.timers.set(Timer::Command, oldest.since + self.command_limit()),
@@ -67,12 +67,18 @@ impl Core {
         }
     }
 
+    /// How long a command may take of which nothing is heard.
+    fn silence_limit(&self) -> Duration {
+        match self.state {
+            State::Cancelling => self.config.slow_command.min(CANCEL_LIMIT),
+            _ => self.command_limit(),
+        }
+    }
+
     fn command_limit(&self) -> Duration {
         match self.state {
-            // It lives, and says so; where nothing can end its wait, what follows is done all the same.
-            State::Cancelling if !self.wire.oldest_waits_for_heat() => {
-                self.config.slow_command.min(CANCEL_LIMIT)
-            }
+            // It tells its temperatures; where nothing can end its wait, heaters-off stands behind it.
+            State::Cancelling if !self.wire.oldest_waits_for_heat() => self.silence_limit(),
             _ => self.config.slow_command + self.wire.oldest_dwell(),
         }
     }

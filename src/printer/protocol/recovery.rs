@@ -2,7 +2,7 @@
 
 use crate::profile::Dialect;
 
-use super::wire::{VOID, VOID_NUMBER};
+use super::wire::{Origin, VOID, VOID_NUMBER};
 use super::{Acknowledgement, Core, Event, Fault, Recovery, Refusal, ResendStyle, State};
 
 /// A line that is refused so often in a row does not get through.
@@ -53,7 +53,6 @@ pub(super) struct Late {
 impl Late {
     const fn asked(&mut self, n_refusals: u32) {
         self.n_owed = self.n_owed.saturating_add(n_refusals);
-        self.number = None;
     }
 
     /// Whether this is one of the others; `is_awaited` where it is the first.
@@ -115,6 +114,7 @@ impl Core {
             self.ask_where(&mut text);
         } else if self.probe.is_some_and(|probe| probe.is_in_order) {
             text.push_str("M105\n");
+            self.late.asked(u32::from(obeys_halves));
         } else {
             self.wire.write_probe(&mut text);
             // The void line is refused too.
@@ -138,8 +138,8 @@ impl Core {
 
     pub(super) fn on_unknown_command(&mut self, text: &str, line: &str) {
         self.events.push_back(Event::Message(line.to_owned()));
-        if self.wire.is_in_flight(text) {
-            self.stats.n_unknown_commands += u64::from(!is_urgent(text));
+        if let Some(origin) = self.wire.origin_in_flight(text) {
+            self.stats.n_unknown_commands += u64::from(origin == Origin::Job);
             return;
         }
         if self.config.firmware.counts_lines() {

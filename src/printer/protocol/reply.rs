@@ -141,6 +141,9 @@ fn filament(line: &str) -> Option<Reply<'_>> {
     starts.iter().any(|start| line.starts_with(start)).then_some(Reply::Action("pause"))
 }
 
+/// What follows the name in an answer to M115: Marlin's, and Repetier's usage.
+const BEHIND_NAME: [&str; 3] = ["Cap:", "area:{", "Printed filament:"];
+
 fn other(line: &str) -> Reply<'_> {
     let text = line.strip_prefix("echo:").unwrap_or(line).trim_start();
     if let Some(rest) = text.strip_prefix("busy:") {
@@ -160,7 +163,7 @@ fn other(line: &str) -> Reply<'_> {
         "wait" => Reply::Wait,
         _ if line.ends_with("is up and running.") => Reply::Start,
         _ if line.starts_with("FIRMWARE_") => Reply::Firmware(line),
-        _ if line.starts_with("Cap:") => Reply::Capability,
+        _ if BEHIND_NAME.iter().any(|start| line.starts_with(start)) => Reply::Capability,
         // RepRapFirmware's, which is no error to it.
         _ if line.starts_with("Emergency Stop") => Reply::Halted(line),
         _ => skipped(line)

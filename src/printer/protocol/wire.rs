@@ -81,7 +81,7 @@ pub(super) struct Wire {
     allowance: Allowance,
     /// Last line at which the firmware does not wait: the planner has room for all moves up to it.
     flowing: u64,
-    /// The last line sent that waits for a temperature: none goes behind it before it is done.
+    /// The last line sent that waits for a temperature (M109, M190): none goes behind it before it is acknowledged.
     heating: u64,
     lines: VecDeque<Line>,
     /// Number of the first of `lines`.
@@ -349,6 +349,11 @@ impl Wire {
         }
     }
 
+    /// The wait is given up: what switches the heaters off shall stand behind it in the firmware, whatever becomes of the host.
+    pub(super) fn let_lines_behind_heating(&mut self) {
+        self.heating = 0;
+    }
+
     /// Drops the lines that were never sent. Those that were, even if they are to be sent again, keep their numbers
     /// and texts: the firmware may have some of them already.
     pub(super) fn drop_unsent(&mut self) {
@@ -381,15 +386,16 @@ impl Wire {
         self.oldest_command().is_some_and(|c| waits_for_heat(c) || waits_for_user(c))
     }
 
-    /// Whether `text` is a command in flight, as the firmware may repeat it.
-    pub(super) fn is_in_flight(&self, text: &str) -> bool {
-        (self.acked + 1..self.next).any(|n| {
+    /// Whose command in flight `text` is, as the firmware may repeat it.
+    pub(super) fn origin_in_flight(&self, text: &str) -> Option<Origin> {
+        let number = (self.acked + 1..self.next).find(|&n| {
             let whole = self.index(n).map(|i| self.lines[i].text.trim_end());
             let command = self.command(n);
             // Klipper repeats the first word alone.
             let word = command.and_then(|c| c.split_ascii_whitespace().next()).filter(|_| !self.numbered);
             command == Some(text) || whole == Some(text) || word == Some(text)
-        })
+        })?;
+        Some(self.lines[self.index(number)?].origin)
     }
 
     /// Whether `text`, which a firmware did not understand, is the only line in flight with noise before it, or but for a byte or two,

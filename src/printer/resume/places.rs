@@ -166,15 +166,15 @@ pub(in crate::printer) fn may_be_repeated(command: &str) -> bool {
     command.split_ascii_whitespace().next().is_none_or(|word| HARMLESS.contains(&word))
 }
 
-/// Whether the printer is just where the job is, filament included. Where an axis is home, and no line has moved it since, the job does
-/// not say where that is.
+/// Whether the printer is just where the job is, filament included. Before the first bead an axis may only be home: the job does not say
+/// where that is.
 pub(super) fn is_exactly(modal: &Modal, position: Position) -> bool {
     let Some(e_mm) = position.e_mm else { return false };
     let [x, y, z] = position.xyz_mm;
     let is_near =
         |at: Option<f64>, told: f64| at.is_some_and(|at| (at - told).abs() <= SAME_STEPS * position.step_mm);
     let [at_x, at_y, at_z, at_e] = modal.at_mm;
-    let is_home = |at: Option<f64>| at.is_none() && modal.is_homed;
+    let is_home = |at: Option<f64>| at.is_none() && modal.is_homed && modal.top_mm.is_none();
     let is_there = |at, told| is_near(at, told) || is_home(at);
     is_there(at_x, x) && is_there(at_y, y) && is_near(at_z, z) && is_near(at_e, e_mm)
 }

@@ -1,15 +1,16 @@
 //! The job's lines on their way to the core, and which of them wait for the journal.
 
 use super::super::identity;
-use super::super::protocol::{Command, Fault};
-use super::{PrintEvent, Session, Stage};
+use super::super::protocol::{Command, Fault, Instant};
+use super::{NAME_PATIENCE, Name, PrintEvent, Session, Stage};
 use crate::profile;
 use std::io::{BufRead, Seek};
+use std::time::Duration;
 
 impl<R: BufRead + Seek> Session<R> {
     /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
     pub(super) fn feed(&mut self) -> bool {
-        if self.name_due.is_some() {
+        if self.awaits_name() {
             return false;
         }
         let mut was_given = false;
@@ -20,9 +21,33 @@ impl<R: BufRead + Seek> Session<R> {
         was_given
     }
 
+    /// The time for the answer begins when the question is sent: before it, the journal may be waited for.
+    fn awaits_name(&mut self) -> bool {
+        let n_own = self.recorder.track().prelude.len() as u64;
+        if self.name == Name::ToBeAsked && self.core.progress().n_sent >= n_own {
+            let patience = Duration::from_secs_f64(self.profile.firmware.response_timeout_s) * NAME_PATIENCE;
+            self.name = Name::Asked(self.now + patience);
+        }
+        self.name != Name::Known
+    }
+
+    pub(super) const fn name_due(&self) -> Option<Instant> {
+        match self.name {
+            Name::Asked(due) => Some(due),
+            Name::ToBeAsked | Name::Known => None,
+        }
+    }
+
+    /// One that does not say what it is is believed.
+    pub(super) fn name_timeout(&mut self) {
+        if self.name_due().is_some_and(|due| due <= self.now) {
+            self.name = Name::Known;
+        }
+    }
+
     /// A profile of another firmware prints nothing: it may leave out line numbers, or wait for answers that never come.
     pub(super) fn hear_name(&mut self, told: &str) {
-        self.name_due = None;
+        self.name = Name::Known;
         let expected = self.profile.firmware.dialect;
         let Some(found) = identity::dialect_of(told) else { return };
         if matches!(self.stage, Stage::Printing) && identity::is_another(found, expected) {

@@ -79,7 +79,7 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
     Some(match session {
         Said::NoAnswerYet => (
             "printer.no_answer_yet",
-            "the printer has not answered yet; it is asked for up to a minute: is it on, and not stopped for good?".to_owned(),
+            "the printer has not answered as it should yet; it is asked for up to a minute: is it on, and not stopped for good?".to_owned(),
         ),
         Said::Paused => ("printer.paused", "paused, the heaters stay on".to_owned()),
         Said::Resumed => ("printer.resumed", "goes on".to_owned()),

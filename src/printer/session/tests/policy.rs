@@ -260,18 +260,26 @@ fn a_profile_of_another_firmware_prints_nothing() {
             let mut rig = Rig::new(setup);
             let end = rig.run();
             let what = format!("{profile} on {printer}: {end:?}");
-            assert_eq!(
-                matches!(end, End::Finished),
-                is_same || (profile, printer) == ("marlin1", "marlin"),
-                "{what}"
-            );
-            assert!(
-                rig.printer.summary().hotend_c[1] <= 0.0,
-                "{what} {:?} {}",
-                rig.printer.summary(),
-                String::from_utf8_lossy(&rig.sent)
-            );
-            assert_eq!(rig.laid.is_empty(), !matches!(end, End::Finished), "{what}");
+            let is_refused = matches!(&end, End::Faulted(fault) if fault.next_step().contains("profile"));
+            let is_known = matches!(&end, End::Faulted(Fault::OtherFirmware { .. }));
+            let fits = is_same || (profile, printer) == ("marlin1", "marlin");
+            assert_eq!((matches!(end, End::Finished), is_refused), (fits, !fits), "{what}");
+            assert!(!is_known || rig.session.heat().is_safe(), "{what}: {:?}", rig.session.heat());
+            assert!(rig.printer.summary().hotend_c[1] <= 0.0, "{what}");
+            assert_eq!(rig.laid.is_empty(), !fits, "{what}");
         }
+    }
+}
+
+/// Also where the journal is waited for first, and the answer is lost.
+#[test]
+fn a_printer_that_does_not_say_what_it_is_is_believed_after_a_while() {
+    for (disk_s, faults) in [(2.9, &[][..]), (0.0, &["lost-ok:line=3"]), (0.0, &["silent:line=3,for-s=4"])] {
+        let mut setup = faults.iter().fold(Setup::new("marlin", 2, 24), |setup, fault| setup.with(fault));
+        let expected = clean(&setup);
+        setup.seed = 3;
+        let mut rig = Rig::new(setup);
+        rig.disk_s = disk_s;
+        rig.ends_as(&expected, &format!("{disk_s} {faults:?}"));
     }
 }
