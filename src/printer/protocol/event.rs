@@ -88,6 +88,15 @@ pub struct Stats {
 }
 
 impl Stats {
+    /// Whether anything was damaged or lost, as far as it was noticed.
+    pub(super) const fn are_of_a_noisy_wire(&self) -> bool {
+        self.n_unknown_lines > 0
+            || self.n_resends > 0
+            || self.n_doubtful_resends > 0
+            || self.n_lost_oks > 0
+            || self.n_foreign_commands > 0
+    }
+
     /// The numbers of two sessions of one print.
     #[must_use]
     pub const fn plus(self, other: Self) -> Self {

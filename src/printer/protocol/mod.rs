@@ -286,7 +286,8 @@ impl Core {
         let vouched = self.planner.pending(acked);
         // An `ok` without number may be that of a damaged line, and a number may be damaged: then it is not for the line that it is
         // taken for.
-        let is_noisy = self.stats.n_unknown_lines > 0 || self.is_advanced;
+        let says_ok_to_noise = firmware.dialect == Dialect::Smoothie;
+        let is_noisy = self.stats.are_of_a_noisy_wire() || self.is_advanced || says_ok_to_noise;
         let is_doubtful = firmware.line_numbers && vouched.is_none() && is_noisy;
         Ahead {
             n_lines: taken + if is_doubtful { recovery::FALSE_OKS } else { 0 },

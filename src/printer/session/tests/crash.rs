@@ -305,7 +305,7 @@ fn a_firmware_that_resets_anywhere_is_recovered_as_stated() {
 #[test]
 fn a_power_cut_anywhere_is_recovered_as_stated() {
     POWER.run(Shape::Filled, 48, 0.72);
-    POWER.run(Shape::Wall, 12, 0.45);
+    POWER.run(Shape::Wall, 12, 0.5);
     SLOW_POWER.run(Shape::Wall, 12, 0.9);
 }
 
