@@ -309,7 +309,7 @@ pub(crate) struct PrintArgs {
     pub(crate) what: PathBuf,
     #[command(flatten)]
     pub(crate) printer: PrinterArgs,
-    /// Profile of the printer, for a file of G-code: a name or a file [default: marlin]
+    /// Profile of the printer, for a file of G-code: a name or a file [default: the one in the job's head, else marlin]
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) profile: Option<String>,
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]

@@ -37,6 +37,8 @@ const FAN_STEP_PERCENT: f64 = 5.0;
 const COORDINATE_DECIMALS: usize = 3;
 /// Filament is written in steps of 10 nm: a hundredth of what a gear of 400 steps/mm can do.
 const FILAMENT_DECIMALS: usize = 5;
+/// The start script may leave the nozzle on the bed: above this the way to the first bead is clear of clips and ooze, mm.
+const APPROACH_MM: f64 = 5.0;
 /// A wipe shorter than this moves nothing away, mm.
 const SHORTEST_WIPE_MM: f64 = 0.1;
 
@@ -219,7 +221,11 @@ impl<'a> Job<'a> {
         if retract {
             self.retract();
         }
-        let hop = if retract { micrometres(print.z_hop_mm) } else { 0 };
+        let hop = match (self.at, retract) {
+            (None, _) => micrometres(APPROACH_MM),
+            (Some(_), true) => micrometres(print.z_hop_mm),
+            (Some(_), false) => 0,
+        };
         self.lift((z + hop).min(micrometres(self.profile.machine.bed_mm[2])).max(z));
         for point in way {
             self.go(point, None, print.travel_mm_s);
