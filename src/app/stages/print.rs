@@ -287,7 +287,7 @@ pub fn print_file(
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
-    if let Some(text) = made_for.and_then(|made_for| head::misfit(&made_for, &profile)) {
+    if let Some(text) = made_for.as_deref().and_then(|name| head::misfit(name, &profile)) {
         events(Event::Told { stage: Stage::Print, code: "printer.other_profile", text });
     }
     let manner = Manner::FromTheBeginning { anew };
