@@ -202,6 +202,7 @@ fn combine(subject: &[Contour], clip: &[Contour], rule: OverlayRule, fill: FillR
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::Vector2;
 
     fn disk(x: f64, radius_mm: f64) -> Region {
         Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius_mm, 720)])
@@ -235,6 +236,28 @@ mod tests {
             assert!((radius - 2.0 - d).abs() < 2e-4, "offset {d}: radius {radius}");
         }
         assert!(disk(0.0, 2.0).offset(-2.1, 1e-3).is_empty());
+    }
+
+    #[test]
+    fn steps_back_of_a_hair_grow_no_spikes() {
+        // As a mesh is cut: some vertices twice, a hair apart, now and then the wrong way round.
+        let circle = Contour::circle(Point2::origin(), 3.0, 120).points;
+        for hair_mm in [1e-6, 1e-5, 1e-4, 3e-4] {
+            let twice = circle.iter().enumerate().flat_map(|(i, &p)| {
+                let angle = 2.4 * i as f64;
+                let other = p + Vector2::new(angle.cos(), angle.sin()) * hair_mm;
+                [p, if i % 3 == 0 { other } else { p }]
+            });
+            let outline = Region::new(vec![Contour::new(twice.collect())]);
+            for d in [-0.3, -0.1, -0.05, 0.05, 0.1, 0.3] {
+                let moved = outline.offset(d, 1e-3);
+                assert_eq!(moved.contours.len(), 1);
+                let off = moved.contours[0].points.iter().map(|p| (p.coords.norm() - 3.0 - d).abs());
+                let worst = off.fold(0.0, f64::max);
+                // The circle's chords and those of the arcs are 0.001 mm off.
+                assert!(worst < 5e-3, "hair {hair_mm} mm, moved by {d} mm: {worst} mm off");
+            }
+        }
     }
 
     #[test]
