@@ -262,16 +262,27 @@ pub fn lost(scene: &Scene, now: Timestamp) -> Result<Option<Outcome>, Refusal> {
 
 /// Makes a change happen that somebody may ask for. `claim` holds on as long as the job is such that it can be claimed.
 fn happen(scene: &Scene, change: &Change, claim: Option<Claim>, by: &By) -> Result<Outcome, Refusal> {
-    let job = scene.job.apply(change, by.now)?;
-    let what = What::Job { id: job.id, change: change.clone(), from: scene.job.state, to: job.state };
-    let mut facts = vec![by.records(what)];
+    let (mut job, fact) = step(&scene.job, change, by)?;
+    let mut facts = vec![fact];
     let mut printer = scene.printer.clone();
     if let (Some(change), Some(before)) = (at_printer(&scene.job, change), &scene.printer) {
         printer = Some(before.apply(&change)?);
         facts.push(by.records(What::Printer { name: before.name.clone(), change }));
     }
+    if job.is_printed_out() {
+        let (ended, fact) = step(&job, &job.when_cleared(), by)?;
+        job = ended;
+        facts.push(fact);
+    }
     let claim = claim.filter(|_| job.state.is_claimed());
     Ok(Outcome { scene: Scene { job, claim, printer }, facts })
+}
+
+/// A job after a change, and the record of it.
+fn step(job: &Job, change: &Change, by: &By) -> Result<(Job, Fact), Refusal> {
+    let after = job.apply(change, by.now)?;
+    let what = What::Job { id: job.id, change: change.clone(), from: job.state, to: after.state };
+    Ok((after, by.records(what)))
 }
 
 /// What a change of a job does to the printer that has it, or takes it.
@@ -338,8 +349,6 @@ fn cleared(printer: &Printer, job: &Job, by: &By) -> Result<(Option<Job>, Option
     if job.state != State::AwaitingBedClear {
         return Ok((Some(job.clone()), None));
     }
-    let change = job.when_cleared();
-    let after = job.apply(&change, by.now)?;
-    let fact = by.records(What::Job { id: job.id, change, from: job.state, to: after.state });
+    let (after, fact) = step(job, &job.when_cleared(), by)?;
     Ok((Some(after), Some(fact)))
 }

@@ -1,5 +1,7 @@
 //! A change as a whole, and the rules of safety.
 
+mod copies;
+
 use super::act::{self, Bedside, Outcome, Scene};
 use super::*;
 use crate::queue::claim::LEASE_S;
@@ -279,14 +281,6 @@ fn preparing_is_held_back_and_called_off_at_once() {
     let actor = Actor::Holder { claim: preparing.claim.unwrap(), asked_by: None };
     let late = Request { change: Change::Prepared(made()), actor, why: Reason::default(), now: at(3) };
     assert_eq!(act::change(&held, &late).unwrap_err(), Refusal::ClaimLost);
-}
-
-#[test]
-fn copies_are_never_fewer_than_begun() {
-    let scene = laid(queued(&Ticket { wishes: Wishes { copies: 3, ..Wishes::default() }, ..ticket(1) }));
-    let edit = |copies| asked(&scene, Change::Edit(Edit::Copies(copies)), 30);
-    assert_eq!(edit(0).unwrap_err(), Refusal::Copies { found: 0, least: 1 });
-    assert_eq!(edit(1).unwrap().scene.job.wishes.copies, 1);
 }
 
 mod chain {

@@ -60,6 +60,7 @@ macro_rules! every_behaviour {
             a_ticket_is_added_once,
             many_tickets_are_added_all_or_none,
             a_job_goes_its_whole_way,
+            a_job_ends_when_no_more_copies_are_wanted_and_holds_nothing_up,
             jobs_are_taken_by_priority_and_place,
             listings_go_on_where_they_ended,
             a_job_waits_for_its_time_also_when_the_clock_is_set_back,
@@ -217,6 +218,20 @@ fn kind_of(record: &Record) -> Option<Kind> {
         What::Job { change, .. } => Some(change.kind()),
         What::Added { .. } | What::Printer { .. } => None,
     }
+}
+
+pub(super) async fn a_job_ends_when_no_more_copies_are_wanted_and_holds_nothing_up<T: Site>(site: &T) {
+    let store = with_jobs(site, 0).await;
+    let wishes = Wishes { copies: 3, ..Wishes::default() };
+    store.add(Ticket { wishes, ..ticket(1) }, true, operator(0)).await.unwrap();
+    store.add(ticket(2), true, operator(0)).await.unwrap();
+    assert_eq!(print_next(&store, 1).await, Some(id(1)));
+    let enough = Change::Edit(Edit::Copies(1));
+    store.change(id(1), asks(enough, State::Queued, 2)).await.unwrap();
+    assert_eq!(print_next(&store, 3).await, Some(id(2)));
+    let (job, _) = store.job(id(1)).await.unwrap();
+    assert_eq!((job.state, job.n_printed), (State::Finished, 1));
+    store.verify().await.unwrap();
 }
 
 pub(super) async fn jobs_are_taken_by_priority_and_place<T: Site>(site: &T) {
