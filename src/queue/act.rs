@@ -12,7 +12,7 @@ use super::claim::{Claim, Claimant, MOST_LOST};
 use super::fact::{Fact, What, Who};
 use super::fit;
 use super::job::{Change, Edit, Job, Ticket};
-use super::printer::{Bed, Evidence, Printer, PrinterChange};
+use super::printer::{Evidence, Printer, PrinterChange};
 use super::state::{Kind, Role, State};
 use super::{Loaded, Name, Rank, Reason, Refusal};
 use jiff::Timestamp;
@@ -311,7 +311,7 @@ pub struct Bedside {
     pub job: Option<Job>,
 }
 
-/// What is said of a printer. Where a printed job waits for its bed, it goes on with it.
+/// What is said of a printer. Where a printed job waits for its bed, it goes on with it; one whose remains lie there does not.
 ///
 /// # Errors
 /// [`Refusal::NoEvidence`], [`Refusal::BedInUse`].
@@ -324,8 +324,8 @@ pub fn say(before: &Bedside, said: &Said, by: &By) -> Result<(Bedside, Vec<Fact>
             PrinterChange::Clear(*evidence)
         }
     };
-    let on_bed = before.job.as_ref().filter(|job| before.printer.bed == Bed::Taken(job.id));
-    let (job, fact) = match (&change, on_bed) {
+    let its = before.job.as_ref().filter(|job| job.is_on(&before.printer.name));
+    let (job, fact) = match (&change, its) {
         (PrinterChange::Clear(_), Some(job)) => cleared(&before.printer, job, by)?,
         _ => (before.job.clone(), None),
     };
@@ -341,13 +341,10 @@ fn check_evidence(evidence: Evidence, who: &Who) -> Result<(), Refusal> {
     }
 }
 
-/// What the job becomes that lay on a bed which is clear now.
+/// What the job becomes that a printer has, or whose last copy lay on its bed, which is clear now.
 fn cleared(printer: &Printer, job: &Job, by: &By) -> Result<(Option<Job>, Option<Fact>), Refusal> {
     if job.state.is_at_printer() {
         return Err(Refusal::BedInUse { printer: printer.name.clone(), job: job.id });
-    }
-    if job.state != State::AwaitingBedClear {
-        return Ok((Some(job.clone()), None));
     }
     let (after, fact) = step(job, &job.when_cleared(), by)?;
     Ok((Some(after), Some(fact)))

@@ -109,7 +109,7 @@ fn check_bed(printer: &Printer, jobs: &[Job]) -> Result<(), WhyNot> {
     match printer.bed {
         Bed::Clear => Ok(()),
         Bed::Unknown => Err(WhyNot::BedUnknown { printer: name }),
-        Bed::Taken(id) if jobs.iter().any(|job| job.id == id && job.state.is_at_printer()) => {
+        Bed::Taken(id) if jobs.iter().any(|job| job.state.is_at_printer() && job.is_on(&name)) => {
             Err(WhyNot::Printing { printer: name, job: id })
         }
         Bed::Taken(id) => Err(WhyNot::BedTaken { printer: name, job: id }),
@@ -179,7 +179,7 @@ pub struct Slot {
 /// Why a job, or some of its copies, has no place in a plan.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unplanned {
-    /// It is a draft or kept back.
+    /// It is a draft or kept back, or a printer has it that the plan does not know.
     #[error("it is {0}")]
     NotQueued(State),
     /// Nobody knows how long it takes.
@@ -286,7 +286,12 @@ impl Plan {
                 self.unplanned.push((job.id, Unplanned::NotQueued(job.state)));
                 continue;
             }
-            let lane = lanes.iter().find(|lane| lane.printer.bed == Bed::Taken(job.id));
+            let lane = lanes.iter().find(|lane| job.is_on(&lane.printer.name));
+            let is_on_a_bed = job.state.is_at_printer() || job.state == State::AwaitingBedClear;
+            if is_on_a_bed && lane.is_none() && job.n_left() > 0 {
+                self.unplanned.push((job.id, Unplanned::NotQueued(job.state)));
+                continue;
+            }
             let n_in_print = u16::from(job.state.is_at_printer());
             let from = lane.map_or(now, |lane| lane.free_from(now)).max(job.wishes.not_before.unwrap_or(now));
             waiting.push(Waiting { job, n_left: job.n_left().saturating_sub(n_in_print), from });

@@ -1,5 +1,6 @@
 //! A change as a whole, and the rules of safety.
 
+mod beds;
 mod copies;
 
 use super::act::{self, Bedside, Outcome, Scene};
@@ -73,7 +74,14 @@ fn asked(scene: &Scene, change: Change, seconds: i64) -> Result<Outcome, Refusal
 
 fn cleared(scene: &Scene, seconds: i64) -> Result<Bedside, Refusal> {
     let before = Bedside { printer: scene.printer.clone().unwrap(), job: Some(scene.job.clone()) };
-    act::say(&before, &Said::BedClear(Evidence::Word), &operator(seconds)).map(|(after, _)| after)
+    act::say(&before, &CLEAR, &operator(seconds)).map(|(after, _)| after)
+}
+
+const CLEAR: Said = Said::BedClear(Evidence::Word);
+
+fn said(printer: &Printer, job: &Job, said: &Said) -> Result<Bedside, Refusal> {
+    let before = Bedside { printer: printer.clone(), job: Some(job.clone()) };
+    act::say(&before, said, &operator(80)).map(|(after, _)| after)
 }
 
 fn laid(job: Job) -> Scene {

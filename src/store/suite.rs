@@ -66,6 +66,7 @@ macro_rules! every_behaviour {
             a_job_waits_for_its_time_also_when_the_clock_is_set_back,
             held_jobs_and_those_that_do_not_fit_are_passed_over,
             an_unknown_printer_and_an_uncleared_bed_take_nothing,
+            remains_on_one_bed_are_no_copy_on_another,
             what_was_seen_has_to_be_so_still,
             a_refusal_changes_nothing,
             a_lapsed_claim_is_taken_away_where_nothing_was_laid,
@@ -347,6 +348,30 @@ pub(super) async fn an_unknown_printer_and_an_uncleared_bed_take_nothing<T: Site
     clear(&store, "left", 10).await.unwrap();
     assert_eq!(state(&store, 1).await, State::Failed);
     assert_eq!(print_next(&store, 11).await, Some(id(2)));
+    store.verify().await.unwrap();
+}
+
+pub(super) async fn remains_on_one_bed_are_no_copy_on_another<T: Site>(site: &T) {
+    let store = with_jobs(site, 1).await;
+    load(&store, "right").await;
+    clear(&store, "right", 0).await.unwrap();
+    // The left printer falls silent in the middle of it; somebody gives it up, and lets it be tried again.
+    let silent = taken(&store, 1).await.unwrap();
+    store.change(id(1), holds(&silent.claim, Change::Lay, 2)).await.unwrap();
+    store.sweep(at(100)).await.unwrap();
+    store.change(id(1), asks(Change::Fail { used_mm3: None }, State::Printing, 100)).await.unwrap();
+    store.change(id(1), asks(Change::Retry, State::Failed, 101)).await.unwrap();
+    let right = store.claim(Claimant::Printer(name("right")), at(102)).await.unwrap().unwrap();
+    store.change(id(1), holds(&right.claim, Change::Lay, 103)).await.unwrap();
+    let printed = Change::Printed { used_mm3: None };
+    let late = store.change(id(1), holds(&silent.claim, printed.clone(), 104)).await;
+    assert_eq!(refusal(late), Refusal::ClaimLost);
+    store.change(id(1), holds(&right.claim, printed, 105)).await.unwrap();
+    assert_eq!(clear(&store, "left", 106).await.unwrap().bed, Bed::Clear);
+    assert_eq!(state(&store, 1).await, State::AwaitingBedClear);
+    clear(&store, "right", 107).await.unwrap();
+    let (job, _) = store.job(id(1)).await.unwrap();
+    assert_eq!((job.state, job.n_printed), (State::Finished, 1));
     store.verify().await.unwrap();
 }
 
