@@ -4,7 +4,10 @@
 //! the same. The safety of unattended printing is decided here:
 //!
 //! - a printer takes a job only onto a bed that is known to be clear, and the bed is taken from then on;
-//! - material is laid only under a claim that is still good, and recorded before it is laid;
+//! - material is laid only under a claim that is still good, with what fits still loaded, onto a bed that nobody has doubted since it
+//!   was taken, and recorded before it is laid;
+//! - a bed that was taken, or doubted, is clear again by a word, a sensor or a hook alone, or where a job that nobody doubted leaves
+//!   it without having laid anything;
 //! - a job of which material was laid goes back into the queue only by an operator's `retry`;
 //! - what a printer has in hand is ended by that printer, or by an operator once it has not been heard of for too long.
 
@@ -163,6 +166,9 @@ pub fn place(scene: &Scene, request: &Request) -> Result<Outcome, Refusal> {
     if matches!(kind, Kind::Accept | Kind::Reject | Kind::Fail) && request.why.is_empty() {
         return Err(Refusal::NoReason { change: kind });
     }
+    if kind == Kind::Lay && scene.job.state.is_at_printer() {
+        check_lay(scene)?;
+    }
     let by = By { who: request.actor.who(), why: request.why.clone(), now: request.now };
     happen(scene, &request.change, scene.claim.clone(), &by)
 }
@@ -183,6 +189,12 @@ fn authorise(scene: &Scene, request: &Request) -> Result<(), Refusal> {
         Actor::Policy { .. } if scene.job.state.is_claimed() => check_lapsed(scene, request.now),
         Actor::Operator { .. } | Actor::Policy { .. } => Ok(()),
     }
+}
+
+/// What held when the printer took the job holds still: minutes went by since, while it warmed up.
+fn check_lay(scene: &Scene) -> Result<(), Refusal> {
+    let Some(holder) = &scene.job.holder else { return Err(Refusal::ClaimLost) };
+    check_printer(scene, holder)?.check_lay(scene.job.id)
 }
 
 /// The claim that is shown is the one that holds.
@@ -221,11 +233,13 @@ fn new_claim(scene: &Scene, holder: &Name, token: u64, now: Timestamp) -> Claim 
     Claim { job: scene.job.id, holder: holder.clone(), token, until: Claim::until(now) }
 }
 
-fn check_printer(scene: &Scene, name: &Name) -> Result<(), Refusal> {
+/// The printer of this name, where the job fits it.
+fn check_printer<'a>(scene: &'a Scene, name: &Name) -> Result<&'a Printer, Refusal> {
     let found = scene.printer.as_ref().filter(|printer| printer.name == *name);
     let printer = found.ok_or_else(|| Refusal::NoPrinter { printer: name.clone() })?;
     let made = scene.job.made.as_ref().ok_or(Refusal::NotPrepared)?;
-    Ok(fit::check(&made.needs, &made.estimate, printer.loaded.as_ref())?)
+    fit::check(&made.needs, &made.estimate, printer.loaded.as_ref())?;
+    Ok(printer)
 }
 
 /// The appliance that had a job has come back and takes it up again under a new claim; the old one is void. Only whoever has made sure
@@ -251,7 +265,7 @@ pub fn lost(scene: &Scene, now: Timestamp) -> Result<Option<Outcome>, Refusal> {
     if scene.job.is_laid || !is_lapsed {
         return Ok(None);
     }
-    let (change, why) = if scene.job.n_lost + 1 < MOST_LOST {
+    let (change, why) = if scene.job.n_lost.saturating_add(1) < MOST_LOST {
         (Change::GiveBack { lost: true }, "its holder was not heard of any more")
     } else {
         (Change::Fail { used_mm3: Some(0) }, "one holder after the other was not heard of any more")
@@ -292,7 +306,10 @@ fn at_printer(before: &Job, change: &Change) -> Option<PrinterChange> {
         Change::Start { .. } => Some(PrinterChange::Take(before.id)),
         _ if !before.state.is_at_printer() => None,
         Change::GiveBack { .. } => Some(PrinterChange::Free(before.id)),
-        Change::Cancel { .. } | Change::Fail { .. } if !before.is_laid => {
+        // Whoever has used filament has laid it somewhere, whether that was recorded or not.
+        Change::Cancel { used_mm3 } | Change::Fail { used_mm3 }
+            if !before.is_laid && used_mm3.is_none_or(|used_mm3| used_mm3 == 0) =>
+        {
             Some(PrinterChange::Free(before.id))
         }
         Change::Cancel { used_mm3 } | Change::Fail { used_mm3 } | Change::Printed { used_mm3 } => {

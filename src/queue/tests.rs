@@ -2,6 +2,7 @@
 
 mod beds;
 mod copies;
+mod doubts;
 
 use super::act::{self, Bedside, Outcome, Scene};
 use super::*;

@@ -76,7 +76,8 @@ fn copies_may_be_added_until_the_bed_is_clear_of_the_last_one() {
 
 #[test]
 fn a_copy_that_failed_is_printed_again_and_none_that_is_done() {
-    let failed = held_by(&laid(done(of_copies(2, false))), Change::Fail { used_mm3: None }, 60).unwrap().scene;
+    let failed =
+        held_by(&laid(done(of_copies(2, false))), Change::Fail { used_mm3: None }, 60).unwrap().scene;
     let again = asked(&failed, Change::Retry, 70).unwrap().scene.job;
     assert_eq!((again.n_printed, again.n_left()), (1, 1));
     assert_eq!(lowered(&scene(again.clone()), 1).unwrap().scene.job.state, State::Finished);
