@@ -47,7 +47,11 @@ impl Db {
     pub(super) fn open_to_read(path: &Path) -> Result<Self, Error> {
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(|e| told(path, &e))?;
-        connection.busy_timeout(PATIENCE).map_err(|e| told(path, &e))?;
+        let careful = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;";
+        connection
+            .busy_timeout(PATIENCE)
+            .and_then(|()| connection.execute_batch(careful))
+            .map_err(|e| told(path, &e))?;
         Ok(Self { connection, path: path.to_owned() })
     }
 
@@ -120,19 +124,19 @@ impl Db {
         tx.commit()
     }
 
-    /// Whether the history ends where it was left and, in a file that is read in no time, whether pages and indices are sound.
+    /// Whether the history ends where it was left and, in a file that is read in no time, whether pages are sound.
     fn check(&mut self) -> Result<(), Error> {
         if std::fs::metadata(&self.path).is_ok_and(|file| file.len() <= MOST_CHECKED_BYTES) {
-            self.check_pages()?;
+            self.check_pages("quick_check")?;
         }
         self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
     }
 
-    /// Whether pages and indices are sound: reads the whole file.
-    pub(super) fn check_pages(&self) -> Result<(), Error> {
+    /// Whether pages are sound (`quick_check`), and also what indices say (`integrity_check`): reads the whole file.
+    pub(super) fn check_pages(&self, how: &str) -> Result<(), Error> {
         let found: String = self
             .connection
-            .pragma_query_value(None, "quick_check", |row| row.get(0))
+            .pragma_query_value(None, how, |row| row.get(0))
             .map_err(|e| told(&self.path, &e))?;
         if found == "ok" { Ok(()) } else { Err(Error::Damaged { path: self.path.clone(), problem: found }) }
     }
