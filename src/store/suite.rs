@@ -10,7 +10,7 @@ mod kills;
 pub(super) use chance::whatever_happens_history_and_state_are_one;
 pub(super) use hosts::{
     again, child, each_copy_is_printed_once_by_many_processes, each_copy_is_printed_once_by_many_threads,
-    ends_well,
+    ends_well, say_done,
 };
 pub(super) use kills::{a_kill_at_any_moment_loses_nothing_and_prints_nothing_twice, kills};
 
@@ -176,7 +176,8 @@ pub(super) async fn a_ticket_is_added_once<T: Site>(site: &T) {
 pub(super) async fn many_tickets_are_added_all_or_none<T: Site>(site: &T) {
     let store = with_jobs(site, 1).await;
     let none = Ticket { wishes: Wishes { copies: 0, ..Wishes::default() }, ..ticket(3) };
-    refusal(store.add_all(vec![ticket(2), none], true, operator(1)).await);
+    let refused = refusal(store.add_all(vec![ticket(2), none], true, operator(1)).await);
+    assert_eq!(refused, Refusal::Copies { found: 0, least: 1 });
     assert_eq!(live(&store).await, ids(&[1]));
     let added = store.add_all(vec![ticket(3), ticket(1), ticket(2)], true, operator(1)).await.unwrap();
     assert_eq!(added.iter().map(|job| job.id).collect::<Vec<_>>(), ids(&[3, 1, 2]));
@@ -392,13 +393,17 @@ pub(super) async fn a_refusal_changes_nothing<T: Site>(site: &T) {
     let Claimed { claim, .. } = taken(&store, 1).await.unwrap();
     let before = (store.head().await.unwrap(), store.job(id(1)).await.unwrap());
     let other = Claim { token: claim.token + 1, ..claim.clone() };
-    for refused in [
-        holds(&other, Change::Lay, 2),
-        holds(&claim, Change::Printed { used_mm3: None }, 2),
-        holds(&claim, Change::Start { printer: name("left") }, 2),
-        asks(Change::Cancel { used_mm3: None }, State::Printing, 2),
+    let not_for_holders = Refusal::NotForYou { change: Kind::Start, role: Role::Holder };
+    for (asked, expected) in [
+        (holds(&other, Change::Lay, 2), Refusal::ClaimLost),
+        (holds(&claim, Change::Printed { used_mm3: None }, 2), Refusal::NothingLaid),
+        (holds(&claim, Change::Start { printer: name("left") }, 2), not_for_holders),
+        (
+            asks(Change::Cancel { used_mm3: None }, State::Printing, 2),
+            Refusal::InHand { holder: name("left") },
+        ),
     ] {
-        refusal(store.change(id(1), refused).await);
+        assert_eq!(refusal(store.change(id(1), asked).await), expected);
     }
     assert_eq!((store.head().await.unwrap(), store.job(id(1)).await.unwrap()), before);
 }
