@@ -4,7 +4,8 @@
 //! [`crate::queue::act`]; a store reads what a decision needs, asks, and writes the outcome with its records, all or
 //! nothing. So all stores behave alike, and one suite of tests holds for each of them.
 //!
-//! A call that is given up half-way (its future dropped) may still have been done, as with any server: whoever is unsure looks again.
+//! A call that is given up half-way (its future dropped) may still have been done, as with any server, and so may one that a failing
+//! disk refused (`store.io`), where the program ends soon after: whoever is unsure looks again.
 //! Adding a ticket again is no harm, for it has its name already; everything else names the state or the claim that it
 //! acts upon. Clocks are the callers': wrong ones delay, but never let a job be printed twice.
 

@@ -8,7 +8,7 @@ use crate::store::progress::{Replay, Stage};
 use rusqlite::{Connection, OptionalExtension, params};
 
 /// Records, or rows, of one part: some milliseconds.
-const MOST: usize = 4096;
+const MOST: u32 = 4096;
 
 /// Tables whose rows all have records: how rows and their subjects are found from a key on.
 const TABLES: [&str; 4] = [
@@ -39,7 +39,7 @@ fn chain(db: &Connection, head: Head) -> Result<Stage, Error> {
     check_anchor(db, head)?;
     let sql = "SELECT seq, body, digest, subject FROM history WHERE seq > ?1 ORDER BY seq LIMIT ?2";
     let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![rows::signed(head.seq), MOST as i64])?;
+    let mut found = select.query(params![rows::signed(head.seq), MOST])?;
     let (mut end, mut n_found) = (head, 0);
     while let Some(row) = found.next()? {
         let sealed = rows::sealed(row)?;
@@ -113,11 +113,10 @@ fn subject(text: &str) -> Result<Subject, Error> {
 }
 
 /// Replays some more records; gives how many were there.
-fn go_on(db: &Connection, replay: &mut Replay, most: usize) -> Result<usize, Error> {
+fn go_on(db: &Connection, replay: &mut Replay, most: u32) -> Result<u32, Error> {
     let sql = "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
     let mut select = db.prepare_cached(sql)?;
-    let mut found =
-        select.query(params![replay.subject.to_string(), rows::signed(replay.seq), most as i64])?;
+    let mut found = select.query(params![replay.subject.to_string(), rows::signed(replay.seq), most])?;
     let mut n_found = 0;
     while let Some(row) = found.next()? {
         take(replay, &rows::sealed(row)?.record()?)?;
@@ -189,7 +188,7 @@ fn rows_of(db: &Connection, table: usize, from: String) -> Result<Stage, Error> 
     let Some(sql) = TABLES.get(table) else { return Ok(Stage::Rest) };
     let mut recorded = db.prepare_cached("SELECT EXISTS (SELECT 1 FROM history WHERE subject = ?1)")?;
     let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![from, MOST as i64])?;
+    let mut found = select.query(params![from, MOST])?;
     let (mut last, mut n_found) = (from, 0);
     while let Some(row) = found.next()? {
         let text: String = row.get(1)?;

@@ -251,9 +251,10 @@ pub(super) fn scene(db: &Connection, id: JobId, at: Option<&Name>) -> Result<Sce
 
 /// Writes what was decided, with its records.
 pub(super) fn put(db: &Connection, Outcome { scene, facts }: Outcome) -> Result<Scene, Error> {
-    let n_behind = facts.iter().rev().take_while(|fact| matches!(fact.what, What::Printer { .. })).count();
+    let is_printers = |fact: &&Fact| matches!(fact.what, What::Printer { .. });
+    let n_behind: u64 = facts.iter().rev().take_while(is_printers).map(|_| 1).sum();
     let head = record(db, facts)?;
-    put_job(db, &scene.job, head.seq - n_behind as u64)?;
+    put_job(db, &scene.job, head.seq - n_behind)?;
     put_claim(db, scene.job.id, scene.claim.as_ref())?;
     if let Some(printer) = &scene.printer {
         put_printer(db, printer)?;
