@@ -5,7 +5,7 @@
 //! own; a printer draws again as soon as its bed can be expected to be clear. A job has one copy in print at a time.
 //!
 //! Jobs that are still to be prepared are reckoned with as if they were ready when their turn comes. Cost of a plan: copies times the
-//! jobs that are passed over for each.
+//! jobs that are passed over for each; so many copies at most that a plan stays small whatever is queued.
 
 use super::fit::{self, Misfit};
 use super::job::Job;
@@ -15,6 +15,9 @@ use super::{JobId, Name};
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use std::fmt;
+
+/// Copies in a plan: months of printing.
+pub const MOST_SLOTS: usize = 4096;
 
 /// What stands in the way of all jobs that a printer could draw.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -191,6 +194,9 @@ pub enum Unplanned {
     /// There is no printer.
     #[error("there is no printer")]
     NoPrinter,
+    /// As many copies as are planned come before it.
+    #[error("too many copies come before it: {MOST_SLOTS} are planned ahead")]
+    TooFar,
 }
 
 /// When each job ends.
@@ -248,7 +254,12 @@ pub fn plan(lanes: &[Lane], jobs: &[Job], now: Timestamp) -> Plan {
     let mut waiting = plan.begin(lanes, jobs, now);
     let mut drawing: Vec<Drawing> = lanes.iter().map(|lane| lane.drawing(now)).collect();
     let mut n_done = 0;
+    let mut is_full = false;
     while let Some(idx) = (0..drawing.len()).min_by_key(|&idx| drawing[idx].from) {
+        is_full = plan.slots.len() >= MOST_SLOTS;
+        if is_full {
+            break;
+        }
         n_done += waiting[n_done..].iter().take_while(|w| w.n_left == 0).count();
         match drawing[idx].draw(&mut waiting[n_done..]) {
             Some(Draw::Copy(slot)) => plan.slots.push(slot),
@@ -257,7 +268,8 @@ pub fn plan(lanes: &[Lane], jobs: &[Job], now: Timestamp) -> Plan {
         }
     }
     for left in waiting.iter().filter(|w| w.n_left > 0) {
-        plan.unplanned.push((left.job.id, why_unplanned(left.job, lanes)));
+        let why = if is_full { Unplanned::TooFar } else { why_unplanned(left.job, lanes) };
+        plan.unplanned.push((left.job.id, why));
     }
     plan.slots.sort_by_key(|slot| slot.starts);
     plan

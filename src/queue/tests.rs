@@ -443,6 +443,18 @@ mod plans {
     }
 
     #[test]
+    fn a_plan_stays_small_whatever_is_queued() {
+        let mut jobs = jobs(3);
+        for job in &mut jobs {
+            job.wishes.copies = u16::MAX;
+        }
+        let endless = Printer { loaded: Some(Loaded { left_mm3: None, ..loaded() }), ..printer(Bed::Clear) };
+        let plan = schedule::plan(&[Lane { printer: endless, ..lane(Bed::Clear) }], &jobs, at(0));
+        assert_eq!(plan.slots.len(), schedule::MOST_SLOTS);
+        assert_eq!(plan.unplanned, jobs.iter().map(|job| (job.id, Unplanned::TooFar)).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn what_has_no_place_is_told_with_its_reason() {
         let mut jobs = jobs(4);
         jobs[0].state = State::Held;
