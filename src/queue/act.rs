@@ -17,7 +17,7 @@ use super::fit;
 use super::job::{Change, Edit, Job, Ticket};
 use super::printer::{Evidence, Printer, PrinterChange};
 use super::state::{Kind, Role, State};
-use super::{Loaded, Name, Rank, Reason, Refusal};
+use super::{JobId, Loaded, Name, Rank, Reason, Refusal};
 use jiff::Timestamp;
 
 /// Who asks for a change.
@@ -84,8 +84,10 @@ pub struct Request {
 pub enum Said {
     /// This is what it is fitted with from now on.
     Loaded(Loaded),
-    /// Its bed is clear.
+    /// Its bed is clear, whatever lay there.
     BedClear(Evidence),
+    /// Its bed is clear of this job: what is said once more, because the answer was lost, does not clear the bed of the next one.
+    BedClearOf(JobId, Evidence),
     /// Whether its bed is clear is not known any more.
     BedInDoubt,
 }
@@ -336,9 +338,10 @@ pub fn say(before: &Bedside, said: &Said, by: &By) -> Result<(Bedside, Vec<Fact>
     let change = match said {
         Said::Loaded(loaded) => PrinterChange::Load(loaded.clone()),
         Said::BedInDoubt => PrinterChange::Doubt,
-        Said::BedClear(evidence) => {
-            check_evidence(*evidence, &by.who)?;
-            PrinterChange::Clear(*evidence)
+        Said::BedClear(evidence) => clear(*evidence, &by.who)?,
+        Said::BedClearOf(job, evidence) => {
+            before.printer.check_no_other(*job)?;
+            clear(*evidence, &by.who)?
         }
     };
     let its = before.job.as_ref().filter(|job| job.is_on(&before.printer.name));
@@ -351,9 +354,11 @@ pub fn say(before: &Bedside, said: &Said, by: &By) -> Result<(Bedside, Vec<Fact>
     Ok((Bedside { printer, job }, std::iter::once(said).chain(fact).collect()))
 }
 
-fn check_evidence(evidence: Evidence, who: &Who) -> Result<(), Refusal> {
+fn clear(evidence: Evidence, who: &Who) -> Result<PrinterChange, Refusal> {
     match (evidence, who) {
-        (Evidence::Word, Who::Operator(_)) | (Evidence::Sensor | Evidence::Hook, _) => Ok(()),
+        (Evidence::Word, Who::Operator(_)) | (Evidence::Sensor | Evidence::Hook, _) => {
+            Ok(PrinterChange::Clear(evidence))
+        }
         (Evidence::Word, Who::Appliance(_) | Who::Policy(_)) => Err(Refusal::NoEvidence),
     }
 }

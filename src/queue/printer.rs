@@ -114,12 +114,23 @@ impl Printer {
     }
 
     fn check_holds(&self, job: JobId) -> Result<(), Refusal> {
+        self.check_no_other(job)?;
+        match self.bed {
+            Bed::Taken(_) => Ok(()),
+            Bed::Clear | Bed::Unknown => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+        }
+    }
+
+    /// That no other job has the bed.
+    ///
+    /// # Errors
+    /// [`Refusal::BedInUse`].
+    pub fn check_no_other(&self, job: JobId) -> Result<(), Refusal> {
         match self.bed {
             Bed::Taken(found) if found != job => {
                 Err(Refusal::BedInUse { printer: self.name.clone(), job: found })
             }
-            Bed::Taken(_) => Ok(()),
-            Bed::Clear | Bed::Unknown => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+            Bed::Taken(_) | Bed::Clear | Bed::Unknown => Ok(()),
         }
     }
 

@@ -54,6 +54,23 @@ fn a_bed_that_was_doubted_during_a_print_is_clear_by_the_word_for_both() {
 }
 
 #[test]
+fn a_word_about_one_job_does_not_clear_the_bed_of_the_next() {
+    let word = Said::BedClearOf(id(1), Evidence::Word);
+    let printed = held_by(&laid(queued(&ticket(1))), Change::Printed { used_mm3: None }, 30).unwrap().scene;
+    let first = said(printed.printer.as_ref().unwrap(), &printed.job, &word).unwrap();
+    assert_eq!((first.printer.bed, first.job.unwrap().state), (Bed::Clear, State::Finished));
+    let again = said(&first.printer, &printed.job, &word).unwrap().printer;
+    assert_eq!(again.bed, Bed::Clear);
+    let next = Scene { printer: Some(again), ..scene(queued(&ticket(2))) };
+    let next = act::claim(&next, &Claimant::Printer(name("left")), 9, at(50)).unwrap().scene;
+    let failed =
+        held_by(&held_by(&next, Change::Lay, 60).unwrap().scene, Change::Fail { used_mm3: None }, 70);
+    let failed = failed.unwrap().scene;
+    let refused = said(failed.printer.as_ref().unwrap(), &failed.job, &word).unwrap_err();
+    assert_eq!(refused, Refusal::BedInUse { printer: name("left"), job: id(2) });
+}
+
+#[test]
 fn a_job_that_used_filament_leaves_no_clear_bed_whatever_was_announced() {
     let started = started(queued(&ticket(1)));
     for change in [Change::Fail { used_mm3: Some(3) }, Change::Cancel { used_mm3: Some(3) }] {
