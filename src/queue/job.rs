@@ -372,7 +372,21 @@ impl Job {
         (-i16::from(self.wishes.priority), &self.rank)
     }
 
-    /// What follows once the bed is clear of its last copy: exactly one of three.
+    /// Whether this printer has it, or has its last copy on the bed. Remains of a print that broke off are not meant: with them on
+    /// one bed, the job may be in print on another.
+    #[must_use]
+    pub fn is_on(&self, printer: &Name) -> bool {
+        (self.state.is_at_printer() || self.state == State::AwaitingBedClear)
+            && self.holder.as_ref() == Some(printer)
+    }
+
+    /// Whether it waits, but for nothing: fewer copies are wanted now than were when the last one was printed.
+    #[must_use]
+    pub const fn is_printed_out(&self) -> bool {
+        matches!(self.state, State::Queued | State::Held) && self.n_left() == 0
+    }
+
+    /// What follows once the bed is clear of its last copy, or no more are wanted: exactly one of three.
     #[must_use]
     pub const fn when_cleared(&self) -> Change {
         if self.n_left() > 0 {
