@@ -341,13 +341,20 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
-    let interior = Interior::of(filled.rest, idx, stack, &params, profile);
+    let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
+    let interior = Interior::of(filled.rest, idx, stack, rest_below, &params, profile);
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
     draft.net = Some(travel::Net::new(&skins));
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
+}
+
+/// What the walls of some material leave.
+fn rest_of(material: &Region, params: &FillParams) -> Region {
+    let skins = Skins::try_new(material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    skins.map(|skins| fill::fill(&skins, params).rest).unwrap_or_default()
 }
 
 fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
