@@ -249,8 +249,11 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         Ok(draft)
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
-    let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
-    let mut order = Order::of_part(height_mm, on_bed, frame).upon(raft, placement.raft.height_mm());
+    let standing = placed[0].0.union(&on_bed);
+    let mut order = Order::of_part(height_mm, on_bed, frame);
+    if let Some(raft) = &placement.raft {
+        order = order.upon(raft.layers(&standing, profile), raft.height_mm());
+    }
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
