@@ -111,6 +111,17 @@ impl Region {
         cleaned
     }
 
+    /// The region with all that it encloses; what lies in a hole of it is part of that.
+    #[must_use]
+    pub fn without_holes(&self) -> Self {
+        let outers: Vec<Contour> = self.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
+        match outers.len() {
+            0 | 1 => Self::new(outers),
+            // An outline in a hole of another one is not counted twice.
+            _ => combine(&outers, &[], OverlayRule::Subject, FillRule::NonZero),
+        }
+    }
+
     /// The smallest convex region around it; empty where it has no area.
     #[must_use]
     pub fn convex_hull(&self) -> Self {
@@ -309,6 +320,18 @@ mod tests {
         let inradius = 120.0 / (43.0 + 40f64.hypot(3.0));
         let expected = 60.0 * (1.0 - 0.5 / inradius).powi(2);
         assert!((triangle.offset(-0.5, 1e-4).area_mm2() - expected).abs() < 1e-2);
+    }
+
+    #[test]
+    fn without_holes_what_lies_in_them_is_filled_once() {
+        let ring = disk(0.0, 3.0).difference(&disk(0.0, 2.0));
+        let both = ring.union(&disk(0.0, 1.0)).union(&disk(10.0, 1.0));
+        let filled = both.without_holes();
+        assert!(filled.contours.len() == 2 && filled.contains(Point2::new(0.5, 0.0)));
+        let expected = disk(0.0, 3.0).area_mm2() + disk(10.0, 1.0).area_mm2();
+        assert!((filled.area_mm2() - expected).abs() < 1e-3);
+        assert!((ring.without_holes().area_mm2() - disk(0.0, 3.0).area_mm2()).abs() < 1e-3);
+        assert!(Region::default().without_holes().is_empty());
     }
 
     #[test]

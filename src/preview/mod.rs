@@ -27,10 +27,16 @@ const SAME_WIDTH_MM: f64 = 0.004;
 const GROUND: [u8; 4] = [255, 255, 255, 255];
 const MATERIAL: [u8; 4] = [205, 205, 205, 255];
 const TRAVEL: [u8; 4] = [70, 110, 150, 255];
-/// Width of the column beside a picture that says what the colours mean, its lines, and the size of its letters, pixels.
-const LEGEND_PX: u32 = 290;
+/// Free space around letters, pixels.
+const EDGE_PX: f32 = 12.0;
+/// Size of the caption's letters, pixels.
+const CAPTION_UNIT: f32 = 2.2;
+/// Of the column beside a picture that says what the colours mean: its lines, where its letters begin, and their size, pixels.
 const LEGEND_LINE_PX: f32 = 24.0;
+const LEGEND_TEXT_PX: f32 = 22.0;
 const LEGEND_UNIT: f32 = 1.6;
+/// What the colours mean that are no kind of bead's.
+const NO_BEADS: [([u8; 4], &str); 2] = [(TRAVEL, "Travel"), (MATERIAL, "Left empty")];
 /// Beads that touch are drawn so much wider beneath, pixels: the soft edges of two strokes would let the ground through.
 const SEAM_PX: f64 = 1.2;
 const INK: Ink = Ink { line: [30, 30, 30, 255], shade: [255, 255, 255, 200] };
@@ -91,6 +97,8 @@ struct Frame {
     px_per_mm: f64,
     /// Kinds of beads of the job.
     kinds: Vec<BeadKind>,
+    /// Width of the longest caption, pixels.
+    caption_px: f32,
 }
 
 impl Frame {
@@ -102,14 +110,32 @@ impl Frame {
         let beads = layers.iter().flat_map(|l| &l.beads);
         let kinds: BTreeSet<BeadKind> = beads.map(|b| b.kind).collect();
         let px_per_mm = (SIDE_PX / size.x.max(size.y)).clamp(0.5, 100.0);
-        Self { shown, px_per_mm, kinds: kinds.into_iter().collect() }
+        let captions = layers.iter().enumerate().map(|(idx, layer)| caption(idx, layer));
+        let caption_px = captions.map(|c| draw::text_width(&c, CAPTION_UNIT)).fold(0.0, f32::max);
+        Self { shown, px_per_mm, kinds: kinds.into_iter().collect(), caption_px }
     }
 
-    /// Width and height, pixels.
+    /// Width and height of what is shown of the bed, no less than caption and legend need, pixels.
     fn size_px(&self) -> [u32; 2] {
         let size = self.shown.size() * self.px_per_mm;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        [size.x, size.y].map(|s| s.ceil().clamp(64.0, 4096.0) as u32)
+        let n_lines = self.legend().count();
+        let least = [self.caption_px + 2.0 * EDGE_PX, EDGE_PX + n_lines as f32 * LEGEND_LINE_PX];
+        [0, 1].map(|axis| whole(px(size[axis]).clamp(64.0, 4096.0).max(least[axis])))
+    }
+
+    /// Width of the legend beside it, pixels.
+    fn legend_px(&self) -> u32 {
+        let names = self.legend().map(|(_, name)| draw::text_width(name, LEGEND_UNIT));
+        whole(LEGEND_TEXT_PX + names.fold(0.0, f32::max) + EDGE_PX)
+    }
+
+    /// Colours and what they mean, line by line.
+    fn legend(&self) -> impl Iterator<Item = ([u8; 4], &'static str)> + '_ {
+        let swatch = |kind: &BeadKind| {
+            let [r, g, b] = colour(*kind);
+            ([r, g, b, 255], kind.gcode_name())
+        };
+        self.kinds.iter().map(swatch).chain(NO_BEADS)
     }
 
     /// The bed's y runs upward, a picture's downward.
@@ -164,7 +190,7 @@ fn travels(own: &LayerPaths) -> impl Iterator<Item = Vec<Point2>> + '_ {
 
 fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
     let [width, height] = frame.size_px();
-    let mut canvas = Pixmap::new(width + LEGEND_PX, height).expect("sides of 64 to 5000 pixels");
+    let mut canvas = Pixmap::new(width + frame.legend_px(), height).expect("sides of 64 to 5000 pixels");
     let [r, g, b, a] = GROUND;
     canvas.fill(Color::from_rgba8(r, g, b, a));
     let material = material(own, frame);
@@ -182,9 +208,9 @@ fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png
     for way in travels(own) {
         line(&mut canvas, frame, &way, TRAVEL, 1.0, None);
     }
-    legend(&mut canvas, px(f64::from(width)), &frame.kinds);
-    draw::text(&mut canvas, &caption(layer, own), (12.0, 12.0), 2.2, INK);
-    draw::scale_bar(&mut canvas, (12.0, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
+    legend(&mut canvas, px(f64::from(width)), frame);
+    draw::text(&mut canvas, &caption(layer, own), (EDGE_PX, EDGE_PX), CAPTION_UNIT, INK);
+    draw::scale_bar(&mut canvas, (EDGE_PX, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
     draw::encode(&canvas)
 }
 
@@ -229,21 +255,21 @@ fn line(
     }
 }
 
-/// What the colours mean, line by line, from `left` on.
-fn legend(canvas: &mut Pixmap, left: f32, kinds: &[BeadKind]) {
-    let swatch = |kind: &BeadKind| {
-        let [r, g, b] = colour(*kind);
-        ([r, g, b, 255], kind.gcode_name())
-    };
-    let lines = kinds.iter().map(swatch).chain([(TRAVEL, "Travel"), (MATERIAL, "Left empty")]);
-    let mut top = 12.0;
-    for (colour, name) in lines {
+/// What the colours mean, from `left` on.
+fn legend(canvas: &mut Pixmap, left: f32, frame: &Frame) {
+    let mut top = EDGE_PX;
+    for (colour, name) in frame.legend() {
         if let Some(rect) = Rect::from_xywh(left, top, 14.0, 14.0) {
             canvas.fill_rect(rect, &draw::paint(colour), Transform::identity(), None);
         }
-        draw::text(canvas, name, (left + 22.0, top), LEGEND_UNIT, INK);
+        draw::text(canvas, name, (left + LEGEND_TEXT_PX, top), LEGEND_UNIT, INK);
         top += LEGEND_LINE_PX;
     }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sides of pictures")]
+fn whole(px: f32) -> u32 {
+    px.ceil() as u32
 }
 
 #[cfg(test)]

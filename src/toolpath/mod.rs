@@ -249,8 +249,11 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         Ok(draft)
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
-    let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
-    let mut order = Order::of_part(height_mm, on_bed, frame).upon(raft, placement.raft.height_mm());
+    let standing = placed[0].0.union(&on_bed);
+    let mut order = Order::of_part(height_mm, on_bed, frame);
+    if let Some(raft) = &placement.raft {
+        order = order.upon(raft.layers(&standing, profile), raft.height_mm());
+    }
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -341,13 +344,20 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
-    let interior = Interior::of(filled.rest, idx, stack, &params, profile);
+    let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
+    let interior = Interior::of(filled.rest, idx, stack, rest_below, &params, profile);
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
     draft.net = Some(travel::Net::new(&skins));
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
+}
+
+/// What the walls of some material leave.
+fn rest_of(material: &Region, params: &FillParams) -> Region {
+    let skins = Skins::try_new(material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    skins.map(|skins| fill::fill(&skins, params).rest).unwrap_or_default()
 }
 
 fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {

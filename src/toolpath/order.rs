@@ -127,10 +127,8 @@ impl Order {
 
     /// Looks for islands of a layer under which there is nothing.
     fn find_floating(&mut self, draft: &Draft) {
-        if self.paths.len() == self.n_raft {
-            return;
-        }
-        let Some(below) = self.paths.last().map(|layer| &layer.material) else { return };
+        // On the raft it stands.
+        let Some(below) = self.paths[self.n_raft..].last().map(|layer| &layer.material) else { return };
         let outers = draft.material.contours.iter().filter(|c| c.is_ccw());
         for island in outers.filter(|c| !rests(c, below)) {
             self.n_floating += 1;

@@ -18,7 +18,7 @@ const TOLERANCE_MM: f64 = 1e-3;
 #[derive(Debug, Clone)]
 pub(super) struct Placement {
     pub(super) bed_from_stack: RigidTransform,
-    pub(super) raft: Raft,
+    pub(super) raft: Option<Raft>,
     by: Vector3,
     centre: Point2,
     scale: f64,
@@ -83,7 +83,8 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
         layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).ok_or(Error::Empty)?;
     let bottom = layers[0].slot.z_mid_mm - layers[0].slot.height_mm / 2.0;
     let raft = Raft::under(&layers[0].slot, profile);
-    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft.height_mm();
+    let raft_mm = raft.as_ref().map_or(0.0, Raft::height_mm);
+    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft_mm;
     let scale = 1.0 / (1.0 - profile.filament.shrinkage_percent / 100.0);
     let size = bounds.size() * scale;
     let part_mm = [size.x, size.y, height];
@@ -93,7 +94,7 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     }
     let centre = Point2::new(bed[0] / 2.0, bed[1] / 2.0);
     let middle = nalgebra::center(&bounds.min, &bounds.max);
-    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, raft.height_mm() - bottom);
+    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, raft_mm - bottom);
     Ok(Placement { bed_from_stack: RigidTransform::translation(by), raft, by, centre, scale })
 }
 
