@@ -1,7 +1,8 @@
 //! Beads of a layer to scale, as a picture (PNG) and as SVG, before anything is printed.
 //!
 //! Colours are those that G-code viewers give the kinds of beads. All layers of a job share one frame and one scale, so
-//! that leafing through them moves nothing but the part. What was to be filled lies under the beads in grey: where it
+//! that leafing through them moves nothing but the part. Along each bead runs the line that the nozzle follows, from a dot where
+//! it begins. What was to be filled lies under the beads in grey: where it
 //! shows there is a gap wider than a pixel; ways without extrusion are thin lines. Beside each picture stands what the colours
 //! of the job mean.
 
@@ -39,6 +40,10 @@ const LEGEND_UNIT: f32 = 1.6;
 const NO_BEADS: [([u8; 4], &str); 2] = [(TRAVEL, "Travel"), (MATERIAL, "Left empty")];
 /// Beads that touch are drawn so much wider beneath, pixels: the soft edges of two strokes would let the ground through.
 const SEAM_PX: f64 = 1.2;
+/// Beads from this width on show the line that the nozzle follows, pixels,
+const COURSE_FROM_PX: f64 = 6.0;
+/// and where it begins by a dot of this radius, pixels.
+const BEGIN_PX: f32 = 2.5;
 const INK: Ink = Ink { line: [30, 30, 30, 255], shade: [255, 255, 255, 200] };
 
 /// A layer could not be drawn.
@@ -205,6 +210,7 @@ fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png
     let part = own.beads.iter().filter(|b| b.kind.is_part());
     beads(&mut canvas, frame, part, SEAM_PX, inside.as_ref());
     beads(&mut canvas, frame, own.beads.iter(), 0.0, None);
+    own.beads.iter().for_each(|bead| course(&mut canvas, frame, bead));
     for way in travels(own) {
         line(&mut canvas, frame, &way, TRAVEL, 1.0, None);
     }
@@ -236,6 +242,22 @@ fn beads<'a>(
         for (width_mm, points) in runs(bead) {
             line(canvas, frame, &points, [r, g, b, 255], width_mm * frame.px_per_mm + wider_px, within);
         }
+    }
+}
+
+/// The line that the nozzle follows, and a dot where it begins, so that beads of one kind can be told apart and seams be seen;
+/// not where a bead is too thin on the picture to show more than that.
+fn course(canvas: &mut Pixmap, frame: &Frame, bead: &Bead) {
+    let widest_mm = bead.points.iter().map(|p| p.width_mm).fold(0.0, f64::max);
+    let Some(begin) = bead.points.first().filter(|_| widest_mm * frame.px_per_mm >= COURSE_FROM_PX) else {
+        return;
+    };
+    let [r, g, b] = colour(bead.kind).map(|channel| channel / 2);
+    let way: Vec<Point2> = bead.points.iter().map(|p| p.at).collect();
+    line(canvas, frame, &way, [r, g, b, 255], 1.0, None);
+    let (x, y) = frame.place(begin.at);
+    if let Some(dot) = PathBuilder::from_circle(x, y, BEGIN_PX) {
+        canvas.fill_path(&dot, &draw::paint(INK.line), FillRule::Winding, Transform::identity(), None);
     }
 }
 
