@@ -234,3 +234,25 @@ fn a_long_history_is_checked_in_parts_of_bounded_length() {
     let found = run(store.verify()).unwrap_err();
     assert!(matches!(found, Error::History(Break::Changed { seq }) if seq == last), "{found}");
 }
+
+/// A job that is as it should be, but that nobody finds any more.
+#[test]
+fn an_index_that_lacks_a_row_shows() {
+    let folder = Folder::with_jobs(3);
+    let waits = |value: &str| format!("UPDATE jobs SET waits = {value} WHERE id = '{}'", id(2));
+    folder.by_hand(&waits("NULL"));
+    let index = "SELECT tbl_name, rootpage, sql FROM sqlite_schema WHERE name = 'jobs_to_print'";
+    let db = Connection::open(folder.db()).unwrap();
+    let (table, page, sql): (String, i64, String) =
+        db.query_row(index, [], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?))).unwrap();
+    drop(db);
+    let hide = "DELETE FROM sqlite_schema WHERE name = 'jobs_to_print'";
+    folder.by_hand(&format!("PRAGMA writable_schema = ON; {hide}"));
+    folder.by_hand(&waits("'print'"));
+    let sql = sql.replace('\'', "''");
+    let show =
+        format!("INSERT INTO sqlite_schema VALUES ('index', 'jobs_to_print', '{table}', {page}, '{sql}')");
+    folder.by_hand(&format!("PRAGMA writable_schema = ON; {show}"));
+    let found = run(Folder::open(folder.dir()).verify()).unwrap_err();
+    assert!(matches!(&found, Error::Damaged { problem, .. } if problem.contains("jobs_to_print")), "{found}");
+}
