@@ -101,7 +101,7 @@ impl Printer {
     ///
     /// # Errors
     /// [`Refusal::BedNotClear`], [`Refusal::BedInUse`].
-    pub fn check_lay(&self, job: JobId) -> Result<(), Refusal> {
+    pub(super) fn check_lay(&self, job: JobId) -> Result<(), Refusal> {
         self.check_holds(job)?;
         if self.is_doubted { Err(Refusal::BedNotClear { printer: self.name.clone() }) } else { Ok(()) }
     }
@@ -125,7 +125,7 @@ impl Printer {
     ///
     /// # Errors
     /// [`Refusal::BedInUse`].
-    pub fn check_no_other(&self, job: JobId) -> Result<(), Refusal> {
+    pub(super) fn check_no_other(&self, job: JobId) -> Result<(), Refusal> {
         match self.bed {
             Bed::Taken(found) if found != job => {
                 Err(Refusal::BedInUse { printer: self.name.clone(), job: found })
