@@ -16,6 +16,8 @@
 //!
 //! - Columns under overhangs, where the profile asks for supports.
 //!
+//! - Ribs that steady slender branches, where the profile asks for them.
+//!
 //! - A raft below, where the profile asks for one.
 //!
 //! Layers are filled in parallel, some at a time, while those before them are put in order one after the
@@ -29,6 +31,7 @@ mod order;
 mod place;
 mod raft;
 mod raster;
+mod ribs;
 mod seam;
 mod sequence;
 mod simplify;
@@ -50,6 +53,7 @@ use interior::{Interior, Stack};
 use order::Order;
 use place::Placement;
 use rayon::prelude::*;
+use ribs::Rib;
 use serde::{Deserialize, Serialize};
 use skin::Skins;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -74,6 +78,8 @@ pub enum BeadKind {
     SupportMaterial,
     /// Its uppermost layers.
     SupportInterface,
+    /// A bar over air that steadies a slender branch.
+    Rib,
 }
 
 impl BeadKind {
@@ -87,15 +93,27 @@ impl BeadKind {
             Self::SolidInfill => "Solid infill",
             Self::Bridge => "Bridge infill",
             Self::SkirtBrim => "Skirt/Brim",
-            Self::SupportMaterial => "Support material",
+            Self::SupportMaterial | Self::Rib => "Support material",
             Self::SupportInterface => "Support material interface",
         }
+    }
+
+    /// The text in legends: that of G-code, which has no word for ribs, but for these.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        if matches!(self, Self::Rib) { "Rib" } else { self.gcode_name() }
+    }
+
+    /// Whether it is laid over air.
+    #[must_use]
+    pub const fn is_over_air(self) -> bool {
+        matches!(self, Self::Bridge | Self::Rib)
     }
 
     /// Whether it belongs to the part: all else is taken away after the print.
     #[must_use]
     pub const fn is_part(self) -> bool {
-        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface)
+        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface | Self::Rib)
     }
 }
 
@@ -247,6 +265,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         draft.supports = columns.get(idx).map(|c| c.paths(idx, &draft.params, profile)).unwrap_or_default();
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         Ok(draft)
+    let (ribs, unsteady) = steadied(layers, &placed, &columns, &frame, profile);
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
     let standing = placed[0].0.union(&on_bed);
@@ -254,10 +273,16 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     if let Some(raft) = &placement.raft {
         order = order.upon(raft.layers(&standing, profile), raft.height_mm());
     }
+        if let Some(rib) = ribs.get(idx) {
+            draft.supports.extend(rib.posts(idx, &draft.params));
+            draft.struts = rib.struts(&draft.params);
+        }
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
         let fill = || numbers.into_par_iter().map(draft_at).collect::<Vec<_>>();
+    let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
+    let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
         let (filled, ordered) = rayon::join(fill, || order.add(std::mem::take(&mut drafts), profile, task));
         ordered?;
         // Of several faulty layers always the lowest is reported.
@@ -265,7 +290,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let warnings = order.warnings().into_iter().chain(on_part).collect();
+    let warnings = order.warnings().into_iter().chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
@@ -345,6 +370,27 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
     let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
+/// The ribs of all layers, and what is to be known of them; none where the profile wants none.
+fn steadied(
+    layers: &[Layer],
+    placed: &[(Region, Region)],
+    columns: &[Support],
+    frame: &StackFromBed,
+    profile: &Profile,
+) -> (Vec<Rib>, Option<Warning>) {
+    let (ribs, missing) = ribs::ribs(layers, placed, columns, profile);
+    let unsteady = missing.first().map(|&(layer, at)| {
+        let text = format!(
+            "{} place(s) of slender branches are not steadied, as no rib has room, the first at {}: print more slowly, or take a \
+             longer print.rib_span_mm in the profile",
+            missing.len(),
+            frame.told(at, layers[layer].slot.z_mid_mm)
+        );
+        Warning::new("toolpath.unsteady", text)
+    });
+    (ribs, unsteady)
+}
+
     let interior = Interior::of(filled.rest, idx, stack, rest_below, &params, profile);
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
@@ -353,6 +399,7 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
 }
+    struts: Vec<Path>,
 
 /// What the walls of some material leave.
 fn rest_of(material: &Region, params: &FillParams) -> Region {
@@ -369,6 +416,7 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
     };
     FillParams {
         model: BeadModel::new(profile.print.bead_shape, height_mm),
+        struts: vec![],
         width_mm: profile.print.extrusion_width_mm,
         limits_mm: [narrowest, widest.max(narrowest)],
         perimeters: profile.print.perimeters.max(1) as usize,
