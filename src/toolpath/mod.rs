@@ -207,6 +207,15 @@ pub enum Error {
         /// Size of the build space, mm.
         bed_mm: [f64; 3],
     },
+    /// No bead has room anywhere.
+    #[error(
+        "no bead has room in any layer, though there is material: it is thinner than half of the thinnest bead, {thinnest_mm} mm, or \
+         what the profile moves outlines by (print.squeeze_compensation_mm, print.hole_compensation_mm) leaves nothing of it"
+    )]
+    NoBead {
+        /// Thinnest bead of the profile, mm.
+        thinnest_mm: f64,
+    },
     /// Most of a layer's wall is thinner than the thinnest bead.
     #[error(
         "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} in the model); the \
@@ -256,6 +265,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let compensation = placement.compensation(profile);
     let frame = StackFromBed::of(&placement.bed_from_stack, compensation);
     let (columns, on_part) = columns(layers, &placed, &frame, profile);
+    let (ribs, unsteady) = steadied(layers, &placed, &columns, &frame, profile);
     let stack = Stack { layers, placed: &placed, columns: &columns };
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
@@ -263,26 +273,25 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         task.check()?;
         let mut draft = draft(idx, &stack, profile)?;
         draft.supports = columns.get(idx).map(|c| c.paths(idx, &draft.params, profile)).unwrap_or_default();
+        if let Some(rib) = ribs.get(idx) {
+            draft.supports.extend(rib.posts(idx, &draft.params));
+            draft.struts = rib.struts(&draft.params);
+        }
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         Ok(draft)
-    let (ribs, unsteady) = steadied(layers, &placed, &columns, &frame, profile);
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
+    let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
+    let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
     let standing = placed[0].0.union(&on_bed);
     let mut order = Order::of_part(height_mm, on_bed, frame);
     if let Some(raft) = &placement.raft {
         order = order.upon(raft.layers(&standing, profile), raft.height_mm());
     }
-        if let Some(rib) = ribs.get(idx) {
-            draft.supports.extend(rib.posts(idx, &draft.params));
-            draft.struts = rib.struts(&draft.params);
-        }
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
         let fill = || numbers.into_par_iter().map(draft_at).collect::<Vec<_>>();
-    let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
-    let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
         let (filled, ordered) = rayon::join(fill, || order.add(std::mem::take(&mut drafts), profile, task));
         ordered?;
         // Of several faulty layers always the lowest is reported.
@@ -290,9 +299,34 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let warnings = order.warnings().into_iter().chain(on_part).chain(unsteady).collect();
+    let bare = bare(&order.paths, layers, profile)?;
+    let warnings = order.warnings().into_iter().chain(bare).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
+}
+
+/// What is to be known of layers of which the profile's compensations leave nothing.
+///
+/// # Errors
+/// No layer gets any bead.
+fn bare(paths: &[LayerPaths], layers: &[Layer], profile: &Profile) -> Result<Option<Warning>, Error> {
+    let of_part = &paths[paths.len() - layers.len()..];
+    let least_mm2 = profile.print.extrusion_width_mm.powi(2);
+    let holds = |(layer, _): &(&Layer, &LayerPaths)| layer.material.area_mm2() > least_mm2;
+    if !of_part.iter().flat_map(|paths| &paths.beads).any(|bead| bead.kind.is_part()) {
+        return Err(Error::NoBead { thinnest_mm: profile.machine.extrusion_width_mm[0] });
+    }
+    let is_bare = |(_, paths): &(&Layer, &LayerPaths)| paths.material.is_empty();
+    let bare: Vec<_> = layers.iter().zip(of_part).filter(holds).filter(is_bare).collect();
+    Ok(bare.first().map(|(layer, _)| {
+        let text = format!(
+            "{} layer(s) get no bead, as what the profile moves outlines by leaves nothing of them, the first at z {:.2} mm: look at \
+             print.squeeze_compensation_mm, hole_compensation_mm and first_layer_compensation_mm",
+            bare.len(),
+            layer.slot.z_mid_mm
+        );
+        Warning::new("toolpath.bare_layer", text)
+    }))
 }
 
 /// Material and lumen of all layers on the bed.
@@ -336,40 +370,6 @@ fn columns(
     (columns, on_part)
 }
 
-/// A layer whose beads are not yet in order.
-struct Draft {
-    slot: LayerSlot,
-    material: Region,
-    lumen: Region,
-    params: FillParams,
-    supports: Vec<Path>,
-    paths: Vec<Path>,
-    net: Option<travel::Net>,
-    thin: Option<Thin>,
-    lost: Vec<Point2>,
-}
-
-fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
-    let slot = stack.layers[idx].slot;
-    let params = fill_params(profile, slot.height_mm);
-    let (material, lumen) = stack.placed[idx].clone();
-    let mut draft = Draft {
-        slot,
-        material,
-        lumen,
-        params,
-        supports: vec![],
-        paths: vec![],
-        net: None,
-        thin: None,
-        lost: vec![],
-    };
-    let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
-        return Ok(draft);
-    };
-    let filled = fill::fill(&skins, &params);
-    let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
-    let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
 /// The ribs of all layers, and what is to be known of them; none where the profile wants none.
 fn steadied(
     layers: &[Layer],
@@ -391,6 +391,42 @@ fn steadied(
     (ribs, unsteady)
 }
 
+/// A layer whose beads are not yet in order.
+struct Draft {
+    slot: LayerSlot,
+    material: Region,
+    lumen: Region,
+    params: FillParams,
+    supports: Vec<Path>,
+    paths: Vec<Path>,
+    struts: Vec<Path>,
+    net: Option<travel::Net>,
+    thin: Option<Thin>,
+    lost: Vec<Point2>,
+}
+
+fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
+    let slot = stack.layers[idx].slot;
+    let params = fill_params(profile, slot.height_mm);
+    let (material, lumen) = stack.placed[idx].clone();
+    let mut draft = Draft {
+        slot,
+        material,
+        lumen,
+        params,
+        supports: vec![],
+        paths: vec![],
+        struts: vec![],
+        net: None,
+        thin: None,
+        lost: vec![],
+    };
+    let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
+        return Ok(draft);
+    };
+    let filled = fill::fill(&skins, &params);
+    let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
+    let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
     let interior = Interior::of(filled.rest, idx, stack, rest_below, &params, profile);
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
@@ -399,7 +435,6 @@ fn steadied(
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
 }
-    struts: Vec<Path>,
 
 /// What the walls of some material leave.
 fn rest_of(material: &Region, params: &FillParams) -> Region {
@@ -416,7 +451,6 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
     };
     FillParams {
         model: BeadModel::new(profile.print.bead_shape, height_mm),
-        struts: vec![],
         width_mm: profile.print.extrusion_width_mm,
         limits_mm: [narrowest, widest.max(narrowest)],
         perimeters: profile.print.perimeters.max(1) as usize,
