@@ -308,7 +308,7 @@ impl<'a> Job<'a> {
         if self.kind != Some(bead.kind) {
             self.kind = Some(bead.kind);
             let over_air = self.profile.filament.bridge_fan_percent.max(self.layer_fan_percent);
-            self.fan(if bead.kind == BeadKind::Bridge { over_air } else { self.layer_fan_percent });
+            self.fan(if bead.kind.is_over_air() { over_air } else { self.layer_fan_percent });
             let _infallible = writeln!(self.text, ";TYPE:{}", bead.kind.gcode_name());
         }
         for piece in moves {
@@ -453,7 +453,7 @@ fn speed(bead: &Bead, profile: &Profile, is_first_layer: bool) -> f64 {
         BeadKind::ExternalPerimeter => of_loop(print.external_perimeter_mm_s),
         BeadKind::Perimeter => of_loop(print.perimeter_mm_s),
         BeadKind::InternalInfill | BeadKind::SolidInfill => print.infill_mm_s,
-        BeadKind::Bridge => print.bridge_mm_s,
+        BeadKind::Bridge | BeadKind::Rib => print.bridge_mm_s,
         BeadKind::SupportMaterial | BeadKind::SupportInterface => print.perimeter_mm_s,
         BeadKind::SkirtBrim => print.first_layer_mm_s,
     };

@@ -105,7 +105,7 @@ impl Region {
         let Some(index) = SegmentIndex::try_new(&self.contours) else { return Self::default() };
         let offset = Offset { distance_mm, tolerance_mm };
         let trimmed: Vec<Contour> = self.contours.iter().filter_map(|c| offset.trimmed(c, &index)).collect();
-        let mut cleaned = combine(&trimmed, &[], OverlayRule::Subject, FillRule::Positive);
+        let mut cleaned = cleaned(&trimmed);
         // A loop between two trimmed runs may keep a positive winding; none of its vertices has the distance.
         cleaned.contours.retain(|c| c.points.iter().any(|&p| offset.admits(&index, p)));
         cleaned
@@ -164,7 +164,7 @@ impl Region {
                 region.contours.iter().filter_map(move |c| offset.trimmed(c, index))
             })
             .collect();
-        combine(&grown, &[], OverlayRule::Subject, FillRule::Positive)
+        cleaned(&grown)
     }
 
     /// The outer contours, each with the holes that lie in it.
@@ -183,6 +183,48 @@ impl Region {
         islands
     }
 }
+
+/// What raw offsets enclose. Where an edge is shorter than what its two ends lose, it runs back, and beside a corner that hardly turns it
+/// lies on the next edge: rounded to the grid, that may enclose a sliver, and be left as a spike.
+fn cleaned(raw: &[Contour]) -> Region {
+    let mut region = combine(raw, &[], OverlayRule::Subject, FillRule::Positive);
+    region.contours.iter_mut().for_each(without_spikes);
+    region.contours.retain(|contour| contour.len() >= 3);
+    region
+}
+
+/// Takes out vertices at which a contour turns back upon itself.
+fn without_spikes(contour: &mut Contour) {
+    let mut kept: Vec<Point2> = Vec::with_capacity(contour.len());
+    for &p in &contour.points {
+        while let [.., a, b] = kept[..]
+            && is_spike(a, b, p)
+        {
+            kept.pop();
+        }
+        kept.push(p);
+    }
+    while let [first, second, .., a, b] = kept[..] {
+        if is_spike(a, b, first) {
+            kept.pop();
+        } else if is_spike(b, first, second) {
+            kept.remove(0);
+        } else {
+            break;
+        }
+    }
+    contour.points = kept;
+}
+
+/// Whether the way from `a` over `b` to `c` comes back within what rounding to the grid moves.
+fn is_spike(a: Point2, b: Point2, c: Point2) -> bool {
+    let (there, back) = (b - a, c - b);
+    let longer_mm = there.norm().max(back.norm());
+    there.dot(&back) < 0.0 && there.perp(&back).abs() <= SPIKE_MM * longer_mm
+}
+
+/// Wider spikes are features, mm: two steps of the grid.
+const SPIKE_MM: f64 = 2.0 / STEPS_PER_MM;
 
 /// The border of the 32-bit engine's coordinates.
 const MOST_STEPS: f64 = 1_073_741_823.0;
@@ -267,6 +309,32 @@ mod tests {
                 let worst = off.fold(0.0, f64::max);
                 // The circle's chords and those of the arcs are 0.001 mm off.
                 assert!(worst < 5e-3, "hair {hair_mm} mm, moved by {d} mm: {worst} mm off");
+            }
+        }
+    }
+
+    #[test]
+    fn an_offset_has_no_spike_beside_a_vertex_that_hardly_turns() {
+        // Facets of a circle, each with a vertex near its begin: inward, what lies between the two is less than it loses.
+        for share in [1e-5, 1e-4, 1e-3, 5e-3, 0.5, 0.995, 0.9999] {
+            let circle = Contour::circle(Point2::origin(), 4.0, 128);
+            let facet = |(a, b): (Point2, Point2)| [a, a + (b - a) * share];
+            let outline = Contour::new(circle.edges().flat_map(facet).collect());
+            for (contour, distance_mm) in
+                [(outline.clone(), -0.05), (outline.clone(), 0.1), (outline.reversed(), 0.3)]
+            {
+                let around = Contour::circle(Point2::origin(), 9.0, 64);
+                let contours = if contour.is_ccw() { vec![contour] } else { vec![around, contour] };
+                let offset = Region::new(contours).offset(distance_mm, 1e-3);
+                for c in &offset.contours {
+                    let n = c.len();
+                    let turn = |i: usize| {
+                        let [a, b, c] = [0, 1, 2].map(|k| c.points[(i + k) % n]);
+                        (b - a).angle(&(c - b))
+                    };
+                    let sharpest = (0..n).map(turn).fold(0.0, f64::max);
+                    assert!(sharpest < 1.6, "{share}, {distance_mm} mm: a corner turns by {sharpest} rad");
+                }
             }
         }
     }

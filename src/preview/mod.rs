@@ -138,7 +138,7 @@ impl Frame {
     fn legend(&self) -> impl Iterator<Item = ([u8; 4], &'static str)> + '_ {
         let swatch = |kind: &BeadKind| {
             let [r, g, b] = colour(*kind);
-            ([r, g, b, 255], kind.gcode_name())
+            ([r, g, b, 255], kind.name())
         };
         self.kinds.iter().map(swatch).chain(NO_BEADS)
     }
@@ -161,6 +161,7 @@ const fn colour(kind: BeadKind) -> [u8; 3] {
         BeadKind::SkirtBrim => [0, 135, 110],
         BeadKind::SupportMaterial => [0, 190, 0],
         BeadKind::SupportInterface => [0, 127, 0],
+        BeadKind::Rib => [150, 210, 60],
     }
 }
 

@@ -97,13 +97,14 @@ fn bar(size_mm: [f64; 2]) -> Toolpaths {
 }
 
 /// Kinds that the lower layer of a bar has not.
-const KINDS: [BeadKind; 6] = [
+const KINDS: [BeadKind; 7] = [
     BeadKind::InternalInfill,
     BeadKind::Perimeter,
     BeadKind::Bridge,
     BeadKind::SkirtBrim,
     BeadKind::SupportMaterial,
     BeadKind::SupportInterface,
+    BeadKind::Rib,
 ];
 
 #[test]
@@ -138,8 +139,8 @@ fn the_legend_names_the_kinds_of_the_job() {
     let [width, height] = frame.size_px();
     assert!(f64::from(height) > 20.0 + 10.0 * f64::from(LEGEND_LINE_PX), "there is room for every kind");
     for kind in &frame.kinds {
-        assert!(draw::is_drawn(kind.gcode_name()), "{kind:?}");
-        let text_px = draw::text_width(kind.gcode_name(), LEGEND_UNIT);
+        assert!(draw::is_drawn(kind.name()), "{kind:?}");
+        let text_px = draw::text_width(kind.name(), LEGEND_UNIT);
         assert!(whole(text_px) + 22 < frame.legend_px(), "{kind:?} is cut off");
     }
     // In the first layer, too, where there is no bridge.

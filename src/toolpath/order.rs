@@ -121,6 +121,10 @@ impl Order {
             beads.extend(sequence.beads);
             travels.extend(sequence.travels);
         }
+        let struts = sequence::around(draft.struts, draft.net.as_ref(), self.at);
+        self.at = struts.at;
+        beads.extend(struts.beads);
+        travels.extend(struts.travels);
         let Draft { slot, material, lumen, .. } = draft;
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
     }

@@ -7,7 +7,7 @@
 
 use super::Error;
 use super::raft::Raft;
-use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, Vector3};
+use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, SegmentIndex, Vector3};
 use crate::profile::Profile;
 use crate::slice::Layer;
 
@@ -98,6 +98,16 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     Ok(Placement { bed_from_stack: RigidTransform::translation(by), raft, by, centre, scale })
 }
 
+/// The islands of some material that lie in a lumen: of another program's model that is all that an outline encloses.
+fn within(material: &Region, lumen: &Region) -> Region {
+    let Some(index) = SegmentIndex::try_new(&lumen.contours) else { return Region::default() };
+    let is_within = |island: &Region| {
+        let first = island.contours.first().and_then(|c| c.points.first());
+        first.is_some_and(|&p| index.signed_distance_mm(p) < -TOLERANCE_MM)
+    };
+    Region::new(material.islands().into_iter().filter(is_within).flat_map(|island| island.contours).collect())
+}
+
 impl Placement {
     /// What is done to the part besides moving it.
     pub(super) const fn compensation(&self, profile: &Profile) -> Compensation {
@@ -122,8 +132,9 @@ impl Placement {
         let widen = print.hole_compensation_mm;
         if widen != 0.0 && !lumen.is_empty() {
             let whole = material.union(&lumen);
+            let within = within(&material, &lumen);
             lumen = lumen.offset(widen, TOLERANCE_MM);
-            material = whole.difference(&lumen);
+            material = Region::union_all([&whole.difference(&lumen), &within]);
         }
         let spread = if is_first && self.raft.is_none() { print.first_layer_compensation_mm } else { 0.0 };
         let inward = print.squeeze_compensation_mm + spread;

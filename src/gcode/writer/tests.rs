@@ -222,7 +222,7 @@ fn the_fan_goes_by_the_time_that_the_layer_takes_at_the_slowest_speed() {
     });
     let (speeds, time_s) = driven(&text, 1);
     assert!(speeds.iter().all(|s| (s - 8.0).abs() < 0.01) && (time_s - 13.5).abs() < 0.02, "{speeds:?}");
-    assert!(text[text.find(";LAYER:1").unwrap()..].contains("M106 S128\n"), "half of the way between");
+    assert!(text[text.find(";LAYER:1").unwrap()..].contains("M106 S127\n"), "half of the way between");
 }
 
 #[test]
