@@ -4,7 +4,10 @@ use super::*;
 
 #[test]
 fn planes_that_would_become_one_are_refused() {
-    let twice = place::onto(&ct(RigidTransform::identity()), drawn_at(&[2.0, 3.98, 4.02]), &mut Vec::new());
+    let aside = RigidTransform::translation(Vector3::y() * 2.0);
+    let contours = [(&RigidTransform::identity(), 2.0), (&RigidTransform::identity(), 3.98), (&aside, 4.02)];
+    let drawn = rtstruct(contours.map(|(at, z)| circle(at, 5.0, z)).to_vec()).load(None).unwrap().drawn;
+    let twice = place::onto(&ct(RigidTransform::identity()), drawn, &mut Vec::new());
     assert_eq!(
         twice.unwrap_err().to_string(),
         "two planes of the segmentation lie at z = 4.000 mm of the CT: export it with one for each plane of the CT, or leave --ct out"
