@@ -28,6 +28,10 @@ impl Edge {
         let along = (to - from).try_normalize(1e-12)?;
         Some(Self { from, normal: Vector2::new(along.y, -along.x), length_mm: (to - from).norm() })
     }
+
+    fn middle(&self) -> Point2 {
+        self.from + Vector2::new(-self.normal.y, self.normal.x) * (self.length_mm / 2.0)
+    }
 }
 
 /// An outline that turns back on itself is gone round on either side: what lies within the distance belongs to the result, and
@@ -54,27 +58,40 @@ impl Offset {
 
     /// Whether a point may lie on the boundary of the result.
     pub(super) fn admits(self, index: &SegmentIndex, p: Point2) -> bool {
-        index.nearest(p).distance_mm >= self.distance_mm.abs() - self.slack_mm()
+        self.is_far(index.nearest(p).distance_mm)
+    }
+
+    fn is_far(self, off_mm: f64) -> bool {
+        off_mm >= self.distance_mm.abs() - self.slack_mm()
     }
 
     /// The trimmed raw offset of a contour; `None` where none of it can lie on the result.
     pub(super) fn trimmed(self, contour: &Contour, index: &SegmentIndex) -> Option<Contour> {
         let raw = self.raw(contour);
-        let valid: Vec<bool> = raw.iter().map(|&p| self.admits(index, p)).collect();
-        let start = valid.iter().position(|&v| v)?;
+        let off_mm: Vec<f64> = raw.iter().map(|&p| index.nearest(p).distance_mm).collect();
+        let start = off_mm.iter().position(|&mm| self.is_far(mm))?;
         let mut points = Vec::with_capacity(raw.len());
-        let mut run: Vec<Point2> = Vec::new();
+        let mut run: Vec<(Point2, f64)> = Vec::new();
         for i in (start..raw.len()).chain(0..=start) {
-            if valid[i] {
-                points.extend(thinned(&run));
-                run.clear();
+            if self.is_far(off_mm[i]) {
+                points.extend(self.thinned(std::mem::take(&mut run)));
                 points.push(raw[i]);
             } else {
-                run.push(raw[i]);
+                run.push((raw[i], off_mm[i]));
             }
         }
         points.pop();
         Some(Contour::new(points))
+    }
+
+    /// Both ends of a run and a few vertices between. A long one keeps no corner of the outline itself: without what lies to both
+    /// sides of it in the run, it would lead the result out there.
+    fn thinned(self, mut run: Vec<(Point2, f64)>) -> impl Iterator<Item = Point2> {
+        if run.len() > KEPT_PER_TRIMMED_RUN {
+            run.retain(|&(_, off_mm)| off_mm > self.slack_mm());
+        }
+        let (n, stride) = (run.len(), run.len().div_ceil(KEPT_PER_TRIMMED_RUN).max(1));
+        run.into_iter().enumerate().filter(move |(i, _)| i % stride == 0 || i + 1 == n).map(|(_, (p, _))| p)
     }
 
     fn raw(self, contour: &Contour) -> Vec<Point2> {
@@ -82,6 +99,10 @@ impl Offset {
         let mut points = Vec::with_capacity(edges.len() + 16);
         for (i, edge) in edges.iter().enumerate() {
             self.join(&edges[(i + edges.len() - 1) % edges.len()], edge, &mut points);
+            // Both ends may be too near to other edges, what lies between them not.
+            if edge.length_mm > self.distance_mm.abs() {
+                points.push(edge.middle() + edge.normal * self.distance_mm);
+            }
         }
         points
     }
@@ -140,10 +161,4 @@ impl Offset {
             points.push(at + direction * self.distance_mm);
         }
     }
-}
-
-/// Both ends of a run and a few vertices between.
-fn thinned(run: &[Point2]) -> impl Iterator<Item = Point2> + '_ {
-    let stride = run.len().div_ceil(KEPT_PER_TRIMMED_RUN).max(1);
-    run.iter().enumerate().filter(move |(i, _)| i % stride == 0 || i + 1 == run.len()).map(|(_, &p)| p)
 }

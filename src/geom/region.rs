@@ -292,6 +292,23 @@ mod tests {
     }
 
     #[test]
+    fn rounded_corners_shrink_beyond_their_radius_to_sharp_ones() {
+        let square = |half: f64| {
+            let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+            Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec())])
+        };
+        for tolerance_mm in [1e-4, 1e-3, 1e-2] {
+            // No vertex of the rounded corners' raw offset lies on the result, the middles of the sides do.
+            let rounded = square(9.0).offset(0.2, tolerance_mm);
+            for by in [0.5, 1.0, 9.0] {
+                let shrunk = rounded.offset(-by, 1e-3);
+                let expected = (18.4 - 2.0 * by) * (18.4 - 2.0 * by);
+                assert!((shrunk.area_mm2() - expected).abs() < 1e-3, "{by} mm: {}", shrunk.area_mm2());
+            }
+        }
+    }
+
+    #[test]
     fn steps_back_of_a_hair_grow_no_spikes() {
         // As a mesh is cut: some vertices twice, a hair apart, now and then the wrong way round.
         let circle = Contour::circle(Point2::origin(), 3.0, 120).points;
