@@ -1,14 +1,14 @@
 //! Parallel lines through what the perimeters leave, joined to zigzags.
 //!
 //! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are
-//! joined along the border where the joint stays inside, so that a piece is one path where its shape
+//! joined along the border where all of the joint stays inside, so that a piece is one path where its shape
 //! allows. The direction alternates from layer to layer.
 //!
 //! What is filled how, is said by the module `interior`.
 
 use super::BeadKind;
 use super::fill::{FillParams, Path, Role, Vertex};
-use crate::geom::{Contour, Point2, Region, Vector2};
+use crate::geom::{Contour, Point2, Region, SegmentIndex};
 
 /// Shortest line worth printing, mm.
 const SHORTEST_MM: f64 = 0.1;
@@ -16,6 +16,13 @@ const SHORTEST_MM: f64 = 0.1;
 /// the round ends empty; here what is missing beside them and what is too much at them are equal, so the
 /// volume is right.
 const END_INSET: f64 = 0.4;
+/// Longest joint of two rows, in pitches of beads or, if that is longer, in those of rows.
+const MOST_BEADS: f64 = 3.0;
+const MOST_ROWS: f64 = 2.0;
+/// A joint may run so far outside of the piece, mm: as a chord of its border does,
+const OUTSIDE_MM: f64 = 0.05;
+/// and is looked at in steps of this, mm: no cleft between pieces is as narrow, for the ends of rows keep off both its sides.
+const PROBE_MM: f64 = 0.2;
 /// Chord tolerance of the inset border, mm.
 const TOLERANCE_MM: f64 = 2e-3;
 
@@ -80,7 +87,10 @@ impl Rows<'_> {
         } else {
             self.params.width_mm
         };
-        let zigzags = join(&mut rows, pitch, &turned);
+        let longest_mm = (MOST_BEADS * self.params.pitch_mm()).max(MOST_ROWS * pitch);
+        let Some(border) = SegmentIndex::try_new(&turned.contours) else { return Vec::new() };
+        let may_join = |a: Point2, b: Point2| (b - a).norm() < longest_mm && stays_inside(&border, a, b);
+        let zigzags = join(&mut rows, may_join);
         let back = turn.inverse();
         let path = |points: Vec<Point2>| Path {
             kind: if self.is_solid { BeadKind::SolidInfill } else { BeadKind::InternalInfill },
@@ -103,8 +113,8 @@ pub(super) fn spans(region: &Region, y: f64) -> Vec<Span> {
     pairs.map(|p| Span { from: p[0], to: p[1], used: false }).collect()
 }
 
-/// Walks the rows to and fro, from one span to one above it that overlaps, until there is none.
-fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<Point2>> {
+/// Walks the rows to and fro, from one span to one above it that overlaps and may be joined to it, until there is none.
+fn join(rows: &mut [(f64, Vec<Span>)], may_join: impl Fn(Point2, Point2) -> bool) -> Vec<Vec<Point2>> {
     let mut paths = Vec::new();
     for first in 0..rows.len() {
         while let Some(idx) = rows[first].1.iter().position(|s| !s.used) {
@@ -122,8 +132,7 @@ fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<P
                     let next = spans.iter().position(|s| {
                         let start = Point2::new(if forward { s.from } else { s.to }, *y_next);
                         let end = Point2::new(to, y);
-                        let near = (start - end).norm() < 3.0 * pitch;
-                        !s.used && s.from < high && s.to > low && near && stays_inside(region, end, start)
+                        !s.used && s.from < high && s.to > low && may_join(end, start)
                     });
                     next.map(|i| (row + 1, i))
                 });
@@ -134,11 +143,12 @@ fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<P
     paths
 }
 
-/// Whether the middle of a short joint lies inside, or at most a hair outside.
-fn stays_inside(region: &Region, a: Point2, b: Point2) -> bool {
-    let middle = nalgebra::center(&a, &b);
-    let inward = Vector2::new(b.y - a.y, a.x - b.x).normalize() * 0.05;
-    region.contains(middle) || region.contains(middle + inward) || region.contains(middle - inward)
+/// Whether a joint lies inside all along, or at most a hair outside.
+fn stays_inside(border: &SegmentIndex, a: Point2, b: Point2) -> bool {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a joint is a few rows long")]
+    let n = ((b - a).norm() / PROBE_MM).ceil().max(2.0) as u32;
+    let at = |i: u32| a + (b - a) * (f64::from(i) / f64::from(n));
+    (1..n).map(at).all(|p| border.contains(p) || border.nearest_within(p, OUTSIDE_MM).is_some())
 }
 
 #[cfg(test)]
@@ -180,5 +190,27 @@ mod tests {
         let share = length(&sparse) / solid;
         assert!((0.17..0.32).contains(&share), "{share}");
         assert!(raster(&disk, &PARAMS, 0.0, 0.3).is_empty());
+    }
+
+    #[test]
+    fn no_line_runs_across_a_slot() {
+        // A comb of seven slots of 1.6 mm, as two perimeters leave it.
+        let teeth = (0..7).flat_map(|k| {
+            let x = 35.0 - 5.0 * f64::from(k);
+            [(x + 0.8, 40.0), (x + 0.8, 5.0), (x - 0.8, 5.0), (x - 0.8, 40.0)]
+        });
+        let corners = [(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)].into_iter().chain(teeth).chain([(0.0, 40.0)]);
+        let comb = Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).collect())]);
+        let rest = comb.offset(-0.45, 1e-3);
+        let border = SegmentIndex::try_new(&rest.contours).unwrap();
+        for percent in [5.0, 10.0, 20.0, 50.0, 100.0] {
+            for angle in [std::f64::consts::FRAC_PI_4, -std::f64::consts::FRAC_PI_4, 0.0, 1.2] {
+                let paths = raster(&rest, &PARAMS, percent, angle);
+                assert!(!paths.is_empty());
+                for pair in paths.iter().flat_map(|p| p.vertices.windows(2)) {
+                    assert!(!border.crosses(pair[0].at, pair[1].at), "{percent} % at {angle}: {pair:?}");
+                }
+            }
+        }
     }
 }
