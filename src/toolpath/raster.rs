@@ -2,7 +2,8 @@
 //!
 //! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are
 //! joined along the border where all of the joint stays inside, so that a piece is one path where its shape
-//! allows. The direction alternates from layer to layer.
+//! allows. The direction alternates from layer to layer. A solid piece holds its volume: what the ends of its rows take of the
+//! strip along the border, the joints there are the narrower by.
 //!
 //! What is filled how, is said by the module `interior`.
 
@@ -13,9 +14,11 @@ use crate::geom::{Contour, Point2, Region, SegmentIndex};
 /// Shortest line worth printing, mm.
 const SHORTEST_MM: f64 = 0.1;
 /// Distance of the lines' ends from the border, in pitches. Half a pitch would leave the corners beside
-/// the round ends empty; here what is missing beside them and what is too much at them are equal, so the
-/// volume is right.
+/// the round ends empty; nearer, the ends and the joints along the border hold too much, which the joints give up.
 const END_INSET: f64 = 0.4;
+/// How far the pitch of a piece's rows may be changed to give it its volume: where that is not enough, its shape has places
+/// that no line reaches, and what is missing there is not to be put elsewhere.
+const MOST_CHANGE: f64 = 0.1;
 /// Longest joint of two rows, in pitches of beads or, if that is longer, in those of rows.
 const MOST_BEADS: f64 = 3.0;
 const MOST_ROWS: f64 = 2.0;
@@ -82,23 +85,71 @@ impl Rows<'_> {
             rows.push((y, spans(&turned, y)));
             y += pitch;
         }
-        let width_mm = if self.is_solid {
-            (pitch + self.params.model.overlap_mm()).min(1.5 * self.params.width_mm)
-        } else {
-            self.params.width_mm
-        };
         let longest_mm = (MOST_BEADS * self.params.pitch_mm()).max(MOST_ROWS * pitch);
         let Some(border) = SegmentIndex::try_new(&turned.contours) else { return Vec::new() };
         let may_join = |a: Point2, b: Point2| (b - a).norm() < longest_mm && stays_inside(&border, a, b);
         let zigzags = join(&mut rows, may_join);
+        let widths = if self.is_solid {
+            self.widths(&zigzags, self.around_mm2(piece), pitch)
+        } else {
+            Widths { row_mm: self.params.width_mm, joint_mm: self.params.width_mm }
+        };
         let back = turn.inverse();
         let path = |points: Vec<Point2>| Path {
             kind: if self.is_solid { BeadKind::SolidInfill } else { BeadKind::InternalInfill },
             role: Role::Raster,
             closed: false,
-            vertices: points.into_iter().map(|p| Vertex { at: back * p, width_mm, room_mm: 0.0 }).collect(),
+            vertices: widths.vertices(points.into_iter().map(|p| back * p)),
         };
         zigzags.into_iter().map(path).collect()
+    }
+
+    /// The area of which a piece is what its border leaves: grown by what that takes (Steiner's formula, which needs no more
+    /// than area, perimeter and number of holes).
+    fn around_mm2(&self, piece: &Region) -> f64 {
+        let by_mm = END_INSET * self.params.pitch_mm();
+        let perimeter_mm: f64 = piece.contours.iter().map(Contour::perimeter_mm).sum();
+        let euler: f64 = piece.contours.iter().map(|c| if c.is_ccw() { 1.0 } else { -1.0 }).sum();
+        piece.area_mm2() + perimeter_mm * by_mm + euler * std::f64::consts::PI * by_mm * by_mm
+    }
+
+    /// Widths with which rows of a pitch, and their joints, fill an area.
+    fn widths(&self, zigzags: &[Vec<Point2>], area_mm2: f64, pitch: f64) -> Widths {
+        let length = |first: usize| -> f64 {
+            let steps = zigzags.iter().flat_map(|z| z[first..].chunks_exact(2));
+            steps.map(|p| (p[1] - p[0]).norm()).sum()
+        };
+        let (rows_mm, joints_mm) = (length(0), length(1));
+        let pitch = pitch.min(1.5 * self.params.pitch_mm());
+        let overlap_mm = self.params.model.overlap_mm();
+        let narrowest = (self.params.limits_mm[0] - overlap_mm).min(pitch);
+        let joint = ((area_mm2 - pitch * rows_mm) / joints_mm.max(1e-9)).clamp(narrowest, pitch);
+        let row = (area_mm2 - joint * joints_mm) / rows_mm.max(1e-9);
+        let row = row.clamp((1.0 - MOST_CHANGE) * pitch, (1.0 + MOST_CHANGE) * pitch);
+        Widths { row_mm: row + overlap_mm, joint_mm: joint + overlap_mm }
+    }
+}
+
+/// Widths of the beads of a zigzag.
+#[derive(Debug, Clone, Copy)]
+struct Widths {
+    row_mm: f64,
+    joint_mm: f64,
+}
+
+impl Widths {
+    /// The vertices of a zigzag, which begins and ends with a row; where the width changes there are two in one place.
+    fn vertices(self, points: impl Iterator<Item = Point2>) -> Vec<Vertex> {
+        let points: Vec<Point2> = points.collect();
+        let vertex = |at, width_mm| Vertex { at, width_mm, room_mm: 0.0 };
+        let row = |p: &[Point2]| [vertex(p[0], self.row_mm), vertex(p[1], self.row_mm)];
+        if self.row_mm == self.joint_mm {
+            return points.chunks_exact(2).flat_map(row).collect();
+        }
+        let joint = |p: &[Point2]| [vertex(p[0], self.joint_mm), vertex(p[1], self.joint_mm)];
+        let rows = points.chunks_exact(2).map(row);
+        let joints = points[1..].chunks_exact(2).map(|p| Some(joint(p))).chain([None]);
+        rows.zip(joints).flat_map(|(row, joint)| row.into_iter().chain(joint.into_iter().flatten())).collect()
     }
 }
 
