@@ -256,7 +256,7 @@ pub enum Error {
 ///
 /// # Errors
 /// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest
-/// bead, settings that make no sense, cancellation.
+/// bead, no room for any bead, settings that make no sense, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
     let placement = place::place(layers, profile)?;
@@ -403,6 +403,8 @@ struct Draft {
     net: Option<travel::Net>,
     thin: Option<Thin>,
     lost: Vec<Point2>,
+    /// A place on each island that begins in the air.
+    floating: Vec<Point2>,
 }
 
 fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
@@ -420,6 +422,7 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
         net: None,
         thin: None,
         lost: vec![],
+        floating: vec![],
     };
     let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
         return Ok(draft);
@@ -431,7 +434,9 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
-    draft.net = Some(travel::Net::new(&skins));
+    let net = travel::Net::new(&skins);
+    draft.floating = order::floating(idx, stack, &skins, &net);
+    draft.net = Some(net);
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
 }
@@ -451,7 +456,7 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
     };
     FillParams {
         model: BeadModel::new(profile.print.bead_shape, height_mm),
-        width_mm: profile.print.extrusion_width_mm,
+        width_mm: profile.print.extrusion_width_mm.max(narrowest),
         limits_mm: [narrowest, widest.max(narrowest)],
         perimeters: profile.print.perimeters.max(1) as usize,
     }
