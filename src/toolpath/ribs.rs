@@ -189,7 +189,8 @@ impl Plan {
             other.idx != part.idx && layers.contains(&want.layer)
         };
         let pair = |other: &Part| {
-            let (from, to) = here.nearest_pair(scene.island(other, want.layer), scene.span_mm)?;
+            let there = Some(scene.island(other, want.layer)).filter(|there| scene.is_body(there))?;
+            let (from, to) = here.nearest_pair(there, scene.span_mm)?;
             Some((Axis::between(from, to, true), other.idx))
         };
         let mut pairs: Vec<(Axis, usize)> = parts.iter().filter(is_there).filter_map(pair).collect();

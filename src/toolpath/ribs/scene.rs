@@ -198,16 +198,20 @@ impl Scene {
         &self.levels[layer].islands[part.islands[layer - part.first]]
     }
 
+    /// Whether it is more than a speck.
+    pub(super) fn is_body(&self, island: &Island) -> bool {
+        island.area_mm2 > (SPECK_BEADS * self.bead_mm).powi(2)
+    }
+
     /// The pieces of the body, from the bed upward.
     pub(super) fn parts(&self) -> Vec<Part> {
-        let least_mm2 = (SPECK_BEADS * self.bead_mm).powi(2);
         let mut parts: Vec<Part> = Vec::new();
         let mut below: (&[Island], Vec<usize>) = (&[], Vec::new());
         for (first, level) in self.levels.iter().enumerate() {
-            let is_body = |island: &Island| island.area_mm2 > least_mm2;
             let under = |island: &Island| -> Vec<usize> {
                 let others = below.0.iter().enumerate();
-                let touching = others.filter(|(_, b)| is_body(island) && is_body(b) && island.overlaps(b));
+                let touching =
+                    others.filter(|(_, b)| self.is_body(island) && self.is_body(b) && island.overlaps(b));
                 touching.map(|(i, _)| i).collect()
             };
             let under: Vec<Vec<usize>> = level.islands.iter().map(under).collect();

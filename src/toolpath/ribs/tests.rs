@@ -113,7 +113,7 @@ fn check(planned: &Planned, profile: &Profile, what: &str) {
             };
             assert!(holds(from) && holds(to), "{what}: an end of a strut hangs in layer {i}");
             let is_bridge = length_mm <= profile.print.rib_span_mm + 2.0 * GRIP_MM + 2e-3;
-            assert!(is_bridge && (resting > 0.85 || resting < 0.25), "{what}: {resting} rests in layer {i}");
+            assert!(is_bridge && !(0.25..=0.85).contains(&resting), "{what}: {resting} rests in layer {i}");
         }
         below = layer.material.union(&bars).union(&feet);
         posts_below = posts;
