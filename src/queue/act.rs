@@ -245,7 +245,8 @@ fn check_printer<'a>(scene: &'a Scene, name: &Name) -> Result<&'a Printer, Refus
 }
 
 /// The appliance that had a job has come back and takes it up again under a new claim; the old one is void. Only whoever has made sure
-/// that no other process of this name lives may ask for it.
+/// that no other process of this name lives may ask for it. A job of which nothing was laid, and in the middle of which one holder after
+/// the other ended, is given up instead: there is no claim then.
 ///
 /// # Errors
 /// [`Refusal::ClaimLost`] where the job is not this appliance's any more.
@@ -253,8 +254,19 @@ pub fn adopt(scene: &Scene, holder: &Name, token: u64, now: Timestamp) -> Result
     if scene.claim.as_ref().is_none_or(|claim| claim.holder != *holder) {
         return Err(Refusal::ClaimLost);
     }
-    let by = By { who: Who::Appliance(holder.clone()), why: Reason::default(), now };
-    happen(scene, &Change::Adopt, Some(new_claim(scene, holder, token, now)), &by)
+    let (change, why) = if has_lost_too_many(&scene.job) {
+        (Change::Fail { used_mm3: Some(0) }, "one holder after the other ended in the middle of it")
+    } else {
+        (Change::Adopt, "")
+    };
+    let by = By { who: Who::Appliance(holder.clone()), why: Reason::try_new(why)?, now };
+    happen(scene, &change, Some(new_claim(scene, holder, token, now)), &by)
+}
+
+/// Whether the job, once more without a holder, is not left to do to the next one what it has done to those before. Not where material
+/// was laid: only its own printer can go on.
+fn has_lost_too_many(job: &Job) -> bool {
+    !job.is_laid && job.n_lost.saturating_add(1) >= MOST_LOST
 }
 
 /// What becomes of a job whose holder has not been heard of for too long. `None`: nothing; material was laid, and only its own printer
@@ -267,10 +279,10 @@ pub fn lost(scene: &Scene, now: Timestamp) -> Result<Option<Outcome>, Refusal> {
     if scene.job.is_laid || !is_lapsed {
         return Ok(None);
     }
-    let (change, why) = if scene.job.n_lost.saturating_add(1) < MOST_LOST {
-        (Change::GiveBack { lost: true }, "its holder was not heard of any more")
-    } else {
+    let (change, why) = if has_lost_too_many(&scene.job) {
         (Change::Fail { used_mm3: Some(0) }, "one holder after the other was not heard of any more")
+    } else {
+        (Change::GiveBack { lost: true }, "its holder was not heard of any more")
     };
     let by = By { who: Who::Policy(Name::try_new("lease")?), why: Reason::try_new(why)?, now };
     happen(scene, &change, scene.claim.clone(), &by).map(Some)

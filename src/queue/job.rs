@@ -303,7 +303,7 @@ pub struct Job {
     pub n_printed: u16,
     /// Whether material of the present copy was laid, or may have been.
     pub is_laid: bool,
-    /// How often in a row whoever held it was lost.
+    /// How often in a row whoever held it was lost, or ended and came back, before anything came of it.
     pub n_lost: u8,
     /// Who has it: the worker that prepares it, or the printer on whose bed it is.
     pub holder: Option<Name>,
@@ -466,6 +466,8 @@ impl Job {
                 self.n_printed = self.n_printed.saturating_add(1);
                 self.is_laid = false;
             }
+            // Whoever comes back to it has ended in the middle of it.
+            Change::Adopt => self.n_lost = self.n_lost.saturating_add(u8::from(!self.is_laid)),
             Change::GiveBack { lost } => self.n_lost = self.n_lost.saturating_add(u8::from(*lost)),
             Change::Retry => {
                 self.is_laid = false;

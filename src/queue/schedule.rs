@@ -16,7 +16,7 @@ use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use std::fmt;
 
-/// Copies in a plan: months of printing.
+/// Copies in a plan: more than anybody looks at.
 pub const MOST_SLOTS: usize = 4096;
 
 /// What stands in the way of all jobs that a printer could draw.

@@ -258,9 +258,9 @@ impl Week {
         for job in held {
             let (token, time) = (self.kept.head().seq + 1, at(self.time(idx, now)));
             let outcome = act::adopt(&self.kept.scene(job, None), &printer, token, time).unwrap();
-            let claim = outcome.scene.claim.clone().unwrap();
-            let is_laid = outcome.scene.job.is_laid;
+            let (claim, is_laid) = (outcome.scene.claim.clone(), outcome.scene.job.is_laid);
             self.kept.put(outcome);
+            let Some(claim) = claim else { continue };
             self.summary.n_taken_up += 1;
             if is_laid {
                 self.hosts[idx].work = Some((claim, 1800));

@@ -117,7 +117,7 @@ pub trait Store: Clone + Send + Sync + 'static {
     fn renew(&self, claim: Claim, now: Timestamp) -> impl Future<Output = Result<Claim, Error>> + Send;
 
     /// Takes up again, under new claims, what this appliance had when it ended. Only whoever has made sure that no other process of this
-    /// name lives may ask for it.
+    /// name lives may ask for it. A job in the middle of which one holder after the other ended has failed then, and is not given.
     ///
     /// # Errors
     /// [`Error`].

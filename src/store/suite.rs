@@ -72,6 +72,7 @@ macro_rules! every_behaviour {
             a_lapsed_claim_is_taken_away_where_nothing_was_laid,
             a_claim_of_a_clock_that_was_ahead_lapses_in_one_lease,
             whoever_comes_back_takes_up_what_it_had,
+            a_job_that_ends_its_host_again_and_again_is_given_up,
             each_copy_is_printed_once_by_many_threads,
             each_copy_is_printed_once_by_many_processes,
             whatever_happens_history_and_state_are_one,
@@ -454,5 +455,27 @@ pub(super) async fn whoever_comes_back_takes_up_what_it_had<T: Site>(site: &T) {
     assert_eq!(refusal(store.renew(before.claim, at(4)).await), Refusal::ClaimLost);
     let printed = holds(&after[0].claim, Change::Printed { used_mm3: None }, 5);
     assert_eq!(store.change(id(1), printed).await.unwrap().state, State::AwaitingBedClear);
+    store.verify().await.unwrap();
+}
+
+pub(super) async fn a_job_that_ends_its_host_again_and_again_is_given_up<T: Site>(site: &T) {
+    let store = with_jobs(site, 2).await;
+    for n_crashes in 1..=3 {
+        assert_eq!(taken(&store, n_crashes).await.unwrap().job.id, id(1));
+        let adopted = store.adopt(name("left"), at(n_crashes)).await.unwrap();
+        assert_eq!(adopted.len(), usize::from(n_crashes < 3));
+        for Claimed { claim, .. } in adopted {
+            store.change(id(1), holds(&claim, Change::GiveBack { lost: false }, n_crashes)).await.unwrap();
+        }
+    }
+    assert_eq!(state(&store, 1).await, State::Failed);
+    assert_eq!(print_next(&store, 4).await, Some(id(2)));
+    // Only crashes in a row count.
+    store.change(id(1), asks(Change::Retry, State::Failed, 5)).await.unwrap();
+    let claimed = taken(&store, 6).await.unwrap();
+    store.change(id(1), holds(&claimed.claim, Change::Lay, 7)).await.unwrap();
+    for n_crashes in 8..12 {
+        assert_eq!(store.adopt(name("left"), at(n_crashes)).await.unwrap().len(), 1);
+    }
     store.verify().await.unwrap();
 }

@@ -7,7 +7,7 @@ use crate::store::Progress;
 use crate::store::progress::{Replay, Stage};
 use rusqlite::{Connection, OptionalExtension, params};
 
-/// Records, or rows, of one part: some milliseconds.
+/// Records, or rows, of one part.
 const MOST: u32 = 4096;
 
 /// Tables whose rows all have records: how rows and their subjects are found from a key on.

@@ -3,7 +3,7 @@
 use super::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-const N_STEPS: u64 = 4000;
+const N_STEPS: u64 = 6000;
 /// After so many, four jobs are asked for no more, and four new ones are.
 const N_STEPS_OF_A_JOB: u64 = 800;
 
@@ -139,8 +139,8 @@ async fn step(
         _ => {
             let saw = store.job(id(number)).await?.0.state;
             let change = match (saw, dice.below(4)) {
-                (State::AwaitingSignOff, 0) => Change::Accept,
-                (State::AwaitingSignOff, 1 | 2) => Change::Reject,
+                (State::AwaitingSignOff, 0 | 1) => Change::Accept,
+                (State::AwaitingSignOff, _) => Change::Reject,
                 (State::Failed | State::Cancelled, 0 | 1) => Change::Retry,
                 (State::Held, 0 | 1) => Change::Release,
                 _ => any_change(dice, clock),

@@ -55,6 +55,7 @@ async fn kills_of_one_queue<T: Site>(dir: &Path, dice: &mut Dice, n_kills: u32, 
             let made = ticket(number).made.filter(|_| number % 3 != 0);
             store.add(Ticket { made, ..ticket(number) }, true, operator(0)).await.unwrap();
         }
+        try_again(&store).await;
         let mut host = spawn::<T>(dir, "print left");
         // Every fourth while it begins, or opens the store, or takes up what it had.
         if dice.below(4) > 0 {
@@ -71,8 +72,18 @@ async fn kills_of_one_queue<T: Site>(dir: &Path, dice: &mut Dice, n_kills: u32, 
         assert_whole(&store, dir, met).await;
     }
     let store = T::open(dir);
+    try_again(&store).await;
     print_all(&store, dir, "left").await;
     assert_all_printed_once(&store, dir, N_JOBS, 1).await;
+}
+
+/// Somebody lets jobs be tried again that were given up, because one host after the other was killed in the middle of them.
+async fn try_again(store: &impl Store) {
+    for job in store.list(Which::Over, None, 1000).await.unwrap() {
+        if job.state == State::Failed {
+            store.change(job.id, asks(Change::Retry, State::Failed, 0)).await.unwrap();
+        }
+    }
 }
 
 /// The very first host, about when the first file is there.
