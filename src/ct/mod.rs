@@ -239,12 +239,21 @@ impl Volume {
         };
         let i = nearest(p.x - self.origin_xy_mm[0], self.pixel_spacing_xy_mm[0], self.dims[0])?;
         let j = nearest(p.y - self.origin_xy_mm[1], self.pixel_spacing_xy_mm[1], self.dims[1])?;
-        let nearest_plane = (0..self.dims[2])
-            .min_by(|&a, &b| (self.plane_z_mm[a] - p.z).abs().total_cmp(&(self.plane_z_mm[b] - p.z).abs()))?;
+        let nearest_plane = self.nearest_plane(p.z)?;
         let interval = self.plane_interval_mm(nearest_plane);
         let k = ((self.plane_z_mm[nearest_plane] - p.z).abs() <= 0.5 * interval + 1e-9)
             .then_some(nearest_plane)?;
         Some([i, j, k])
+    }
+
+    /// The plane nearest to a height of the stack frame, the lower one of two; `None` where there is none.
+    fn nearest_plane(&self, z_mm: f64) -> Option<usize> {
+        let above = self.plane_z_mm.partition_point(|&z| z < z_mm);
+        let apart = |k: usize| (self.plane_z_mm[k] - z_mm).abs();
+        match (above.checked_sub(1), (above < self.plane_z_mm.len()).then_some(above)) {
+            (Some(a), Some(b)) => Some(if apart(b) < apart(a) { b } else { a }),
+            (one, other) => one.or(other),
+        }
     }
 
     /// The planes between two heights of the stack frame, mm, both included; empty where there is none.

@@ -17,6 +17,9 @@ enum Plane {
     Broken(Box<[f32]>),
 }
 
+/// Values that are looked at in one go.
+const CHECKED_AT_ONCE: usize = 256;
+
 impl Plane {
     fn of(values: Cow<'_, [f32]>) -> Self {
         let mut whole = Vec::new();
@@ -24,13 +27,15 @@ impl Plane {
             // What there is takes no more memory as it is.
             return Self::Broken(values.into_owned().into_boxed_slice());
         }
-        for &value in values.as_ref() {
+        for chunk in values.chunks(CHECKED_AT_ONCE) {
             #[expect(clippy::cast_possible_truncation, reason = "compared with the value itself")]
-            let rounded = value as i16;
-            if f32::from(rounded).to_bits() != value.to_bits() {
+            let is_whole = |v: &f32| f32::from(*v as i16).to_bits() == v.to_bits();
+            // Without a branch for each value.
+            if !chunk.iter().fold(true, |all, v| all & is_whole(v)) {
                 return Self::Broken(values.into_owned().into_boxed_slice());
             }
-            whole.push(rounded);
+            #[expect(clippy::cast_possible_truncation, reason = "whole, as just seen")]
+            whole.extend(chunk.iter().map(|&v| v as i16));
         }
         Self::Whole(whole.into_boxed_slice())
     }

@@ -155,7 +155,8 @@ impl Profile {
     }
 
     fn searched(&self, start: Shape, tie: f64) -> Option<Fit> {
-        let mut best = self.fit(start, tie)?;
+        let weights = self.weights();
+        let mut best = self.fit(start, tie, &weights)?;
         let mut step = 0.1 * self.reach_mm();
         for _ in 0..N_ROUNDS {
             let s = best.shape;
@@ -169,7 +170,7 @@ impl Profile {
             ];
             let better = around
                 .into_iter()
-                .filter_map(|s| self.fit(s, tie))
+                .filter_map(|s| self.fit(s, tie, &weights))
                 .min_by(|a, b| a.misfit.total_cmp(&b.misfit));
             match better.filter(|b| b.misfit < best.misfit) {
                 Some(b) => best = b,
@@ -182,8 +183,15 @@ impl Profile {
         Some(best)
     }
 
+    /// How much each sample counts: what lies far from the edge may be anything.
+    fn weights(&self) -> Vec<f64> {
+        let reach = self.reach_mm();
+        let weight = |m: usize| (-2.0 * ((m as f64 * self.step_mm - reach) / reach).powi(2)).exp();
+        (0..self.values.len()).map(weight).collect()
+    }
+
     /// Best levels for a shape, and the weighted rms error with them.
-    fn fit(&self, shape: Shape, tie: f64) -> Option<Fit> {
+    fn fit(&self, shape: Shape, tie: f64, weights: &[f64]) -> Option<Fit> {
         let reach = self.reach_mm();
         let allowed = shape.blur >= 0.5 * self.step_mm
             && shape.blur <= 0.5 * reach
@@ -193,21 +201,25 @@ impl Profile {
         if !allowed {
             return None;
         }
-        let (mut a, mut b, mut square, mut weights) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0.0);
-        for (m, &v) in self.values.iter().enumerate() {
-            let d = m as f64 * self.step_mm - reach;
-            // What lies far from the edge may be anything.
-            let w = (-2.0 * (d / reach).powi(2)).exp();
-            let basis = basis(shape, d);
-            a += basis * basis.transpose() * w;
+        let (mut a, mut b) = ([0.0; 6], Vector3::zeros());
+        let (mut square, mut sum) = (0.0, 0.0);
+        for (m, (&v, &w)) in self.values.iter().zip(weights).enumerate() {
+            let basis = basis(shape, m as f64 * self.step_mm - reach);
+            let [x, y, z] = basis.into();
+            // The upper triangle, row by row.
+            for (a, product) in a.iter_mut().zip([x * x, x * y, x * z, y * y, y * z, z * z]) {
+                *a += product * w;
+            }
             b += basis * (v * w);
             square += v * v * w;
-            weights += w;
+            sum += w;
         }
-        let tie = tie * weights;
+        let [xx, xy, xz, yy, yz, zz] = a;
+        let mut a = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let tie = tie * sum;
         a += Matrix3::new(0.0, 0.0, 0.0, 0.0, tie, -tie, 0.0, -tie, tie);
         let levels = a.cholesky()?.solve(&b);
-        let misfit2 = (square - 2.0 * levels.dot(&b) + levels.dot(&(a * levels))) / weights;
+        let misfit2 = (square - 2.0 * levels.dot(&b) + levels.dot(&(a * levels))) / sum;
         self.is_sound(&levels).then_some(Fit { shape, levels, misfit: misfit2.max(0.0).sqrt() })
     }
 }

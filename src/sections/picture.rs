@@ -101,11 +101,13 @@ fn value_at(volume: &Volume, p: Point2, z_mm: f64) -> Option<f32> {
 }
 
 fn greys(values: &[Option<f32>]) -> impl Fn(f32) -> u8 + use<> {
-    let mut sorted: Vec<f32> = values.iter().flatten().copied().filter(|v| v.is_finite()).collect();
-    sorted.sort_by(f32::total_cmp);
+    let mut found: Vec<f32> = values.iter().flatten().copied().filter(|v| v.is_finite()).collect();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index into the values")]
-    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).map_or(0.0, |v| f64::from(*v));
-    let [black, white] = BLACK_WHITE.map(at);
+    let mut at = |share: f64| {
+        let n = (share * found.len() as f64) as usize;
+        if n < found.len() { f64::from(*found.select_nth_unstable_by(n, f32::total_cmp).1) } else { 0.0 }
+    };
+    let [black, white] = BLACK_WHITE.map(&mut at);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
     move |value| (255.0 * ((f64::from(value) - black) / (white - black).max(1.0)).clamp(0.0, 1.0)) as u8
 }

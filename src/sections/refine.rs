@@ -64,10 +64,18 @@ impl<'a> Image<'a> {
         let [nx, ny, _] = self.volume.dims;
         let (i, wx) = taps((p.x - ox) / sx);
         let (j, wy) = taps((p.y - oy) / sy);
+        let within = |c: i64, n: usize| usize::try_from(c - 1).ok().filter(|first| first + 4 <= n);
+        let rows: [[f32; 4]; 4] = match (within(i, nx), within(j, ny)) {
+            (Some(first), Some(row)) => {
+                let from = &self.plane[row * nx + first..];
+                std::array::from_fn(|o| {
+                    *from[o * nx..].first_chunk().expect("all four pixels lie in the row")
+                })
+            }
+            _ => [-1, 0, 1, 2].map(|o| neighbours(&self.plane[pixel(j + o, ny) * nx..][..nx], i)),
+        };
         let mut sum = 0.0;
-        for (o, w) in (-1..).zip(wy) {
-            let row = &self.plane[pixel(j + o, ny) * nx..][..nx];
-            let values = neighbours(row, i);
+        for (w, values) in wy.into_iter().zip(rows) {
             sum += w * (0..4).map(|c| wx[c] * f64::from(values[c])).sum::<f64>();
         }
         self.sign * sum
@@ -82,8 +90,7 @@ fn pixel(i: i64, n: usize) -> usize {
 
 /// The values of pixels i - 1 .. i + 2; the border goes on outside.
 fn neighbours(row: &[f32], i: i64) -> [f32; 4] {
-    let within = usize::try_from(i - 1).ok().and_then(|first| row.get(first..)?.first_chunk());
-    within.copied().unwrap_or_else(|| [-1, 0, 1, 2].map(|o| row[pixel(i + o, row.len())]))
+    [-1, 0, 1, 2].map(|o| row[pixel(i + o, row.len())])
 }
 
 /// The pixel at or below a position on a line, and the weights of it, of the one before it and the two behind it.

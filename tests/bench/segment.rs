@@ -1,4 +1,4 @@
-//! Region growing and contour extraction on 46 planes of 512 x 512, over the noise.
+//! Region growing, from a seed and by itself, and contour extraction on 46 planes of 512 x 512, over the noise.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use lumenfab::ct::{Volume, Voxels};
@@ -49,6 +49,12 @@ fn segment(c: &mut Criterion) {
         let volume = volume(noise_hu);
         group.bench_with_input(BenchmarkId::new("grow", noise_hu), &volume, |b, volume| {
             b.iter(|| segment::segment(black_box(volume), &params, &Task::quiet()).expect("a lumen"));
+        });
+        let by_itself = segment::Params::default();
+        group.bench_with_input(BenchmarkId::new("unattended", noise_hu), &volume, |b, volume| {
+            b.iter(|| {
+                segment::find_unattended(black_box(volume), &by_itself, &Task::quiet()).expect("a vessel")
+            });
         });
         let mask = segment::segment(&volume, &params, &Task::quiet()).expect("a lumen");
         group.bench_with_input(BenchmarkId::new("extract", noise_hu), &volume, |b, volume| {

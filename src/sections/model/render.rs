@@ -169,13 +169,15 @@ impl View {
             let covers: Vec<Vec<f64>> = bodies.iter().map(|b| self.coverage(b, s, None)).collect();
             let outer: Vec<Vec<f64>> =
                 bodies.iter().map(|b| self.coverage(b, s, Some(optics.wall_mm))).collect();
-            for p in 0..n_pixels {
-                // Bodies that meet within the slab are one there: nothing is covered twice.
-                let sum: f64 = covers.iter().map(|c| c[p]).sum();
-                let share = 1.0 / (n_samples as f64 * sum.max(1.0));
-                lumen.iter_mut().zip(&covers).for_each(|(l, c)| l[p] += share * c[p]);
-                let both = outer.iter().map(|o| o[p]).sum::<f64>().max(sum).clamp(0.0, 1.0);
-                vessel[p] += both / n_samples as f64;
+            // Bodies that meet within the slab are one there: nothing is covered twice.
+            let (sum, outer) = (summed(&covers, n_pixels), summed(&outer, n_pixels));
+            for (lumen, cover) in lumen.iter_mut().zip(&covers) {
+                for ((l, c), sum) in lumen.iter_mut().zip(cover).zip(&sum) {
+                    *l += 1.0 / (n_samples as f64 * sum.max(1.0)) * c;
+                }
+            }
+            for ((vessel, outer), sum) in vessel.iter_mut().zip(outer).zip(sum) {
+                *vessel += outer.max(sum).clamp(0.0, 1.0) / n_samples as f64;
             }
         }
         let lumen = lumen.iter().map(|l| self.blurred(l, optics.blur_mm)).collect();
@@ -200,6 +202,15 @@ impl View {
         }
         canvas.into_coverage()
     }
+}
+
+/// Images of so many pixels as one.
+fn summed(images: &[Vec<f64>], n_pixels: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; n_pixels];
+    for image in images {
+        sum.iter_mut().zip(image).for_each(|(s, v)| *s += v);
+    }
+    sum
 }
 
 /// A contour at all heights within a slab, counter-clockwise.

@@ -39,9 +39,36 @@ const BAND: usize = 3;
 /// A third derivative as weights of neighbouring values.
 type Weights = [f64; BAND + 1];
 
-/// Symmetric matrix of seven diagonals: the main one and those below, `low[d][i]` in row i + d, column i.
-struct Banded {
-    low: [Vec<f64>; BAND + 1],
+/// Symmetric matrix of seven diagonals: the main one and those below, `[i][d]` in row i + d, column i.
+struct Banded(Vec<[f64; BAND + 1]>);
+
+/// A channel's values as the system takes them.
+struct Measured<'a> {
+    values: &'a [f64],
+    /// One over the variance of each value's noise.
+    precision: Vec<f64>,
+    /// Values times precision.
+    right: Vec<f64>,
+}
+
+impl<'a> Measured<'a> {
+    fn of(channel: &'a Channel) -> Self {
+        let precision: Vec<f64> = channel.noise.iter().map(|v| 1.0 / v).collect();
+        let right = channel.values.iter().zip(&precision).map(|(v, p)| v * p).collect();
+        Self { values: &channel.values, precision, right }
+    }
+}
+
+/// How little the third derivatives are held back, plane by plane.
+struct Freedom<'a> {
+    factors: &'a [f64],
+    logarithms: Vec<f64>,
+}
+
+impl<'a> Freedom<'a> {
+    fn of(factors: &'a [f64]) -> Self {
+        Self { factors, logarithms: factors.iter().map(|f| f.ln()).collect() }
+    }
 }
 
 /// The channels' smooth course, in place, with the variances that are left in `noise`.
@@ -54,10 +81,11 @@ pub(super) fn smooth(z_mm: &[f64], channels: &mut [Channel]) {
     let mut factors = vec![1.0; weights.len()];
     let mut solved = Vec::new();
     for _ in 0..N_ROUNDS {
+        let freedom = Freedom::of(&factors);
         let strengths: Vec<f64> =
-            raw.iter().enumerate().map(|(f, &raw)| likeliest(channels, f, raw, &weights, &factors)).collect();
+            raw.iter().enumerate().map(|(f, &raw)| likeliest(channels, f, raw, &weights, &freedom)).collect();
         solved =
-            channels.iter().map(|c| solve(c, &weights, strengths[c.family], &factors)).collect::<Vec<_>>();
+            channels.iter().map(|c| solve(c, &weights, strengths[c.family], &freedom)).collect::<Vec<_>>();
         factors = told_factors(&solved, channels, &strengths, &factors);
     }
     for (channel, solved) in channels.iter_mut().zip(solved) {
@@ -87,10 +115,16 @@ fn raw_strengths(channels: &[Channel], weights: &[Weights]) -> Vec<f64> {
 }
 
 /// The strength under which a family's values are likeliest.
-fn likeliest(channels: &[Channel], family: usize, raw: f64, weights: &[Weights], factors: &[f64]) -> f64 {
+fn likeliest(
+    channels: &[Channel],
+    family: usize,
+    raw: f64,
+    weights: &[Weights],
+    freedom: &Freedom<'_>,
+) -> f64 {
+    let own: Vec<Measured<'_>> = channels.iter().filter(|c| c.family == family).map(Measured::of).collect();
     let cost = |strength: f64| {
-        let own = channels.iter().filter(|c| c.family == family);
-        own.map(|c| solve_without_spread(c, weights, strength, factors).2).sum::<f64>()
+        own.iter().map(|c| solve_without_spread(c, weights, strength, freedom).2).sum::<f64>()
     };
     let tried = (0..N_STRENGTHS).map(|i| 2.0 * raw * STRENGTH_STEP.powi(i)).map(|s| (s, cost(s)));
     tried.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(raw, |best| best.0)
@@ -119,55 +153,53 @@ fn told_factors(solved: &[Solved], channels: &[Channel], strengths: &[f64], befo
 
 /// Factored system, solution, and twice the negative logarithm of the values' likelihood (less a constant).
 fn solve_without_spread(
-    channel: &Channel,
+    measured: &Measured<'_>,
     weights: &[Weights],
     strength: f64,
-    factors: &[f64],
+    freedom: &Freedom<'_>,
 ) -> (Banded, Vec<f64>, f64) {
-    let n = channel.values.len();
-    let precision: Vec<f64> = channel.noise.iter().map(|v| 1.0 / v).collect();
-    let mut a = Banded { low: [precision.clone(), vec![0.0; n], vec![0.0; n], vec![0.0; n]] };
-    for (i, (w, factor)) in weights.iter().zip(factors).enumerate() {
+    let Measured { values, precision, right } = measured;
+    let mut a = Banded(precision.iter().map(|&p| [p, 0.0, 0.0, 0.0]).collect());
+    for (i, (w, factor)) in weights.iter().zip(freedom.factors).enumerate() {
         let scale = 1.0 / (strength * factor);
-        for d in 0..=BAND {
+        for (d, column) in a.0[i..=i + BAND].iter_mut().enumerate() {
             for e in d..=BAND {
-                a.low[e - d][i + d] += scale * w[d] * w[e];
+                column[e - d] += scale * w[d] * w[e];
             }
         }
     }
     a.factor();
-    let right: Vec<f64> = channel.values.iter().zip(&precision).map(|(v, p)| v * p).collect();
-    let values = a.solved(right.clone());
-    let misfit: f64 = channel.values.iter().zip(&values).zip(&right).map(|((v, x), r)| (v - x) * r).sum();
-    let determinants: f64 = a.low[0].iter().chain(factors).map(|d| d.ln()).sum();
-    (a, values, misfit + determinants + weights.len() as f64 * strength.ln())
+    let solution = a.solved(right.clone());
+    let misfit: f64 = values.iter().zip(&solution).zip(right).map(|((v, x), r)| (v - x) * r).sum();
+    let pivots = a.0.iter().map(|column| column[0].ln());
+    let determinants: f64 = pivots.chain(freedom.logarithms.iter().copied()).sum();
+    (a, solution, misfit + determinants + weights.len() as f64 * strength.ln())
 }
 
-fn solve(channel: &Channel, weights: &[Weights], strength: f64, factors: &[f64]) -> Solved {
-    let (mut a, values, _) = solve_without_spread(channel, weights, strength, factors);
+fn solve(channel: &Channel, weights: &[Weights], strength: f64, freedom: &Freedom<'_>) -> Solved {
+    let (mut a, values, _) = solve_without_spread(&Measured::of(channel), weights, strength, freedom);
     a.invert();
     let square = |(i, w): (usize, &Weights)| {
         let bend: f64 = (0..=BAND).map(|d| w[d] * values[i + d]).sum();
         let pairs = (0..=BAND).flat_map(|d| (0..=BAND).map(move |e| (d, e)));
-        let spread: f64 = pairs.map(|(d, e)| w[d] * w[e] * a.low[d.abs_diff(e)][i + d.min(e)]).sum();
+        let spread: f64 = pairs.map(|(d, e)| w[d] * w[e] * a.0[i + d.min(e)][d.abs_diff(e)]).sum();
         [bend * bend, spread.max(0.0)]
     };
     let bends = weights.iter().enumerate().map(square).collect();
-    Solved { values, bends, variances: a.low[0].clone() }
+    Solved { values, bends, variances: a.0.iter().map(|column| column[0]).collect() }
 }
 
 impl Banded {
     /// Into L D L': D on the main diagonal, the unit lower triangle below it.
     fn factor(&mut self) {
-        let n = self.low[0].len();
-        for i in 0..n {
-            let pivot = self.low[0][i];
-            let column: [f64; BAND + 1] = std::array::from_fn(|d| self.low[d][i]);
-            for d in (1..=BAND).filter(|d| i + d < n) {
+        for i in 0..self.0.len() {
+            let column = self.0[i];
+            let pivot = column[0];
+            for (d, other) in (1..=BAND).zip(i + 1..self.0.len()) {
                 for e in d..=BAND {
-                    self.low[e - d][i + d] -= column[d] * column[e] / pivot;
+                    self.0[other][e - d] -= column[d] * column[e] / pivot;
                 }
-                self.low[d][i] = column[d] / pivot;
+                self.0[i][d] = column[d] / pivot;
             }
         }
     }
@@ -175,14 +207,14 @@ impl Banded {
     fn solved(&self, mut x: Vec<f64>) -> Vec<f64> {
         let n = x.len();
         for i in 0..n {
-            for d in (1..=BAND).filter(|d| i + d < n) {
-                x[i + d] -= self.low[d][i] * x[i];
+            for (d, other) in (1..=BAND).zip(i + 1..n) {
+                x[other] -= self.0[i][d] * x[i];
             }
         }
         for i in (0..n).rev() {
-            x[i] /= self.low[0][i];
-            for d in (1..=BAND).filter(|d| i + d < n) {
-                x[i] -= self.low[d][i] * x[i + d];
+            x[i] /= self.0[i][0];
+            for (d, other) in (1..=BAND).zip(i + 1..n) {
+                x[i] -= self.0[i][d] * x[other];
             }
         }
         x
@@ -190,16 +222,16 @@ impl Banded {
 
     /// From the factors to the inverse's entries within the diagonals, from the last row up.
     fn invert(&mut self) {
-        let n = self.low[0].len();
+        let n = self.0.len();
         for i in (0..n).rev() {
-            let column: [f64; BAND + 1] = std::array::from_fn(|d| self.low[d][i]);
+            let column = self.0[i];
             let reach = BAND.min(n - 1 - i);
             for d in 1..=reach {
-                let entry = |e: usize| column[e] * self.low[d.abs_diff(e)][i + d.min(e)];
-                self.low[d][i] = -(1..=reach).map(entry).sum::<f64>();
+                let entry = |e: usize| column[e] * self.0[i + d.min(e)][d.abs_diff(e)];
+                self.0[i][d] = -(1..=reach).map(entry).sum::<f64>();
             }
-            let off: f64 = (1..=reach).map(|d| column[d] * self.low[d][i]).sum();
-            self.low[0][i] = 1.0 / column[0] - off;
+            let off: f64 = (1..=reach).map(|d| column[d] * self.0[i][d]).sum();
+            self.0[i][0] = 1.0 / column[0] - off;
         }
     }
 }
@@ -263,7 +295,7 @@ mod tests {
         let channel = Channel { values: noise(3, 6), noise: vec![0.3, 0.2, 0.5, 0.4, 0.1, 0.2], family: 0 };
         let weights = third_derivatives(&z);
         let factors = [1.0, 0.5, 2.0];
-        let solved = solve(&channel, &weights, 0.7, &factors);
+        let solved = solve(&channel, &weights, 0.7, &Freedom::of(&factors));
         let mut full = DMatrix::<f64>::zeros(6, 6);
         for i in 0..6 {
             full[(i, i)] = 1.0 / channel.noise[i];

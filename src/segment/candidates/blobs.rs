@@ -1,5 +1,6 @@
 //! A coarse picture of the volume, and what is round in its planes at a level.
 
+use super::super::graph::root;
 use crate::ct::Volume;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -23,6 +24,8 @@ const MOST_BLOBS: usize = 256;
 pub(super) struct Coarse {
     dims: [usize; 3],
     values: Vec<f32>,
+    /// Least and largest value of every row.
+    ranges: Vec<[f32; 2]>,
     pub(super) pixel_mm: [f64; 2],
     /// Coarse pixel (0, 0)'s centre, stack frame.
     pub(super) origin_mm: [f64; 2],
@@ -51,16 +54,20 @@ impl Coarse {
         let pixel_mm = [0, 1].map(|d| volume.pixel_spacing_xy_mm[d] * factor[d] as f64);
         let middle = |d: usize| volume.origin_xy_mm[d] + 0.5 * (pixel_mm[d] - volume.pixel_spacing_xy_mm[d]);
         let noise_hu = noise_of(&values, nx);
-        Self { dims: [nx, ny, planes.len()], values, pixel_mm, origin_mm: [middle(0), middle(1)], noise_hu }
+        let ranges = values.chunks(nx.max(1)).map(range_of).collect();
+        let (dims, origin_mm) = ([nx, ny, planes.len()], [middle(0), middle(1)]);
+        Self { dims, values, ranges, pixel_mm, origin_mm, noise_hu }
     }
 
     pub(super) const fn n_planes(&self) -> usize {
         self.dims[2]
     }
 
-    fn plane(&self, k: usize) -> &[f32] {
-        let n = self.dims[0] * self.dims[1];
-        &self.values[k * n..(k + 1) * n]
+    /// The rows of plane k, each with its range.
+    fn rows(&self, k: usize) -> impl Iterator<Item = (&[f32], [f32; 2])> {
+        let [nx, ny, _] = self.dims;
+        let values = self.values[k * nx * ny..(k + 1) * nx * ny].chunks_exact(nx.max(1));
+        values.zip(self.ranges.get(k * ny..).unwrap_or_default().iter().copied())
     }
 
     /// Evenly spaced levels over the values that occur.
@@ -83,7 +90,7 @@ impl Coarse {
     /// What is round in plane k above (sign +1) or below (-1) a level.
     pub(super) fn blobs(&self, k: usize, level_hu: f64, sign: f64) -> Vec<Blob> {
         let mut labelled = Labelled { sums: Vec::new(), above: Vec::new() };
-        labelled.scan(self.plane(k), self.dims[0], level_hu, sign);
+        labelled.scan(self.rows(k), Cut::of(level_hu, sign));
         let [nx, ny, _] = self.dims;
         let blobs = labelled.merged().into_iter().filter_map(|s| self.blob(&s, sign, nx, ny));
         let mut blobs: Vec<Blob> = blobs.collect();
@@ -128,6 +135,41 @@ impl Coarse {
             step_hu: step * self.noise_hu,
             level_hu: sums.hu / sums.n,
         })
+    }
+}
+
+/// Least and largest of the values that are numbers; a range of none where there is none.
+fn range_of(row: &[f32]) -> [f32; 2] {
+    row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[lo, hi], &v| [lo.min(v), hi.max(v)])
+}
+
+/// What is taken of a plane: all above a value, or all below it, in the numbers that the plane is kept in.
+#[derive(Debug, Clone, Copy)]
+enum Cut {
+    Above(f32),
+    Below(f32),
+}
+
+impl Cut {
+    /// Above (sign +1) or below (-1) a level: the number next to it that parts the same ones.
+    fn of(level_hu: f64, sign: f64) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "put right below")]
+        let near = level_hu as f32;
+        let is_beyond = |v: f32| sign * (f64::from(v) - level_hu) > 0.0;
+        match (sign > 0.0, is_beyond(near)) {
+            (true, true) => Self::Above(near.next_down()),
+            (true, false) => Self::Above(near),
+            (false, true) => Self::Below(near.next_up()),
+            (false, false) => Self::Below(near),
+        }
+    }
+
+    /// Whether none of a range is taken.
+    fn leaves(self, [lo, hi]: [f32; 2]) -> bool {
+        match self {
+            Self::Above(level) => hi <= level || lo > hi,
+            Self::Below(level) => lo >= level || lo > hi,
+        }
     }
 }
 
@@ -202,6 +244,8 @@ impl Sums {
         let mean = 0.5 * (a + b);
         let sxx = n * mean * mean + n * (n * n - 1.0) / 12.0;
         let yf = y as f64;
+        // What reaches the border is no section: its values tell nothing.
+        let is_cut = x.start == 0 || x.end == row.len();
         let mut sums = Self {
             n,
             sx,
@@ -209,7 +253,7 @@ impl Sums {
             sxx,
             syy: n * yf * yf,
             sxy: sx * yf,
-            hu: f64::from(row[x.clone()].iter().sum::<f32>()),
+            hu: if is_cut { 0.0 } else { f64::from(row[x.clone()].iter().sum::<f32>()) },
             step: 0.0,
             n_steps: 0.0,
             x: [x.start, x.end - 1],
@@ -247,38 +291,52 @@ struct Labelled {
 }
 
 impl Labelled {
-    fn scan(&mut self, plane: &[f32], nx: usize, level_hu: f64, sign: f64) {
-        let mut before: Vec<(Range<usize>, usize)> = Vec::new();
-        for (y, row) in plane.chunks(nx.max(1)).enumerate() {
-            let mut own: Vec<(Range<usize>, usize)> = Vec::new();
-            let mut from = 0;
-            for run in runs(row, level_hu, sign) {
-                let id = self.sums.len();
-                self.sums.push(Sums::of_run(row, run.clone(), y));
-                self.above.push(id);
-                while before.get(from).is_some_and(|(r, _)| r.end <= run.start) {
-                    from += 1;
+    fn scan<'a>(&mut self, rows: impl Iterator<Item = (&'a [f32], [f32; 2])>, cut: Cut) {
+        let (mut before, mut own): (Vec<(Range<usize>, usize)>, _) = (Vec::new(), Vec::new());
+        for (y, (row, range)) in rows.enumerate() {
+            own.clear();
+            if !cut.leaves(range) {
+                match cut {
+                    Cut::Above(level) => self.scan_row(row, y, |v| v > level, &before, &mut own),
+                    Cut::Below(level) => self.scan_row(row, y, |v| v < level, &before, &mut own),
                 }
-                for (_, other) in before[from..].iter().take_while(|(r, _)| r.start < run.end) {
-                    let (a, b) = (
-                        super::super::graph::root(&mut self.above, id),
-                        super::super::graph::root(&mut self.above, *other),
-                    );
-                    self.above[a.max(b)] = a.min(b);
-                }
-                own.push((run, id));
             }
-            before = own;
+            std::mem::swap(&mut before, &mut own);
+        }
+    }
+
+    /// Takes the runs of a row, and joins them to those of the row before.
+    fn scan_row(
+        &mut self,
+        row: &[f32],
+        y: usize,
+        is_in: impl Fn(f32) -> bool + Copy,
+        before: &[(Range<usize>, usize)],
+        own: &mut Vec<(Range<usize>, usize)>,
+    ) {
+        let mut from = 0;
+        for run in runs(row, is_in) {
+            let id = self.sums.len();
+            self.sums.push(Sums::of_run(row, run.clone(), y));
+            self.above.push(id);
+            while before.get(from).is_some_and(|(r, _)| r.end <= run.start) {
+                from += 1;
+            }
+            for (_, other) in before[from..].iter().take_while(|(r, _)| r.start < run.end) {
+                let (a, b) = (root(&mut self.above, id), root(&mut self.above, *other));
+                self.above[a.max(b)] = a.min(b);
+            }
+            own.push((run, id));
         }
     }
 
     /// The sums of every piece.
     fn merged(mut self) -> Vec<Sums> {
         for id in (0..self.sums.len()).rev() {
-            let root = super::super::graph::root(&mut self.above, id);
-            if root != id {
+            let first = root(&mut self.above, id);
+            if first != id {
                 let sums = self.sums[id];
-                self.sums[root].add(&sums);
+                self.sums[first].add(&sums);
             }
         }
         let roots = (0..self.sums.len()).filter(|&id| self.above[id] == id);
@@ -286,12 +344,23 @@ impl Labelled {
     }
 }
 
-fn runs(row: &[f32], level_hu: f64, sign: f64) -> impl Iterator<Item = Range<usize>> + '_ {
-    let is_in = move |v: f32| sign * (f64::from(v) - level_hu) > 0.0;
+/// So many pixels are looked at in one go.
+const AT_ONCE: usize = 16;
+
+/// The first pixel from one on for which this holds.
+fn first_from(row: &[f32], start: usize, is_in: impl Fn(f32) -> bool) -> Option<usize> {
+    let (chunks, _) = row[start..].as_chunks::<AT_ONCE>();
+    // Without a branch for each pixel.
+    let held = chunks.iter().position(|chunk| chunk.iter().fold(false, |any, &v| any | is_in(v)));
+    let from = start + held.unwrap_or(chunks.len()) * AT_ONCE;
+    row[from..].iter().position(|&v| is_in(v)).map(|n| from + n)
+}
+
+fn runs(row: &[f32], is_in: impl Fn(f32) -> bool + Copy) -> impl Iterator<Item = Range<usize>> {
     let mut x = 0;
     std::iter::from_fn(move || {
-        let start = x + row[x..].iter().position(|&v| is_in(v))?;
-        let end = row[start..].iter().position(|&v| !is_in(v)).map_or(row.len(), |n| start + n);
+        let start = first_from(row, x, is_in)?;
+        let end = first_from(row, start, |v| !is_in(v)).unwrap_or(row.len());
         x = end;
         Some(start..end)
     })
