@@ -1,5 +1,5 @@
 use super::*;
-use crate::model::testing::{cuboid, inverted, moved, tube};
+use crate::model::testing::{cuboid, inverted, miswound, moved, tube};
 use crate::model::{Facet, Model};
 use std::f64::consts::PI;
 
@@ -77,4 +77,11 @@ fn narrow_gaps_are_closed_and_told_and_wide_ones_refused() {
 #[test]
 fn a_mesh_that_is_flatter_than_a_layer_is_refused() {
     assert!(matches!(sliced(&cuboid([3.0, 3.0, 0.01])), Err(Error::TooFlat { .. })));
+}
+
+#[test]
+fn a_bore_whose_triangles_face_both_ways_stays_open() {
+    let made = sliced(&miswound(&tube(3.0, 4.0, 6.0, 96), |k| k % 2 == 0)).unwrap();
+    assert_eq!(made, sliced(&tube(3.0, 4.0, 6.0, 96)).unwrap());
+    assert!(made.layers.iter().all(|l| l.lumen.contours.len() == 1));
 }
