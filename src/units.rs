@@ -25,6 +25,12 @@ pub struct LineNumber(pub u64);
 #[serde(transparent)]
 pub struct LayerIndex(pub u32);
 
+/// A number of things in words: "1 layer", "2 layers".
+#[must_use]
+pub fn counted(n: usize, thing: &str) -> String {
+    if n == 1 { format!("1 {thing}") } else { format!("{n} {thing}s") }
+}
+
 /// Millimetres per second to the millimetres per minute that G-code's `F` word wants.
 #[must_use]
 pub fn mm_min_from_mm_s(speed_mm_s: f64) -> f64 {

@@ -68,7 +68,8 @@ fn without_holes(region: &Region) -> Region {
     Region::new(region.contours.iter().filter(|c| c.is_ccw()).cloned().collect())
 }
 
-fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
+/// Loops of brim around a part so high.
+pub(super) fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
     let print = &profile.print;
     if print.raft_layers > 0 {
         return 0;

@@ -24,6 +24,7 @@
 mod adhesion;
 mod fill;
 mod flow;
+mod held;
 mod interior;
 mod order;
 mod place;
@@ -46,6 +47,7 @@ use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
+use held::Unheld;
 use interior::{Interior, Stack};
 use order::Order;
 use place::Placement;
@@ -262,7 +264,8 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let warnings = order.warnings().into_iter().chain(on_part).collect();
+    let footing = held::footing(layers, &placed, &frame, profile);
+    let warnings = order.warnings(profile).into_iter().chain(footing).chain(on_part).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
@@ -319,6 +322,8 @@ struct Draft {
     net: Option<travel::Net>,
     thin: Option<Thin>,
     lost: Vec<Point2>,
+    /// Of the layer above.
+    unheld: Option<Unheld>,
 }
 
 fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
@@ -335,10 +340,11 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
         net: None,
         thin: None,
         lost: vec![],
+        unheld: None,
     };
-    let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
-        return Ok(draft);
-    };
+    let skins = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    draft.unheld = Unheld::above(idx, skins.as_ref(), stack, profile);
+    let Some(skins) = skins else { return Ok(draft) };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
     let interior = Interior::of(filled.rest, idx, stack, &params, profile);

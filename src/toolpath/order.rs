@@ -1,20 +1,21 @@
 //! The beads of all layers in the order in which they are printed, and what the operator should know of them.
 
-use super::fill::Thin;
+use super::fill::{FillParams, Thin};
+use super::held::{self, Unheld};
 use super::seam::Seams;
 use super::travel::Travel;
 use super::{Bead, Draft, Error, LayerPaths, StackFromBed, adhesion, sequence};
 use crate::ct::Warning;
-use crate::geom::{Contour, Point2, Region};
-use crate::profile::{Profile, SupportStyle};
+use crate::geom::{Point2, Region};
+use crate::profile::Profile;
 use crate::progress::{Cancelled, Task};
+use crate::slice::LayerSlot;
+use crate::units::counted;
 
 /// Share of a layer's skins from which on too thin a wall makes the layer impossible.
 const MOST_THIN_SHARE: f64 = 0.5;
 /// One layer in so many may be impossible: where a leaning body begins or ends there is but a sliver.
 const A_SLIVER_IN: usize = 20;
-/// Every how many points of an outline are looked at to see whether it rests on something.
-const REST_STRIDE: usize = 4;
 
 /// Layers whose beads are in order, each begun where the one below ended.
 pub(super) struct Order {
@@ -32,9 +33,7 @@ pub(super) struct Order {
     /// The first layer that is too thin nearly everywhere, and how many there are.
     sliver: Option<Error>,
     n_slivers: usize,
-    /// Islands of material that begin in the air, and the first one's height in the stack and place.
-    n_floating: usize,
-    floating: Option<(f64, Point2)>,
+    unheld: Vec<Unheld>,
     adhesion: Option<Warning>,
     /// Layers that are a raft's.
     n_raft: usize,
@@ -56,8 +55,7 @@ impl Order {
             lost: Vec::new(),
             sliver: None,
             n_slivers: 0,
-            n_floating: 0,
-            floating: None,
+            unheld: Vec::new(),
             adhesion: None,
             n_raft: 0,
             height_mm,
@@ -85,26 +83,12 @@ impl Order {
         Ok(())
     }
 
-    fn layer(&mut self, draft: Draft, profile: &Profile) {
+    fn layer(&mut self, mut draft: Draft, profile: &Profile) {
         let idx = self.paths.len();
         self.z_mm += draft.slot.height_mm;
-        self.thin.extend(draft.thin.map(|t| (draft.slot.z_mid_mm, t)));
-        if let Some(thin) = draft.thin.filter(|t| t.share > MOST_THIN_SHARE) {
-            self.n_slivers += 1;
-            let at = self.frame.point(thin.at);
-            self.sliver.get_or_insert(Error::WallTooThin {
-                layer: idx,
-                z_mm: draft.slot.z_mid_mm,
-                x_mm: at.x,
-                y_mm: at.y,
-                thickness_mm: thin.thickness_mm,
-                thinnest_mm: draft.params.limits_mm[0],
-            });
-        }
+        self.note_thin(&draft.slot, draft.thin, &draft.params);
         self.lost.extend(draft.lost.iter().map(|&p| (draft.slot.z_mid_mm, p)));
-        if profile.print.support == SupportStyle::None {
-            self.find_floating(&draft);
-        }
+        self.unheld.extend(draft.unheld.take());
         let mut beads = Vec::new();
         let mut travels = Vec::new();
         if idx == 0 {
@@ -125,16 +109,20 @@ impl Order {
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
     }
 
-    /// Looks for islands of a layer under which there is nothing.
-    fn find_floating(&mut self, draft: &Draft) {
-        if self.paths.len() == self.n_raft {
-            return;
-        }
-        let Some(below) = self.paths.last().map(|layer| &layer.material) else { return };
-        let outers = draft.material.contours.iter().filter(|c| c.is_ccw());
-        for island in outers.filter(|c| !rests(c, below)) {
-            self.n_floating += 1;
-            self.floating.get_or_insert((draft.slot.z_mid_mm, island.points[0]));
+    /// Notes where the wall of the next layer, or of one that is left out before the first, is too thin.
+    pub(super) fn note_thin(&mut self, slot: &LayerSlot, thin: Option<Thin>, params: &FillParams) {
+        self.thin.extend(thin.map(|t| (slot.z_mid_mm, t)));
+        if let Some(thin) = thin.filter(|t| t.share > MOST_THIN_SHARE) {
+            self.n_slivers += 1;
+            let at = self.frame.point(thin.at);
+            self.sliver.get_or_insert(Error::WallTooThin {
+                layer: self.paths.len(),
+                z_mm: slot.z_mid_mm,
+                x_mm: at.x,
+                y_mm: at.y,
+                thickness_mm: thin.thickness_mm,
+                thinnest_mm: params.limits_mm[0],
+            });
         }
     }
 
@@ -168,28 +156,19 @@ impl Order {
     }
 
     /// What the operator should know of all layers.
-    pub(super) fn warnings(&self) -> Vec<Warning> {
-        let all = [self.thin_walls(), self.lost_features(), self.in_the_air(), self.adhesion.clone()];
-        all.into_iter().flatten().collect()
-    }
-
-    fn in_the_air(&self) -> Option<Warning> {
-        let (z_mm, at) = self.floating?;
-        let text = format!(
-            "{} island(s) begin in the air, the first at {}: turn the part, or have it held up (print.support in the profile)",
-            self.n_floating,
-            self.frame.told(at, z_mm)
-        );
-        Some(Warning::new("toolpath.in_the_air", text))
+    pub(super) fn warnings(&self, profile: &Profile) -> Vec<Warning> {
+        let beads = [self.thin_walls(), self.lost_features()];
+        let unheld = held::warnings(&self.unheld, &self.frame, profile);
+        beads.into_iter().flatten().chain(unheld).chain(self.adhesion.clone()).collect()
     }
 
     fn thin_walls(&self) -> Option<Warning> {
         let worst = self.thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
         let (z_mm, Thin { at, thickness_mm, .. }) = worst?;
         let text = format!(
-            "material thinner than the thinnest bead in {} layers, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
+            "material thinner than the thinnest bead in {}, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
              at all below half a bead",
-            self.thin.len(),
+            counted(self.thin.len(), "layer"),
             self.frame.told(*at, *z_mm)
         );
         Some(Warning::new("toolpath.thin_wall", text))
@@ -198,17 +177,14 @@ impl Order {
     fn lost_features(&self) -> Option<Warning> {
         let &(z_mm, at) = self.lost.first()?;
         let text = format!(
-            "{} outlines are too small for a bead and left out, the first at {}",
-            self.lost.len(),
+            "{} too small for a bead and left out, the first at {}",
+            if self.lost.len() == 1 {
+                "1 outline is".to_owned()
+            } else {
+                format!("{} outlines are", self.lost.len())
+            },
             self.frame.told(at, z_mm)
         );
         Some(Warning::new("toolpath.lost_feature", text))
     }
-}
-
-/// Whether an island lies on material: one of its points does, or one of the material's lies in it.
-fn rests(island: &Contour, below: &Region) -> bool {
-    let some = |c: &Contour| c.points.iter().step_by(REST_STRIDE).copied().collect::<Vec<_>>();
-    some(island).into_iter().any(|p| below.contains(p))
-        || below.contours.iter().flat_map(some).any(|p| island.contains(p))
 }
