@@ -24,6 +24,7 @@
 mod adhesion;
 mod fill;
 mod flow;
+mod foot;
 mod held;
 mod interior;
 mod order;
@@ -234,6 +235,8 @@ pub enum Error {
 /// bead, settings that make no sense, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
+    let bare = foot::bare(layers, profile)?;
+    let (left_out, layers) = layers.split_at(bare.len());
     let placement = place::place(layers, profile)?;
     let placed = placed(layers, &placement, profile, task)?;
     let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
@@ -253,6 +256,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
     let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
     let mut order = Order::of_part(height_mm, on_bed, frame).upon(raft, placement.raft.height_mm());
+    bare.iter().for_each(|b| order.note_thin(&b.slot, b.thin, &b.params));
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -265,7 +269,8 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.add(drafts, profile, task)?;
     order.check()?;
     let footing = held::footing(layers, &placed, &frame, profile);
-    let warnings = order.warnings(profile).into_iter().chain(footing).chain(on_part).collect();
+    let told = order.warnings(profile).into_iter().chain(foot::warning(left_out));
+    let warnings = told.chain(footing).chain(on_part).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }

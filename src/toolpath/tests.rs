@@ -529,6 +529,34 @@ fn told(layers: &[Layer], profile: &Profile) -> Vec<(String, String)> {
 }
 
 #[test]
+fn what_is_printed_begins_on_the_bed() {
+    // Below a disc, a speck that no bead can print.
+    let at = |idx| slab(idx, disc(if idx < 2 { 3.0 } else { 0.0 }, if idx < 2 { 0.05 } else { 5.0 }));
+    let layers: Vec<Layer> = (0..12).map(at).collect();
+    let planned = plan(&layers, &reference(), &Task::quiet()).unwrap();
+    assert_eq!(planned.paths.layers.len(), 10);
+    let first = &planned.paths.layers[0];
+    assert!((first.z_mm - 0.2).abs() < 1e-9 && first.beads.iter().any(|b| b.kind.is_part()));
+    let foot = planned.paths.bed_from_stack.apply(crate::geom::Point3::new(0.0, 0.0, 0.4));
+    assert!(foot.z.abs() < 1e-9, "{foot}");
+    assert_eq!(planned.warnings.len(), 1);
+    let expected = "nothing in the lowest 2 layers is large enough for a bead, the first at z 0.10 mm (x 3.05, y 0.00 in the \
+                    model): left out, and the rest set down by 0.40 mm, onto the bed";
+    assert_eq!(
+        (planned.warnings[0].code.as_str(), planned.warnings[0].text.as_str()),
+        ("toolpath.bare_foot", expected)
+    );
+    // What has a bead stays, and so does a part without any, as which it is refused.
+    assert_eq!(plan(&layers[2..], &reference(), &Task::quiet()).unwrap().paths.layers.len(), 10);
+    let thin = |idx| slab(idx, disc(0.0, 3.0).difference(&disc(0.0, 2.95)));
+    let thin: Vec<Layer> = (0..10).map(thin).collect();
+    assert!(matches!(plan(&thin, &reference(), &Task::quiet()), Err(Error::WallTooThin { layer: 0, .. })));
+    // Half of a part is not left out in silence either.
+    let half: Vec<Layer> = thin.into_iter().chain((10..20).map(at)).collect();
+    assert!(matches!(plan(&half, &reference(), &Task::quiet()), Err(Error::WallTooThin { layer: 0, .. })));
+}
+
+#[test]
 fn an_island_rests_on_what_it_covers_wherever_its_outline_begins() {
     let corners = [(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)].map(|(x, y)| Point2::new(x, y));
     for first in 0..4 {
