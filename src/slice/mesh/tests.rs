@@ -76,7 +76,10 @@ fn narrow_gaps_are_closed_and_told_and_wide_ones_refused() {
 
 #[test]
 fn a_mesh_that_is_flatter_than_a_layer_is_refused() {
-    assert!(matches!(sliced(&cuboid([3.0, 3.0, 0.01])), Err(Error::TooFlat { .. })));
+    let refused = sliced(&cuboid([3.0, 2.5, 0.02])).unwrap_err().to_string();
+    let expected =
+        "the model is 3 x 2.5 x 0.02 mm: too low for layers of 0.05 to 0.3 mm; are the units millimetres?";
+    assert_eq!(refused, expected);
 }
 
 #[test]
