@@ -66,8 +66,9 @@ pub(super) fn oriented(mesh: &mut TriMesh) -> Turned {
     pieces.face_outward(mesh);
     let is_turned = &pieces.is_turned;
     let is_up = |side: &Side| side.is_up != is_turned[side.triangle as usize];
-    let is_torn =
-        |same: &&[Side]| same.len() % 2 == 0 && 2 * same.iter().filter(|s| is_up(s)).count() != same.len();
+    let is_torn = |same: &&[Side]| {
+        same.len().is_multiple_of(2) && 2 * same.iter().filter(|s| is_up(s)).count() != same.len()
+    };
     let n_torn = sides.chunk_by(|a, b| a.edge == b.edge).filter(is_torn).count();
     let n_turned = is_turned.iter().filter(|t| **t).count();
     let turned = mesh.triangles.par_iter().zip(is_turned);

@@ -103,7 +103,7 @@ fn triangles_that_face_the_other_way_than_their_neighbours_are_turned_and_counte
     let bored = tube(3.0, 4.0, 20.0, 32);
     let sound = Model::of(&bored).unwrap().mesh;
     for (is_turned, n_turned) in [
-        (&(|k: usize| k % 2 == 0) as &dyn Fn(usize) -> bool, 128),
+        (&(|k: usize| k.is_multiple_of(2)) as &dyn Fn(usize) -> bool, 128),
         (&|k: usize| k % 7 != 3, 219),
         (&|k: usize| k == 200, 1),
     ] {

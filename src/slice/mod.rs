@@ -199,7 +199,7 @@ pub enum Error {
     /// A mesh has a hole that no bead covers.
     #[error(
         "the mesh has a hole: in layer {layer} at z {z_mm:.2} mm an outline ends {gap_mm:.2} mm from the next one, at x {:.2}, y \
-         {:.2} mm; repair the mesh",
+         {:.2} mm; repair the mesh, whose triangles are missing there or face different ways",
         at_mm[0], at_mm[1]
     )]
     OpenMesh {
