@@ -71,7 +71,7 @@ fn a_model_becomes_a_job_of_its_volume_only_moved_onto_the_bed() {
     let volume = answer["filament_mm"].as_f64().unwrap() * FRAC_PI_4 * 1.75 * 1.75;
     assert!((volume / (7.0 * PI * 4.0) - 1.0).abs() < 3e-3, "{volume}");
     let job = fs::read_to_string(dir.path().join("a.gcode")).unwrap();
-    assert!(job.contains("; bed_from_stack_mm 90.000") && job.matches(";LAYER:").count() == 20);
+    assert!(job.contains("; layers 20\n; model_shift_mm 90.000") && job.matches(";LAYER:").count() == 20);
     assert_eq!(fs::read_dir(dir.path().join("layers")).unwrap().count(), 40);
     let (code, _, stderr) = slice(&dir, &args);
     assert!(code == Some(2) && stderr.contains("layers is not an empty folder"), "{stderr}");

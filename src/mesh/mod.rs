@@ -178,6 +178,15 @@ fn closed_in_files(mesh: &TriMesh) -> Result<TriMesh, Error> {
 }
 
 impl TriMesh {
+    /// Lowest and highest x, y and z of its vertices, mm; infinite, the wrong way round, where there are none.
+    #[must_use]
+    pub fn extent_mm(&self) -> [[f64; 2]; 3] {
+        [0, 1, 2].map(|k| {
+            let all = self.vertices.iter().map(|p| p[k]);
+            [all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max)]
+        })
+    }
+
     /// Enclosed volume, mm³ (divergence theorem), positive where triangles face outward.
     #[must_use]
     pub fn volume_mm3(&self) -> f64 {

@@ -5,11 +5,12 @@
 //! bit, and so is all that is made of it.
 //!
 //! Corners are one vertex where their bits are (-0.0 and 0.0 are one), and at open edges where they all but coincide
-//! (`seams`); both that and edges that stay open are told. Nothing is rotated, scaled or moved. A mesh whose
-//! triangles all face inward is turned inside out, and that is said.
+//! (`seams`); both that and edges that stay open are told. Nothing is rotated, scaled or moved. Triangles that face the other
+//! way than their neighbours are turned (`orient`), and so is a mesh that faces inward; both is said.
 //!
 //! Cost: O(n log n), by parallel sorting.
 
+mod orient;
 mod package;
 mod seams;
 pub mod stl;
@@ -20,6 +21,7 @@ pub use package::PackageError;
 use crate::ct::Warning;
 use crate::geom::Point3;
 use crate::mesh::TriMesh;
+use orient::Turned;
 use rayon::prelude::*;
 use seams::Seams;
 
@@ -92,7 +94,7 @@ impl Model {
             let text = format!("{n_flat} triangle(s) without area were left out");
             warnings.push(Warning::new("model.flat_triangles", text));
         }
-        let Seams { n_joined, n_open } = seams::joined(&mut mesh);
+        let Seams { n_joined, n_open, n_torn } = seams::joined(&mut mesh);
         if n_joined > 0 {
             let text =
                 format!("{n_joined} corner(s) at open edges were joined with others less than 0.01 mm away");
@@ -105,16 +107,12 @@ impl Model {
             );
             warnings.push(Warning::new("model.open", text));
         }
+        let turned = if n_torn > 0 { orient::oriented(&mut mesh) } else { Turned::default() };
         let volume_mm3 = mesh.volume_mm3();
         if volume_mm3.is_nan() || volume_mm3 == 0.0 {
             return Err(Error::Flat);
         }
-        if volume_mm3 < 0.0 {
-            mesh.triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
-            mesh.triangles.par_sort_unstable();
-            let text = "all surfaces faced inward: the model was turned inside out".to_owned();
-            warnings.push(Warning::new("model.inverted", text));
-        }
+        warnings.extend(facing(&mut mesh, turned, volume_mm3 < 0.0));
         Ok(Self { mesh, warnings })
     }
 
@@ -173,6 +171,40 @@ fn ordered(value: f32) -> u32 {
     // -0.0 + 0.0 is 0.0.
     let bits = (value + 0.0).to_bits();
     if bits >> 31 == 1 { !bits } else { bits | 0x8000_0000 }
+}
+
+/// Turns a mesh inside out where it encloses less than nothing, and tells what has been turned in all.
+fn facing(mesh: &mut TriMesh, turned: Turned, is_inward: bool) -> Vec<Warning> {
+    let (n, Turned { mut n_turned, n_torn }) = (mesh.triangles.len(), turned);
+    let mut warnings = Vec::new();
+    if is_inward {
+        n_turned = n - n_turned;
+        let all = if n_turned == n && orient::all_face_inward(mesh) {
+            "all surfaces faced inward"
+        } else {
+            "most of the surface faced inward"
+        };
+        mesh.triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
+        mesh.triangles.par_sort_unstable();
+        warnings.push(Warning::new("model.inverted", format!("{all}: the model was turned inside out")));
+    } else if n_turned > 0 {
+        let text =
+            format!("{n_turned} of {n} triangles faced the other way than their neighbours and were turned");
+        warnings.push(Warning::new("model.turned", text));
+    }
+    if n_torn > 0 {
+        let text = format!(
+            "at {n_torn} edge(s) the triangles face different ways and cannot be turned to agree, as the surface has one side only or more \
+             than two triangles meet there; what is missing there is closed layer by layer, or not seen: repair the model"
+        );
+        warnings.push(Warning::new("model.one_sided", text));
+    }
+    warnings
+}
+
+/// The edges of a triangle in its direction.
+const fn edges(t: &[u32; 3]) -> [[u32; 2]; 3] {
+    [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]
 }
 
 fn welded(facets: &[Facet]) -> Result<TriMesh, Error> {

@@ -4,7 +4,7 @@
 //! Closed meshes cost one pass: of each edge the two directions cancel in a sum of hashes. Others: O(n log n) in the edges,
 //! and a grid of cells as wide as the tolerance for the corners of open ones.
 
-use super::{from_least, has_area};
+use super::{edges, from_least, has_area};
 use crate::mesh::TriMesh;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -19,6 +19,8 @@ pub(super) struct Seams {
     pub(super) n_joined: usize,
     /// Edges with a triangle on one side only, after that.
     pub(super) n_open: usize,
+    /// Edges beside which triangles face different ways.
+    pub(super) n_torn: usize,
 }
 
 /// The mesh with corners of open edges joined where they all but coincide.
@@ -26,21 +28,27 @@ pub(super) fn joined(mesh: &mut TriMesh) -> Seams {
     if is_closed(mesh) {
         return Seams::default();
     }
-    let loose = loose_corners(&open_edges(mesh));
+    let odd = odd_edges(mesh);
+    let loose = loose_corners(&odd.open);
     let leaders = clusters(mesh, &loose);
     let n_joined = loose.iter().filter(|&&v| leaders[&v] != v).count();
-    if n_joined > 0 {
-        let leader = |v: u32| leaders.get(&v).copied().unwrap_or(v);
-        let moved = mesh.triangles.par_iter().map(|t| from_least(t.map(leader))).filter(has_area);
-        mesh.triangles = moved.collect();
-        mesh.triangles.par_sort_unstable();
+    if n_joined == 0 {
+        return Seams { n_joined, n_open: odd.open.len(), n_torn: odd.n_torn };
     }
-    Seams { n_joined, n_open: open_edges(mesh).len() }
+    let leader = |v: u32| leaders.get(&v).copied().unwrap_or(v);
+    let moved = mesh.triangles.par_iter().map(|t| from_least(t.map(leader))).filter(has_area);
+    mesh.triangles = moved.collect();
+    mesh.triangles.par_sort_unstable();
+    let odd = odd_edges(mesh);
+    Seams { n_joined, n_open: odd.open.len(), n_torn: odd.n_torn }
 }
 
-/// The edges of a triangle in its direction.
-fn edges(t: &[u32; 3]) -> [[u32; 2]; 3] {
-    [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]
+/// Edges of a mesh that is not closed.
+struct OddEdges {
+    /// Used by an odd number of triangles, the lesser vertex first, ascending.
+    open: Vec<[u32; 2]>,
+    /// Number of those that an even number of triangles use, but not as often in one direction as in the other.
+    n_torn: usize,
 }
 
 /// Whether every edge is used as often in one direction as in the other; of open meshes one in 2^64 is taken for closed.
@@ -61,14 +69,20 @@ const fn mixed(key: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Edges that are not used as often in one direction as in the other, the lesser vertex first, ascending.
-fn open_edges(mesh: &TriMesh) -> Vec<[u32; 2]> {
+fn odd_edges(mesh: &TriMesh) -> OddEdges {
     let directed = |[a, b]: [u32; 2]| ([a.min(b), a.max(b)], a < b);
     let mut all: Vec<([u32; 2], bool)> =
         mesh.triangles.par_iter().flat_map_iter(|t| edges(t).into_iter().map(directed)).collect();
     all.par_sort_unstable();
-    let is_open = |same: &&[([u32; 2], bool)]| 2 * same.iter().filter(|e| e.1).count() != same.len();
-    all.chunk_by(|a, b| a.0 == b.0).filter(is_open).map(|same| same[0].0).collect()
+    let mut odd = OddEdges { open: Vec::new(), n_torn: 0 };
+    for same in all.chunk_by(|a, b| a.0 == b.0) {
+        if same.len() % 2 == 1 {
+            odd.open.push(same[0].0);
+        } else if 2 * same.iter().filter(|e| e.1).count() != same.len() {
+            odd.n_torn += 1;
+        }
+    }
+    odd
 }
 
 fn loose_corners(open: &[[u32; 2]]) -> Vec<u32> {

@@ -38,3 +38,9 @@ pub(crate) fn tube(inner: f32, outer: f32, height: f32, n: u16) -> Vec<Facet> {
     }
     facets
 }
+
+/// The same facets, those of certain numbers inside out.
+pub(crate) fn miswound(facets: &[Facet], is_turned: impl Fn(usize) -> bool) -> Vec<Facet> {
+    let turned = |(k, &[a, b, c]): (usize, &Facet)| if is_turned(k) { [a, c, b] } else { [a, b, c] };
+    facets.iter().enumerate().map(turned).collect()
+}

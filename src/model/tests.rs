@@ -1,4 +1,4 @@
-use super::testing::cuboid;
+use super::testing::{cuboid, inverted, miswound, moved, tube};
 use super::*;
 use crate::mesh::stl as writer;
 
@@ -96,4 +96,78 @@ fn corners_of_triangles_that_were_rounded_each_for_itself_are_joined_and_told() 
 fn a_missing_triangle_is_told() {
     let model = Model::of(&cuboid([1.0; 3])[1..]).unwrap();
     assert!(model.warnings[0].text.starts_with("the surface is open: 3 edge(s)"), "{:?}", model.warnings);
+}
+
+#[test]
+fn triangles_that_face_the_other_way_than_their_neighbours_are_turned_and_counted() {
+    let bored = tube(3.0, 4.0, 20.0, 32);
+    let sound = Model::of(&bored).unwrap().mesh;
+    for (is_turned, n_turned) in [
+        (&(|k: usize| k.is_multiple_of(2)) as &dyn Fn(usize) -> bool, 128),
+        (&|k: usize| k % 7 != 3, 219),
+        (&|k: usize| k == 200, 1),
+    ] {
+        let mut facets = miswound(&bored, is_turned);
+        let model = Model::of(&facets).unwrap();
+        assert_eq!(model.mesh, sound);
+        let expected =
+            format!("{n_turned} of 256 triangles faced the other way than their neighbours and were turned");
+        assert_eq!(model.warnings, [Warning::new("model.turned", expected)]);
+        facets.reverse();
+        facets.rotate_left(77);
+        assert_eq!(Model::of(&facets).unwrap(), model);
+    }
+}
+
+#[test]
+fn a_cavity_stays_one_whichever_way_its_triangles_face() {
+    let part = |size: f32, at: f32| moved(&cuboid([size; 3]), [at; 3]);
+    // A body in a cavity of a body, and one beside them that overlaps the first, none of which may become a cavity.
+    let beside = moved(&part(10.0, 0.0), [9.0, 0.5, 0.5]);
+    let sound = [part(10.0, 0.0), inverted(&part(8.0, 1.0)), part(2.0, 4.0), beside].concat();
+    let model = Model::of(&miswound(&sound, |k| k % 3 == 0)).unwrap();
+    assert_eq!(model.mesh, Model::of(&sound).unwrap().mesh);
+    // What agrees with itself keeps its direction.
+    let mixed = [miswound(&part(10.0, 0.0), |k| k < 5), part(8.0, 1.0)].concat();
+    let model = Model::of(&mixed).unwrap();
+    assert!((model.mesh.volume_mm3() - 1512.0).abs() < 1e-9 && model.warnings.len() == 1);
+}
+
+#[test]
+fn an_open_surface_that_faces_both_ways_is_turned_and_still_told_to_be_open() {
+    let model = Model::of(&miswound(&cuboid([1.0; 3])[1..], |k| k % 2 == 0)).unwrap();
+    assert_eq!(model.mesh, Model::of(&cuboid([1.0; 3])[1..]).unwrap().mesh);
+    let codes: Vec<&str> = model.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert_eq!(codes, ["model.open", "model.turned"]);
+    assert!(model.warnings[0].text.starts_with("the surface is open: 3 edge(s)"), "{:?}", model.warnings);
+}
+
+#[test]
+fn a_surface_with_one_side_is_told_and_not_turned() {
+    let n = 24_u16;
+    let at = |k: u16, out: f32| {
+        let (turn, flip) =
+            (std::f32::consts::TAU * f32::from(k % n) / f32::from(n), if k == n { -out } else { out });
+        let half = turn / 2.0;
+        let radius = 10.0 + flip * half.cos();
+        [radius * turn.cos(), radius * turn.sin(), flip * half.sin()]
+    };
+    let strip =
+        |k: u16| [[at(k, -1.0), at(k, 1.0), at(k + 1, 1.0)], [at(k, -1.0), at(k + 1, 1.0), at(k + 1, -1.0)]];
+    let facets: Vec<Facet> = (0..n).flat_map(strip).collect();
+    let told = Model::of(&facets).unwrap().warnings;
+    assert!(
+        told.iter().any(|w| w.code == "model.one_sided" && w.text.starts_with("at 1 edge(s)")),
+        "{told:?}"
+    );
+    assert!(told.iter().all(|w| w.code != "model.turned"), "{told:?}");
+}
+
+#[test]
+fn all_surfaces_are_said_to_face_inward_only_where_they_do() {
+    let told = |facets: &[Facet]| Model::of(facets).unwrap().warnings[0].text.clone();
+    let (large, small) = (inverted(&cuboid([2.0; 3])), moved(&cuboid([1.0; 3]), [5.0; 3]));
+    assert_eq!(told(&large), "all surfaces faced inward: the model was turned inside out");
+    let most = told(&[large, small].concat());
+    assert_eq!(most, "most of the surface faced inward: the model was turned inside out");
 }

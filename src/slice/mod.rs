@@ -20,6 +20,7 @@ pub use mesh::{MeshLayers, slice_mesh};
 use crate::geom::{Contour, Region};
 use crate::progress::{Cancelled, Task};
 use crate::solid::{CrossSection, Sectioned};
+use crate::units::{told_mm, told_size_mm};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -108,8 +109,8 @@ pub enum Error {
     },
     /// The body is thinner than a layer.
     #[error(
-        "the body is {extent_mm} mm high, which layers of {thinnest_mm} to {thickest_mm} mm cannot make up; widen the z range \
-         or the layer height limits"
+        "the body is {} mm high, which layers of {thinnest_mm} to {thickest_mm} mm cannot make up; widen the z range \
+         or the layer height limits", told_mm(*extent_mm)
     )]
     TooFlat {
         /// Height of the body, mm.
@@ -119,8 +120,20 @@ pub enum Error {
         /// Thickest layer of the machine, mm.
         thickest_mm: f64,
     },
+    /// Another program's model is thinner than a layer.
+    #[error(
+        "the model is {}: too low for layers of {thinnest_mm} to {thickest_mm} mm; are the units millimetres?", told_size_mm(*size_mm)
+    )]
+    FlatMesh {
+        /// Size of the model, mm.
+        size_mm: [f64; 3],
+        /// Thinnest layer of the machine, mm.
+        thinnest_mm: f64,
+        /// Thickest layer of the machine, mm.
+        thickest_mm: f64,
+    },
     /// The job would be absurdly long.
-    #[error("{extent_mm} mm in layers of {layer_mm} mm are more than a million layers; check the units")]
+    #[error("{} mm in layers of {layer_mm} mm are more than a million layers; check the units", told_mm(*extent_mm))]
     TooManyLayers {
         /// Height of the body, mm.
         extent_mm: f64,
@@ -186,7 +199,7 @@ pub enum Error {
     /// A mesh has a hole that no bead covers.
     #[error(
         "the mesh has a hole: in layer {layer} at z {z_mm:.2} mm an outline ends {gap_mm:.2} mm from the next one, at x {:.2}, y \
-         {:.2} mm; repair the mesh",
+         {:.2} mm; repair the mesh, whose triangles are missing there or face different ways",
         at_mm[0], at_mm[1]
     )]
     OpenMesh {

@@ -64,7 +64,8 @@ fn outline(material: &Region, supports: &Region, cleft_mm: f64) -> Region {
     closed.union(&both).without_holes()
 }
 
-fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
+/// Loops of brim around a part so high.
+pub(super) fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
     let print = &profile.print;
     let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]

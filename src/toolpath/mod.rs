@@ -26,6 +26,8 @@
 mod adhesion;
 mod fill;
 mod flow;
+mod foot;
+mod held;
 mod interior;
 mod order;
 mod place;
@@ -49,6 +51,7 @@ use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
 use fill::{FillParams, Path, Thin};
+use held::Unheld;
 use interior::{Interior, Stack};
 use order::Order;
 use place::Placement;
@@ -259,6 +262,8 @@ pub enum Error {
 /// bead, no room for any bead, settings that make no sense, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
+    let left_out = foot::bare(layers, profile)?;
+    let (below, layers) = layers.split_at(left_out.len());
     let placement = place::place(layers, profile)?;
     let placed = placed(layers, &placement, profile, task)?;
     let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
@@ -288,6 +293,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     if let Some(raft) = &placement.raft {
         order = order.upon(raft.layers(&standing, profile), raft.height_mm());
     }
+    left_out.iter().for_each(|b| order.note_thin(&b.slot, b.thin, &b.params));
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -300,7 +306,9 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.add(drafts, profile, task)?;
     order.check()?;
     let bare = bare(&order.paths, layers, profile)?;
-    let warnings = order.warnings().into_iter().chain(bare).chain(on_part).chain(unsteady).collect();
+    let footing = held::footing(layers, &placed, &frame, profile);
+    let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(bare);
+    let warnings = told.chain(footing).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
@@ -405,6 +413,8 @@ struct Draft {
     lost: Vec<Point2>,
     /// A place on each island that begins in the air.
     floating: Vec<Point2>,
+    /// Of the layer above.
+    unheld: Option<Unheld>,
 }
 
 fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
@@ -423,10 +433,11 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
         thin: None,
         lost: vec![],
         floating: vec![],
+        unheld: None,
     };
-    let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
-        return Ok(draft);
-    };
+    let skins = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    draft.unheld = Unheld::above(idx, skins.as_ref(), stack, profile);
+    let Some(skins) = skins else { return Ok(draft) };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
     let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
@@ -435,7 +446,7 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
     let net = travel::Net::new(&skins);
-    draft.floating = order::floating(idx, stack, &skins, &net);
+    draft.floating = held::floating(idx, stack, &skins, &net);
     draft.net = Some(net);
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)

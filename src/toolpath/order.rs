@@ -1,28 +1,21 @@
 //! The beads of all layers in the order in which they are printed, and what the operator should know of them.
 
-use super::fill::Thin;
-use super::interior::Stack;
+use super::fill::{FillParams, Thin};
+use super::held::{self, Unheld};
 use super::seam::Seams;
-use super::skin::Skins;
-use super::supports::{AIR_LAYERS, Support};
-use super::travel::{Island, Net, Travel};
+use super::travel::Travel;
 use super::{Bead, Draft, Error, LayerPaths, StackFromBed, adhesion, sequence};
 use crate::ct::Warning;
-use crate::geom::{Point2, Region, SegmentIndex};
+use crate::geom::{Point2, Region};
 use crate::profile::Profile;
 use crate::progress::{Cancelled, Task};
+use crate::slice::LayerSlot;
+use crate::units::counted;
 
 /// Share of a layer's skins from which on too thin a wall makes the layer impossible.
 const MOST_THIN_SHARE: f64 = 0.5;
 /// One layer in so many may be impossible: where a leaning body begins or ends there is but a sliver.
 const A_SLIVER_IN: usize = 20;
-/// Every how many nodes of an island are looked at to see whether it rests on something.
-const REST_STRIDE: usize = 4;
-/// It rests where one of them lies so deep in what is below, mm,
-const WELL_WITHIN_MM: f64 = 0.06;
-/// or where they share so much, mm², or half of a smaller island: less is the noise of borders that touch.
-const LEAST_CONTACT_MM2: f64 = 0.01;
-
 /// Layers whose beads are in order, each begun where the one below ended.
 pub(super) struct Order {
     pub(super) paths: Vec<LayerPaths>,
@@ -39,9 +32,9 @@ pub(super) struct Order {
     /// The first layer that is too thin nearly everywhere, and how many there are.
     sliver: Option<Error>,
     n_slivers: usize,
-    /// Islands of material that begin in the air, and the first one's height in the stack and place.
-    n_floating: usize,
-    floating: Option<(f64, Point2)>,
+    /// Islands of material that begin in the air: heights in the stack and places.
+    floating: Vec<(f64, Point2)>,
+    unheld: Vec<Unheld>,
     adhesion: Option<Warning>,
     /// Layers that are a raft's.
     n_raft: usize,
@@ -63,8 +56,8 @@ impl Order {
             lost: Vec::new(),
             sliver: None,
             n_slivers: 0,
-            n_floating: 0,
-            floating: None,
+            floating: Vec::new(),
+            unheld: Vec::new(),
             adhesion: None,
             n_raft: 0,
             height_mm,
@@ -92,25 +85,13 @@ impl Order {
         Ok(())
     }
 
-    fn layer(&mut self, draft: Draft, profile: &Profile) {
+    fn layer(&mut self, mut draft: Draft, profile: &Profile) {
         let idx = self.paths.len();
         self.z_mm += draft.slot.height_mm;
-        self.thin.extend(draft.thin.map(|t| (draft.slot.z_mid_mm, t)));
-        if let Some(thin) = draft.thin.filter(|t| t.share > MOST_THIN_SHARE) {
-            self.n_slivers += 1;
-            let at = self.frame.point(thin.at);
-            self.sliver.get_or_insert(Error::WallTooThin {
-                layer: idx,
-                z_mm: draft.slot.z_mid_mm,
-                x_mm: at.x,
-                y_mm: at.y,
-                thickness_mm: thin.thickness_mm,
-                thinnest_mm: draft.params.limits_mm[0],
-            });
-        }
+        self.note_thin(&draft.slot, draft.thin, &draft.params);
         self.lost.extend(draft.lost.iter().map(|&p| (draft.slot.z_mid_mm, p)));
-        self.n_floating += draft.floating.len();
-        self.floating = self.floating.or(draft.floating.first().map(|&at| (draft.slot.z_mid_mm, at)));
+        self.floating.extend(draft.floating.iter().map(|&at| (draft.slot.z_mid_mm, at)));
+        self.unheld.extend(draft.unheld.take());
         let mut beads = Vec::new();
         let mut travels = Vec::new();
         if idx == 0 {
@@ -133,6 +114,23 @@ impl Order {
         travels.extend(struts.travels);
         let Draft { slot, material, lumen, .. } = draft;
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
+    }
+
+    /// Notes where the wall of the next layer, or of one that is left out before the first, is too thin.
+    pub(super) fn note_thin(&mut self, slot: &LayerSlot, thin: Option<Thin>, params: &FillParams) {
+        self.thin.extend(thin.map(|t| (slot.z_mid_mm, t)));
+        if let Some(thin) = thin.filter(|t| t.share > MOST_THIN_SHARE) {
+            self.n_slivers += 1;
+            let at = self.frame.point(thin.at);
+            self.sliver.get_or_insert(Error::WallTooThin {
+                layer: self.paths.len(),
+                z_mm: slot.z_mid_mm,
+                x_mm: at.x,
+                y_mm: at.y,
+                thickness_mm: thin.thickness_mm,
+                thinnest_mm: params.limits_mm[0],
+            });
+        }
     }
 
     /// Refuses a part whose wall is too thin.
@@ -165,29 +163,19 @@ impl Order {
     }
 
     /// What the operator should know of all layers.
-    pub(super) fn warnings(&self) -> Vec<Warning> {
-        let all = [self.thin_walls(), self.lost_features(), self.in_the_air(), self.adhesion.clone()];
-        all.into_iter().flatten().collect()
-    }
-
-    fn in_the_air(&self) -> Option<Warning> {
-        let (z_mm, at) = self.floating?;
-        let text = format!(
-            "{} island(s) begin in the air, the first at {}: turn the part, or have it held up (print.support, support_on_part and \
-             support_in_lumen in the profile)",
-            self.n_floating,
-            self.frame.told(at, z_mm)
-        );
-        Some(Warning::new("toolpath.in_the_air", text))
+    pub(super) fn warnings(&self, profile: &Profile) -> Vec<Warning> {
+        let beads = [self.thin_walls(), self.lost_features(), held::in_the_air(&self.floating, &self.frame)];
+        let overhang = held::overhang(&self.unheld, &self.frame, profile);
+        beads.into_iter().chain([overhang, self.adhesion.clone()]).flatten().collect()
     }
 
     fn thin_walls(&self) -> Option<Warning> {
         let worst = self.thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
         let (z_mm, Thin { at, thickness_mm, .. }) = worst?;
         let text = format!(
-            "material thinner than the thinnest bead in {} layers, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
+            "material thinner than the thinnest bead in {}, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
              at all below half a bead",
-            self.thin.len(),
+            counted(self.thin.len(), "layer"),
             self.frame.told(*at, *z_mm)
         );
         Some(Warning::new("toolpath.thin_wall", text))
@@ -196,41 +184,16 @@ impl Order {
     fn lost_features(&self) -> Option<Warning> {
         let &(z_mm, at) = self.lost.first()?;
         let text = format!(
-            "{} outlines are too small for a bead and left out, the first at {}",
-            self.lost.len(),
+            "{} too small for a bead and left out, the first at {}",
+            if self.lost.len() == 1 {
+                "1 outline is".to_owned()
+            } else {
+                format!("{} outlines are", self.lost.len())
+            },
             self.frame.told(at, z_mm)
         );
         Some(Warning::new("toolpath.lost_feature", text))
     }
-}
-
-/// A place on each island of a layer that begins in the air: on neither material nor, with their air, supports.
-pub(super) fn floating(idx: usize, stack: &Stack<'_>, skins: &Skins, net: &Net) -> Vec<Point2> {
-    let Some(below) = idx.checked_sub(1).map(|j| &stack.placed[j].0) else { return Vec::new() };
-    let index = SegmentIndex::try_new(&below.contours);
-    let is_deep = |p: Point2| {
-        let deep =
-            |index: &SegmentIndex| index.contains(p) && index.nearest_within(p, WELL_WITHIN_MM).is_none();
-        index.as_ref().is_some_and(deep)
-    };
-    let held = || idx.checked_sub(1 + AIR_LAYERS).and_then(|j| stack.columns.get(j)).map(Support::area);
-    let rests = |island: &&Island| {
-        let places: Vec<Point2> = net.places_in(island).step_by(REST_STRIDE).collect();
-        places.into_iter().any(is_deep) || touches(&region(island, skins), below, held())
-    };
-    let in_the_air = net.islands().iter().filter(|island| !rests(island));
-    in_the_air.filter_map(|island| skins.contours[island.contours[0]].points.first().copied()).collect()
-}
-
-fn region(island: &Island, skins: &Skins) -> Region {
-    Region::new(island.contours.iter().map(|&c| skins.contours[c].clone()).collect())
-}
-
-/// Whether an island lies on material or supports, by the area that they share.
-fn touches(island: &Region, below: &Region, held: Option<Region>) -> bool {
-    let least_mm2 = LEAST_CONTACT_MM2.min(island.area_mm2() / 2.0);
-    let shares = |other: &Region| island.intersection(other).area_mm2() > least_mm2;
-    shares(below) || held.is_some_and(|held| shares(&held))
 }
 
 #[cfg(test)]
@@ -279,11 +242,11 @@ mod tests {
     fn what_touches_by_its_border_alone_begins_in_the_air() {
         let profile = profile::builtin("reference").unwrap();
         let beside = vec![rectangle([0.0, 10.0], [0.0, 10.0]), rectangle([10.0, 20.0], [0.0, 10.0])];
-        assert!(told(beside, &profile)[0].starts_with("1 island(s) begin in the air"));
+        assert!(told(beside, &profile)[0].starts_with("1 island begins in the air"));
         // A rod in the bore of a tube rests on nothing, though the tube's outer outline goes round it.
         let tube = disc(6.0).difference(&disc(5.0));
         let with_rod = tube.union(&disc(2.0));
-        assert!(told(vec![tube, with_rod], &profile)[0].starts_with("1 island(s) begin in the air"));
+        assert!(told(vec![tube, with_rod], &profile)[0].starts_with("1 island begins in the air"));
     }
 
     #[test]
@@ -305,9 +268,7 @@ mod tests {
         profile.print.support_on_part = true;
         assert_eq!(told(materials.clone(), &profile), Vec::<String>::new());
         profile.print.support_on_part = false;
-        assert!(
-            told(materials, &profile)[0].starts_with("1 island(s) begin in the air, the first at z 4.10")
-        );
+        assert!(told(materials, &profile)[0].starts_with("1 island begins in the air, the first at z 4.10"));
     }
 
     #[test]

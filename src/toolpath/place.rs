@@ -65,8 +65,7 @@ impl StackFromBed {
 
     /// A place as it is told: in the model's own coordinates, as in the file or the CT that it comes from; the height is theirs.
     pub(super) fn told(&self, on_bed: Point2, z_mm: f64) -> String {
-        let at = self.point(on_bed);
-        format!("z {z_mm:.2} mm (x {:.2}, y {:.2} in the model)", at.x, at.y)
+        told(self.point(on_bed), z_mm)
     }
 
     /// A length in the bed's plane, mm.
@@ -74,6 +73,11 @@ impl StackFromBed {
     pub fn length_mm(&self, mm: f64) -> f64 {
         mm / self.compensation.enlarged
     }
+}
+
+/// A place in the stack as it is told.
+pub(super) fn told(at: Point2, z_mm: f64) -> String {
+    format!("z {z_mm:.2} mm (x {:.2}, y {:.2} in the model)", at.x, at.y)
 }
 
 /// Finds the place of the layers on the bed.

@@ -581,3 +581,111 @@ fn compensations_that_leave_nothing_are_told() {
     let bare = warnings.iter().find(|w| w.code == "toolpath.bare_layer").unwrap();
     assert!(bare.text.starts_with("1 layer(s)") && bare.text.contains("z 0.10 mm"), "{}", bare.text);
 }
+
+/// A layer of 0.2 mm above so many others.
+fn slab(idx: usize, material: Region) -> Layer {
+    let slot = LayerSlot { z_mid_mm: 0.2 * idx as f64 + 0.1, height_mm: 0.2, ct_plane: None };
+    Layer { slot, material, lumen: Region::default() }
+}
+
+fn disc(x: f64, radius: f64) -> Region {
+    Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius, 360)])
+}
+
+fn told(layers: &[Layer], profile: &Profile) -> Vec<(String, String)> {
+    let warnings = plan(layers, profile, &Task::quiet()).unwrap().warnings;
+    warnings.into_iter().map(|w| (w.code, w.text)).collect()
+}
+
+#[test]
+fn what_is_printed_begins_on_the_bed() {
+    // Below a disc, a speck that no bead can print.
+    let at = |idx| slab(idx, disc(if idx < 2 { 3.0 } else { 0.0 }, if idx < 2 { 0.05 } else { 5.0 }));
+    let layers: Vec<Layer> = (0..12).map(at).collect();
+    let planned = plan(&layers, &reference(), &Task::quiet()).unwrap();
+    assert_eq!(planned.paths.layers.len(), 10);
+    let first = &planned.paths.layers[0];
+    assert!((first.z_mm - 0.2).abs() < 1e-9 && first.beads.iter().any(|b| b.kind.is_part()));
+    let foot = planned.paths.bed_from_stack.apply(crate::geom::Point3::new(0.0, 0.0, 0.4));
+    assert!(foot.z.abs() < 1e-9, "{foot}");
+    assert_eq!(planned.warnings.len(), 1);
+    let expected = "nothing in the lowest 2 layers is large enough for a bead, the first at z 0.10 mm (x 3.05, y 0.00 in the \
+                    model): left out, and the rest set down by 0.40 mm, onto the bed";
+    assert_eq!(
+        (planned.warnings[0].code.as_str(), planned.warnings[0].text.as_str()),
+        ("toolpath.bare_foot", expected)
+    );
+    // What has a bead stays, and so does a part without any, as which it is refused.
+    assert_eq!(plan(&layers[2..], &reference(), &Task::quiet()).unwrap().paths.layers.len(), 10);
+    let thin = |idx| slab(idx, disc(0.0, 3.0).difference(&disc(0.0, 2.95)));
+    let thin: Vec<Layer> = (0..10).map(thin).collect();
+    assert!(matches!(plan(&thin, &reference(), &Task::quiet()), Err(Error::WallTooThin { layer: 0, .. })));
+    // Half of a part is not left out in silence either.
+    let half: Vec<Layer> = thin.into_iter().chain((10..20).map(at)).collect();
+    assert!(matches!(plan(&half, &reference(), &Task::quiet()), Err(Error::WallTooThin { layer: 0, .. })));
+}
+
+#[test]
+fn an_island_rests_on_what_it_covers_wherever_its_outline_begins() {
+    let corners = [(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)].map(|(x, y)| Point2::new(x, y));
+    for first in 0..4 {
+        let mut corners = corners.to_vec();
+        corners.rotate_left(first);
+        let square = Region::new(vec![Contour::new(corners)]);
+        let layers: Vec<Layer> = (0..5).map(|idx| slab(idx, square.clone())).collect();
+        assert_eq!(told(&layers, &reference()), [], "{first}");
+    }
+    // A ring around what stands does not rest on it.
+    let post = |idx| {
+        slab(
+            idx,
+            if idx < 5 {
+                disc(0.0, 3.0)
+            } else {
+                disc(0.0, 3.0).union(&disc(0.0, 6.0).difference(&disc(0.0, 5.0)))
+            },
+        )
+    };
+    let found = told(&(0..10).map(post).collect::<Vec<_>>(), &reference());
+    assert!(found.len() == 1 && found[0].0 == "toolpath.in_the_air", "{found:?}");
+    assert!(found[0].1.starts_with("1 island begins in the air, the first at z 1.10 mm (x "), "{found:?}");
+}
+
+#[test]
+fn overhangs_that_nothing_holds_are_told_once_with_their_width() {
+    let mushroom: Vec<Layer> =
+        (0..15).map(|idx| slab(idx, disc(0.0, if idx < 10 { 4.0 } else { 15.0 }))).collect();
+    let mut profile = reference();
+    profile.print.support_overhang_deg = 50.0;
+    let found = told(&mushroom, &profile);
+    assert!(found.len() == 1 && found[0].0 == "toolpath.overhang", "{found:?}");
+    let begin =
+        "nothing holds overhangs beyond 50 degrees in 1 layer, the widest of 11.00 mm at z 2.10 mm (x ";
+    assert!(found[0].1.starts_with(begin) && found[0].1.contains("print.support = \"column\""), "{found:?}");
+    let cone = |deg: f64| -> Vec<Layer> {
+        (0..20).map(|idx| slab(idx, disc(0.0, 4.0 + 0.2 * deg.to_radians().tan() * idx as f64))).collect()
+    };
+    assert_eq!(told(&cone(48.0), &profile), []);
+    let steep = told(&cone(60.0), &profile);
+    assert!(steep.len() == 1 && steep[0].1.contains("in 19 layers, the widest of 0.35 mm"), "{steep:?}");
+    profile.print.support = SupportStyle::Column;
+    assert_eq!(told(&mushroom, &profile), []);
+}
+
+#[test]
+fn a_part_that_hardly_touches_the_bed_is_told_unless_it_is_held_down() {
+    let ball = |idx: usize| {
+        let z = 0.2 * idx as f64 + 0.1;
+        slab(idx, disc(0.0, (z * (20.0 - z)).sqrt()))
+    };
+    let ball: Vec<Layer> = (0..100).map(ball).collect();
+    let mut profile = reference();
+    profile.print.support_overhang_deg = 85.0;
+    let found = told(&ball, &profile);
+    assert!(found.len() == 1 && found[0].0 == "toolpath.footing", "{found:?}");
+    let begin =
+        "only 6.3 mm2 of the part lie on the bed, at z 0.10 mm (x 0.00, y 0.00 in the model), under 65.3 mm2";
+    assert!(found[0].1.starts_with(begin) && found[0].1.contains("print.brim_mm"), "{found:?}");
+    profile.print.brim_mm = 5.0;
+    assert_eq!(told(&ball, &profile), []);
+}

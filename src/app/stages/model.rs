@@ -12,6 +12,7 @@ use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams};
 use crate::toolpath;
+use crate::units::{counted, told_size_mm};
 use serde::Serialize;
 use std::path::Path;
 
@@ -42,6 +43,8 @@ pub struct ModelJob<'a> {
 pub struct SlicedModel {
     /// Triangles of the file.
     pub n_triangles: usize,
+    /// Size of the model as it lies on the bed, mm.
+    pub size_mm: [f64; 3],
     /// Layers of the job.
     pub n_layers: usize,
     /// Lines of the job.
@@ -58,12 +61,16 @@ pub struct SlicedModel {
 
 impl std::fmt::Display for SlicedModel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { n_triangles, n_layers, n_lines, print_time_s, filament_mm, filament_g, .. } = self;
+        let Self { n_triangles, size_mm, n_layers, n_lines, print_time_s, filament_mm, filament_g, .. } =
+            self;
         let [x, y, z] = self.bed_from_model_mm;
         write!(
             f,
-            "{n_triangles} triangles, {n_layers} layers, {n_lines} lines, {} of printing, {:.2} m ({filament_g:.1} g) of filament; the model's \
+            "{}, {}, {}, {n_lines} lines, {} of printing, {:.2} m ({filament_g:.1} g) of filament; the model's \
              origin lies at x {x:.3}, y {y:.3}, z {z:.3} mm",
+            told_size_mm(*size_mm),
+            counted(*n_triangles, "triangle"),
+            counted(*n_layers, "layer"),
             super::slice::hours_and_minutes(*print_time_s),
             filament_mm / 1e3
         )
@@ -121,6 +128,7 @@ pub fn slice_model(
     let by = planned.paths.bed_from_stack.apply(crate::geom::Point3::origin());
     Ok(SlicedModel {
         n_triangles,
+        size_mm: model.mesh.extent_mm().map(|[low, high]| high - low),
         n_layers: planned.paths.layers.len(),
         n_lines: text.lines().count(),
         print_time_s: estimate.total_s,

@@ -20,6 +20,7 @@ use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams, Layer, LayerSlot};
 use crate::toolpath::{self, Toolpaths};
+use crate::units::counted;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -128,8 +129,8 @@ impl Session<'_> {
         staging.write(JOB_FILE, job.as_bytes())?;
         staging.write(LAYERS_FILE, &to_json(&document))?;
         let summary = format!(
-            "{} layers, {} lines, {} of printing, {:.2} m ({:.1} g) of filament",
-            document.layers.len(),
+            "{}, {} lines, {} of printing, {:.2} m ({:.1} g) of filament",
+            counted(document.layers.len(), "layer"),
             job.lines().count(),
             hours_and_minutes(estimate.total_s),
             estimate.filament_mm / 1e3,

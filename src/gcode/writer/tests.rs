@@ -105,6 +105,15 @@ fn comments_follow_the_contract() {
 }
 
 #[test]
+fn a_job_without_a_ct_says_nothing_of_one() {
+    let mut job = job();
+    job.layers.iter_mut().for_each(|l| l.slot.ct_plane = None);
+    let text = write(&job, &profile::builtin("reference").unwrap(), &Header::default());
+    assert!(text.contains("\n; layers 2\n; model_shift_mm 1.000000,2.000000,3.000000\n"));
+    assert!(!text.contains("CT") && !text.contains("stack"));
+}
+
+#[test]
 fn only_travels_through_air_are_retracted() {
     let text = text();
     assert_eq!(text.matches("G1 E-0.8 F2100\n").count(), 1);

@@ -38,7 +38,7 @@ pub struct MeshLayers {
 /// # Errors
 /// A height outside the machine's limits, a mesh that is flat or open by more than a bead can cover, cancellation.
 pub fn slice_mesh(mesh: &TriMesh, params: &GridParams, task: &Task<'_>) -> Result<MeshLayers, Error> {
-    let grid = grid(&[], z_range_mm(mesh), params)?;
+    let grid = even_grid(mesh, params)?;
     let cutter = Cutter::new(mesh, &grid);
     let done = AtomicU64::new(0);
     let total = grid.slots.len() as u64;
@@ -55,9 +55,15 @@ pub fn slice_mesh(mesh: &TriMesh, params: &GridParams, task: &Task<'_>) -> Resul
     Ok(MeshLayers { layers: cuts.into_iter().map(|c| c.layer).collect(), warnings })
 }
 
-fn z_range_mm(mesh: &TriMesh) -> [f64; 2] {
-    let z = mesh.vertices.iter().map(|p| p.z);
-    [z.clone().fold(f64::INFINITY, f64::min), z.fold(f64::NEG_INFINITY, f64::max)]
+/// The layers that a mesh is cut into.
+fn even_grid(mesh: &TriMesh, params: &GridParams) -> Result<LayerGrid, Error> {
+    let extent_mm = mesh.extent_mm();
+    grid(&[], extent_mm[2], params).map_err(|error| match error {
+        Error::TooFlat { thinnest_mm, thickest_mm, .. } => {
+            Error::FlatMesh { size_mm: extent_mm.map(|[low, high]| high - low), thinnest_mm, thickest_mm }
+        }
+        other => other,
+    })
 }
 
 /// A layer and what was mended in it.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::model::testing::{cuboid, inverted, moved, tube};
+use crate::model::testing::{cuboid, inverted, miswound, moved, tube};
 use crate::model::{Facet, Model};
 use std::f64::consts::PI;
 
@@ -76,5 +76,15 @@ fn narrow_gaps_are_closed_and_told_and_wide_ones_refused() {
 
 #[test]
 fn a_mesh_that_is_flatter_than_a_layer_is_refused() {
-    assert!(matches!(sliced(&cuboid([3.0, 3.0, 0.01])), Err(Error::TooFlat { .. })));
+    let refused = sliced(&cuboid([3.0, 2.5, 0.02])).unwrap_err().to_string();
+    let expected =
+        "the model is 3 x 2.5 x 0.02 mm: too low for layers of 0.05 to 0.3 mm; are the units millimetres?";
+    assert_eq!(refused, expected);
+}
+
+#[test]
+fn a_bore_whose_triangles_face_both_ways_stays_open() {
+    let made = sliced(&miswound(&tube(3.0, 4.0, 6.0, 96), |k| k % 2 == 0)).unwrap();
+    assert_eq!(made, sliced(&tube(3.0, 4.0, 6.0, 96)).unwrap());
+    assert!(made.layers.iter().all(|l| l.lumen.contours.len() == 1));
 }
