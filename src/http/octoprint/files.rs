@@ -143,9 +143,7 @@ pub(super) async fn upload<S: Store>(
 ) -> Result<(StatusCode, [(HeaderName, String); 1], Json<Value>), Problem> {
     let taken = upload::take(&app, form).await?;
     let job = upload::add(&app, taken, Who::Operator(caller.name)).await?;
-    if job.state == State::Draft {
-        app.select(Some(job.id));
-    }
+    app.select(Some(job.id));
     let is_queued = job.state != State::Draft;
     let told = json!({
         "files": { "local": described(&headers, &job) },

@@ -5,6 +5,13 @@
 //! by design: `print` queues the job, and it starts when its turn has come and the bed is clear; commands to the printer need the
 //! role `admin`; files are not given out again; `restart` and `fake_ack` are refused.
 //!
+//! What a slicer sends, by hand:
+//!
+//! ```text
+//! curl -H "X-Api-Key: KEY" http://127.0.0.1:PORT/api/version
+//! curl -H "X-Api-Key: KEY" -F print=true -F path= -F file=@job.gcode http://127.0.0.1:PORT/api/files/local
+//! ```
+//!
 //! Shapes and status codes follow OctoPrint's documentation of its REST API (`docs.octoprint.org`, "REST API").
 
 mod files;
