@@ -40,6 +40,8 @@
 //! | [`printer`] | the protocol core and the session (pure), journal and resuming, links, the driver |
 //! | [`queue`] | states of jobs, claims, beds, history, schedule (pure) |
 //! | [`store`] | where the queue is kept: SQLite |
+//! | [`http`] | faces of the queue: the own API, the part of OctoPrint's that slicers use, keys, events, sockets |
+//! | [`client`] | the other side of `http`: typed calls, events |
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
 //! | [`cli`] | the command line, a face of `app` |
@@ -49,7 +51,7 @@
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
 //!   `phantom::series`, `profile::load`, `printer::{ask, device, driver, job, journal::writer, paper, serial, sim}`,
-//!   `report::write`, `store`, `app` and `cli`.
+//!   `report::write`, `store`, `http::{files, keys, serve, upload}`, `client`, `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.
@@ -59,10 +61,12 @@
 pub mod app;
 pub mod brep;
 pub mod cli;
+pub mod client;
 pub mod ct;
 pub mod draw;
 pub mod gcode;
 pub mod geom;
+pub mod http;
 pub mod mesh;
 pub mod model;
 pub mod motion;

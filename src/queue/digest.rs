@@ -34,6 +34,13 @@ impl Digest {
     }
 }
 
+impl From<[u8; 32]> for Digest {
+    /// A sum that was reckoned piece by piece.
+    fn from(sum: [u8; 32]) -> Self {
+        Self(sum)
+    }
+}
+
 impl TryFrom<String> for Digest {
     type Error = NoDigest;
 
