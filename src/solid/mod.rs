@@ -26,6 +26,7 @@ mod lobes;
 mod lumen;
 mod mend;
 mod neck;
+mod notch;
 mod section;
 mod skin;
 mod slab;

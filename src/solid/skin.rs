@@ -12,6 +12,10 @@ use crate::spline::{ClosedCurve, SplineError, TubeSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// Every how many points a turn of a section is tried first, and after how many points it may be given up.
+const TWIST_STRIDE: usize = 8;
+const TWIST_CHUNK: usize = 32;
+
 /// Which points of neighbouring sections of a tube are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -266,16 +270,50 @@ fn nearest_start(curve: &ClosedCurve, start: Point2) -> f64 {
 pub(super) fn least_twist_start(curve: &ClosedCurve, previous: &[Point2]) -> f64 {
     let n = previous.len();
     let points = curve.resampled(n, 0.0);
-    let cost = |shift: usize| -> f64 {
-        let (head, tail) = points.split_at(shift % n);
-        previous.iter().zip(tail.iter().chain(head)).map(|(p, q)| (p - q).norm_squared()).sum()
-    };
-    let costs: Vec<f64> = (0..n).map(cost).collect();
-    let best = (0..n).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
-    let (before, at, after) = (costs[(best + n - 1) % n], costs[best], costs[(best + 1) % n]);
+    let twist = Twist { previous, twice: points.repeat(2) };
+    let best = twist.least();
+    let [before, at, after] =
+        [best + n - 1, best, best + 1].map(|shift| twist.cost(shift % n, f64::INFINITY));
     let bend = before - 2.0 * at + after;
     let fraction = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
     curve.length_mm() * (best as f64 + fraction) / n as f64
+}
+
+/// Points of a section and, twice round, as many of the next one.
+struct Twist<'a> {
+    previous: &'a [Point2],
+    twice: Vec<Point2>,
+}
+
+impl Twist<'_> {
+    /// The sum of squared distances to the points that begin at a shift, or some part of it that exceeds `most`.
+    fn cost(&self, shift: usize, most: f64) -> f64 {
+        let mut sum = 0.0;
+        let shifted = self.twice[shift..].chunks(TWIST_CHUNK);
+        for (own, other) in self.previous.chunks(TWIST_CHUNK).zip(shifted) {
+            sum = own.iter().zip(other).fold(sum, |sum, (p, q)| sum + (p - q).norm_squared());
+            if sum > most {
+                break;
+            }
+        }
+        sum
+    }
+
+    /// The shift of the least cost; the first of several. Every few points are tried first, so that most others are
+    /// given up soon.
+    fn least(&self) -> usize {
+        let n = self.previous.len();
+        let coarse = (0..n).step_by(TWIST_STRIDE);
+        let rest = (0..n).filter(|shift| shift % TWIST_STRIDE != 0);
+        let mut best = (f64::INFINITY, 0);
+        for shift in coarse.chain(rest) {
+            let cost = self.cost(shift, best.0);
+            if cost < best.0 || (cost <= best.0 && shift < best.1) {
+                best = (cost, shift);
+            }
+        }
+        best.1
+    }
 }
 
 impl Skin {
@@ -359,6 +397,24 @@ mod tests {
         assert!(
             built(vec![disk(4.5)]).contains("z 4.50 to 4.50 mm: it has 1 section(s) where two are needed")
         );
+    }
+
+    #[test]
+    fn the_least_twist_is_found_among_all_turns() {
+        // Two of the turns of a two-fold shape are alike but for a bump.
+        let previous: Vec<Point2> = (0..100)
+            .map(|k| {
+                let angle = std::f64::consts::TAU * f64::from(k) / 100.0;
+                Point2::new((3.0 + 0.1 * (-(angle - 1.0).powi(2)).exp()) * angle.cos(), 2.0 * angle.sin())
+            })
+            .collect();
+        for turn in 0..100 {
+            let (head, tail) = previous.split_at(turn);
+            let turned = Twist { previous: &previous, twice: [tail, head, tail, head].concat() };
+            let costs: Vec<f64> = (0..100).map(|shift| turned.cost(shift, f64::INFINITY)).collect();
+            let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+            assert_eq!((turned.least(), costs[turned.least()]), ((100 - turn) % 100, least));
+        }
     }
 
     #[test]

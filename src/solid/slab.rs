@@ -12,6 +12,7 @@ use super::corners::Corners;
 use super::event::{EventFault, EventSource};
 use super::iso;
 use super::lean::{Lean, Leans};
+use super::notch::denser;
 use super::sweep::Saddle;
 use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
 use crate::spline::{Basis, PatchSurface};
@@ -23,11 +24,8 @@ const ROWS: usize = 13;
 /// Intervals along u of the lateral patches: as many as keep their borders this near to the field between them, mm.
 const ARC_INTERVALS: [usize; 4] = [64, 128, 256, 512];
 const ARC_TOLERANCE_MM: f64 = 3e-4;
-/// Spacing of a ring's vertices beside its corners over the distance from them, that at the corner over the size of the
-/// saddle, and how often an edge is halved at most.
-const NOTCH_GROWTH: f64 = 0.12;
+/// Spacing of a ring's vertices at its corners over the size of the saddle.
 const NOTCH_SPACING: f64 = 0.02;
-const NOTCH_HALVINGS: usize = 8;
 
 /// Slabs are tried at these shares of the thickness asked for, until a saddle has no cell smaller than
 /// [`LEAST_AREA`] of the mean one, seen along z, and its seams rise by [`LEAST_RISE`].
@@ -142,60 +140,6 @@ pub(super) fn build_slab(
         saddle.sections_towards(source, &thinner)
     };
     view.bordered(&thinner, trial, upward, beside)
-}
-
-/// The contour with the corners among its vertices, and with more vertices beside them, where it bends more sharply than
-/// its vertices are set: their spacing grows with the distance from the nearest corner, from `least_mm` on.
-fn denser(
-    contour: &Contour,
-    corners: &[Point2],
-    least_mm: f64,
-    refine: impl Fn(Point2) -> Point2,
-) -> Contour {
-    let Some(index) = SegmentIndex::try_new(std::slice::from_ref(contour)) else { return contour.clone() };
-    let feet: Vec<usize> = corners.iter().map(|c| index.nearest(*c).edge_idx).collect();
-    let spacing_mm = |p: Point2| {
-        let d = corners.iter().map(|c| (c - p).norm()).fold(f64::INFINITY, f64::min);
-        (NOTCH_GROWTH * d).max(least_mm)
-    };
-    let mut points = Vec::with_capacity(2 * contour.len());
-    for (k, (from, to)) in contour.edges().enumerate() {
-        let mut stops = vec![from];
-        let mut inner: Vec<Point2> =
-            corners.iter().zip(&feet).filter(|(_, foot)| **foot == k).map(|(c, _)| *c).collect();
-        inner.sort_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()));
-        let apart = |p: &Point2| (p - from).norm() > 0.3 * least_mm && (p - to).norm() > 0.3 * least_mm;
-        stops.extend(inner.into_iter().filter(apart));
-        stops.push(to);
-        for pair in stops.windows(2) {
-            points.push(pair[0]);
-            halved([pair[0], pair[1]], NOTCH_HALVINGS, &spacing_mm, &refine, &mut points);
-        }
-    }
-    Contour::new(points)
-}
-
-/// Points between two of a curve, as far apart as asked for.
-fn halved(
-    [from, to]: [Point2; 2],
-    most: usize,
-    spacing_mm: &impl Fn(Point2) -> f64,
-    refine: &impl Fn(Point2) -> Point2,
-    points: &mut Vec<Point2>,
-) {
-    let middle = nalgebra::center(&from, &to);
-    let length = (to - from).norm();
-    if most == 0 || length <= spacing_mm(middle) {
-        return;
-    }
-    let on_curve = refine(middle);
-    // What is not between the two is on another piece of the curve.
-    if (on_curve - middle).norm() > length {
-        return;
-    }
-    halved([from, on_curve], most - 1, spacing_mm, refine, points);
-    points.push(on_curve);
-    halved([on_curve, to], most - 1, spacing_mm, refine, points);
 }
 
 /// Which row of a slab.
