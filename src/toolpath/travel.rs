@@ -448,7 +448,7 @@ mod tests {
     /// A way between all pairs of places on a grid that lie in the material, and off its skins.
     fn pairs(region: &Region, step_mm: f64) -> Vec<(Point2, Point2)> {
         let bounds = region.bounds().unwrap();
-        let index = crate::geom::SegmentIndex::try_new(&region.contours).unwrap();
+        let index = SegmentIndex::try_new(&region.contours).unwrap();
         let on = |from: f64, to: f64| {
             (0..).map(move |i| from + step_mm * f64::from(i)).take_while(move |&c| c < to)
         };
@@ -501,7 +501,7 @@ mod tests {
             let region = Region::new(tubes.concat());
             let net = net(&region);
             let lumens: Vec<Contour> = region.contours.iter().filter(|c| !c.is_ccw()).cloned().collect();
-            let lumens = crate::geom::SegmentIndex::try_new(&lumens).unwrap();
+            let lumens = SegmentIndex::try_new(&lumens).unwrap();
             let pairs = pairs(&region, 0.9);
             assert!(pairs.len() > 300);
             for (a, b) in pairs {
