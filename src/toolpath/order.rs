@@ -127,24 +127,21 @@ impl Order {
             beads.extend(sequence.beads);
             travels.extend(sequence.travels);
         }
+        let struts = sequence::around(draft.struts, draft.net.as_ref(), self.at);
+        self.at = struts.at;
+        beads.extend(struts.beads);
+        travels.extend(struts.travels);
         let Draft { slot, material, lumen, .. } = draft;
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
     }
 
-    /// Refuses a part whose wall is too thin, and one of which nothing would be printed.
+    /// Refuses a part whose wall is too thin.
     ///
     /// # Errors
-    /// The lowest layer that cannot be printed, where there are many; that no layer has a bead.
-    pub(super) fn check(&self, profile: &Profile) -> Result<(), Error> {
-        let layers = &self.paths[self.n_raft..];
-        let is_refused = self.n_slivers * A_SLIVER_IN > layers.len();
-        if let Some(sliver) = self.sliver.clone().filter(|_| is_refused) {
-            return Err(sliver);
-        }
-        if layers.iter().flat_map(|l| &l.beads).any(|b| b.kind.is_part()) {
-            return Ok(());
-        }
-        Err(Error::NoBead { layers: layers.len(), narrowest_mm: profile.machine.extrusion_width_mm[0] })
+    /// The lowest layer that cannot be printed, where there are many.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let is_refused = self.n_slivers * A_SLIVER_IN > self.paths.len() - self.n_raft;
+        self.sliver.clone().filter(|_| is_refused).map_or(Ok(()), Err)
     }
 
     /// Skirt and brim.
@@ -317,8 +314,7 @@ mod tests {
     fn a_job_without_a_bead_is_refused() {
         let profile = profile::builtin("reference").unwrap();
         let dust = plan(&layers(vec![disc(0.04); 5]), &profile, &Task::quiet());
-        let narrowest_mm = profile.machine.extrusion_width_mm[0];
-        assert_eq!(dust, Err(Error::NoBead { layers: 5, narrowest_mm }));
+        assert_eq!(dust, Err(Error::NoBead { thinnest_mm: profile.machine.extrusion_width_mm[0] }));
     }
 
     #[test]
