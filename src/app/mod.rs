@@ -24,7 +24,7 @@ pub use session::{Context, Outcome, Session};
 pub use stages::ask::{SafeOff, detect, safe_off};
 pub use stages::export::{Deflection, Export, Exported, Skin, SteppedSolid};
 pub use stages::model::{ModelJob, SlicedModel, is_model, slice_model};
-pub use stages::print::{Printed, Printer, ResumePrinter, print_file, resume_file};
+pub use stages::print::{FilePrinter, Printed, Printer, ResumePrinter, print_file, resume_file};
 pub use stages::report::ReportPlace;
 pub use stages::view::{Colouring, View};
 

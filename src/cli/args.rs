@@ -309,7 +309,7 @@ pub(crate) struct PrintArgs {
     pub(crate) what: PathBuf,
     #[command(flatten)]
     pub(crate) printer: PrinterArgs,
-    /// Profile of the printer, for a file of G-code: a name or a file [default: marlin]
+    /// Profile of the printer, for a file of G-code: a name or a file [default: the one in the job's head, else marlin]
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) profile: Option<String>,
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
@@ -529,7 +529,7 @@ impl RunArgs {
 
 /// A refused command line as one line: the flag, what was found, what was expected.
 pub(crate) fn usage_line(error: &clap::Error) -> String {
-    use clap::error::{ContextKind, ContextValue};
+    use clap::error::{ContextKind, ContextValue, ErrorKind};
     let context = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.as_str()),
         _ => None,
@@ -538,6 +538,14 @@ pub(crate) fn usage_line(error: &clap::Error) -> String {
     if let (Some(argument), Some(fault)) = (context(ContextKind::InvalidArg), fault) {
         let flag = argument.split(' ').next().unwrap_or(argument);
         return format!("{flag}: {fault}");
+    }
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        let names = ProfilesCommand::augment_subcommands(clap::Command::default());
+        let names: Vec<&str> = names.get_subcommands().map(clap::Command::get_name).collect();
+        return format!(
+            "profiles: found nothing behind it, expected one of {} (see --help)",
+            names.join(", ")
+        );
     }
     let text = error.to_string();
     let what = text.split("\n\n").next().unwrap_or(&text).trim_start_matches("error: ");

@@ -233,6 +233,12 @@ fn job(
         }
         return Ok(Ok(Job { dir: path.to_owned(), parameters: patch }));
     }
+    if app::is_model(path) {
+        return Err(format!(
+            "<CASE>: found the model {}, expected a case; a model is sliced by: slice MODEL --out JOB.gcode",
+            path.display()
+        ));
+    }
     let beside = path.with_extension("");
     let dir = match out {
         Some(out) if several => out.join(beside.file_name().unwrap_or_default()),
@@ -324,13 +330,30 @@ fn slice(args: &SliceArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         );
         return Ok(face.usage_error(&line));
     }
+    if args.case.is_file() {
+        let line = format!(
+            "<CASE|MODEL>: found the file {}, expected a case directory, or a model that ends in .stl or .3mf",
+            args.case.display()
+        );
+        return Ok(face.usage_error(&line));
+    }
+    let (out, preview) = (args.out.as_deref(), args.preview.as_deref());
     let outcome = stage(&args.case, args.layer.patch(), context, |session| {
+        session.check_targets(out, preview)?;
         session.give_up_broken_off_print(args.over.gives_up);
         session.slice()?;
-        args.out.as_deref().map_or(Ok(()), |out| session.copy_job(out))?;
-        args.preview.as_deref().map_or(Ok(()), |dir| session.draw_layers(dir))
+        out.map_or(Ok(()), |out| session.copy_job(out))?;
+        preview.map_or(Ok(()), |dir| session.draw_layers(dir))
     })?;
-    Ok(show_case(face, &outcome))
+    face.result(&outcome, &(case_text(&outcome) + &places(out, preview)));
+    Ok(0)
+}
+
+/// Where the job and its pictures were written to, a line each.
+fn places(job: Option<&Path>, pictures: Option<&Path>) -> String {
+    let line = |name, path: &Path| format!("{name:<7} {}\n", path.display());
+    let job = job.map(|path| line("job", path));
+    job.into_iter().chain(pictures.map(|path| line("layers", path))).collect()
 }
 
 fn slice_model(args: &SliceArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
@@ -347,7 +370,8 @@ fn slice_model(args: &SliceArgs, face: &Face, context: &Context<'_>) -> Result<u
         gives_up_print: args.over.gives_up,
     };
     let sliced = app::slice_model(&args.case, out, &job, context)?;
-    face.result(&sliced, &format!("{sliced}\n"));
+    let places = places(Some(out), args.preview.as_deref());
+    face.result(&sliced, &format!("{sliced}\nprofile {}\n{places}", job.profile_name));
     Ok(0)
 }
 
@@ -365,8 +389,11 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         return stage(&args.what, changes, context, |session| session.print_again(args.baud, args.anew))
             .map(|o| show_case(face, &o));
     }
-    let profile_name = args.profile.as_deref().unwrap_or(app::settings::DEFAULT_PROFILE);
-    let printer = app::Printer { profile_name, port: args.printer.port.as_deref(), baud: args.baud };
+    let printer = app::FilePrinter {
+        profile_name: args.profile.as_deref(),
+        port: args.printer.port.as_deref(),
+        baud: args.baud,
+    };
     let printed = app::print_file(&args.what, printer, args.anew, &context)?;
     face.result(&printed, &format!("{printed}\n"));
     Ok(0)

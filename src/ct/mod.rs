@@ -35,6 +35,7 @@ mod voxels;
 pub use error::Error;
 pub use formats::Fault as ImageFault;
 pub use inspection::{Inspection, Orientation, PixelReport, SeriesReport, Verdict};
+pub(crate) use stack::{Gap, gaps_among};
 pub use voxels::Voxels;
 
 use crate::geom::{Point3, RigidTransform};

@@ -4,6 +4,7 @@
 //! it how long it takes; [`reader`] takes any line of G-code apart. Only words of one letter and a number are understood
 //! (NIST RS-274 as printers use it); expressions and macros are not.
 
+mod head;
 mod label;
 mod limits;
 mod path;
@@ -12,6 +13,7 @@ mod thumbnail;
 mod timing;
 mod writer;
 
+pub use head::profile_in_head;
 pub use reader::{Command, Line};
 pub use thumbnail::Thumbnail;
 pub use timing::{Mark, Timing, timed};

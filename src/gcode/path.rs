@@ -10,7 +10,7 @@
 //! - Segments that would take less than the planner's least time are joined while what is left out lies within the
 //!   tolerance.
 //! - Where segments are still too dense, the run is driven slower; so is a bead of which the hotend would have to melt more
-//!   than it can.
+//!   than it can. What a short layer is slowed down by comes on top of that.
 //!
 //! Filament is kept: a move carries what its segments would have. Places are the steps of 1 um that are written.
 
@@ -51,15 +51,27 @@ const MOST_TURN_RAD: f64 = 1.5 * PI;
 /// Larger radii are straight lines to a planner, mm.
 const LARGEST_RADIUS_MM: f64 = 500.0;
 
-/// The moves along `points` at `speed_mm_s`.
-pub(super) fn pieces(
-    points: &[BeadPoint],
-    model: BeadModel,
-    speed_mm_s: f64,
-    profile: &Profile,
-) -> Vec<Piece> {
+/// How fast a bead is to be driven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pace {
+    /// What the profile gives beads of its kind, mm/s.
+    pub(super) speed_mm_s: f64,
+    /// What that, or what the hotend melts where that is less, is multiplied by so that the layer takes its time; 1 at most.
+    pub(super) slow_down: f64,
+    /// No bead is slowed down below this, mm/s.
+    pub(super) least_mm_s: f64,
+}
+
+impl Pace {
+    fn slowed_mm_s(self, speed_mm_s: f64) -> f64 {
+        (speed_mm_s * self.slow_down).max(self.least_mm_s.min(speed_mm_s))
+    }
+}
+
+/// The moves along `points`.
+pub(super) fn pieces(points: &[BeadPoint], model: BeadModel, pace: Pace, profile: &Profile) -> Vec<Piece> {
     let firmware = &profile.firmware;
-    let shortest_mm = speed_mm_s / firmware.segments_per_s;
+    let shortest_mm = pace.slowed_mm_s(pace.speed_mm_s) / firmware.segments_per_s;
     let tolerance_mm = profile.print.tolerance_mm;
     let mut pieces = Vec::with_capacity(points.len());
     let mut from = 0;
@@ -69,10 +81,10 @@ pub(super) fn pieces(
             Some((to, arc)) => (to, Some(arc)),
             None => (joined(points, from, shortest_mm, tolerance_mm), None),
         };
-        let piece = piece(&points[from..=to], arc, model, speed_mm_s);
+        let piece = piece(&points[from..=to], arc, model, pace.speed_mm_s);
         let area_mm2 = piece.mm3 / piece.length_mm.max(1e-9);
-        let speed_mm_s = profile.filament.speed_within_flow_mm_s(speed_mm_s, area_mm2);
-        pieces.push(Piece { speed_mm_s, ..piece });
+        let within_flow_mm_s = profile.filament.speed_within_flow_mm_s(pace.speed_mm_s, area_mm2);
+        pieces.push(Piece { speed_mm_s: pace.slowed_mm_s(within_flow_mm_s), ..piece });
         from = to;
     }
     limit_density(&mut pieces, profile);

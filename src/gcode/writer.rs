@@ -12,7 +12,7 @@
 //!
 //! How long the job takes is not known here: [`timed`](super::timed) adds it.
 
-use super::path::{self, Arc};
+use super::path::{self, Arc, Pace, Piece};
 use super::{Thumbnail, label, limits};
 use crate::geom::{Point2, Point3};
 use crate::profile::Profile;
@@ -37,6 +37,8 @@ const FAN_STEP_PERCENT: f64 = 5.0;
 const COORDINATE_DECIMALS: usize = 3;
 /// Filament is written in steps of 10 nm: a hundredth of what a gear of 400 steps/mm can do.
 const FILAMENT_DECIMALS: usize = 5;
+/// The start script may leave the nozzle on the bed: above this the way to the first bead is clear of clips and ooze, mm.
+const APPROACH_MM: f64 = 5.0;
 /// A wipe shorter than this moves nothing away, mm.
 const SHORTEST_WIPE_MM: f64 = 0.1;
 
@@ -74,8 +76,6 @@ struct Job<'a> {
     /// mm of filament per mm³ of bead.
     filament_per_mm3: f64,
     model: BeadModel,
-    is_first_layer: bool,
-    slow_down: f64,
     /// The fan as it is, and as this layer wants it where it lays nothing over air.
     fan_percent: f64,
     layer_fan_percent: f64,
@@ -98,8 +98,6 @@ impl<'a> Job<'a> {
             owed_mm: 0.0,
             filament_per_mm3: profile.filament.flow_percent / 100.0 / area_mm2,
             model: BeadModel::new(profile.print.bead_shape, 0.0),
-            is_first_layer: true,
-            slow_down: 1.0,
             fan_percent: 0.0,
             layer_fan_percent: 0.0,
             retracted: false,
@@ -143,9 +141,7 @@ impl<'a> Job<'a> {
 
     fn layer(&mut self, idx: usize, layer: &LayerPaths) {
         let z = micrometres(layer.z_mm);
-        self.is_first_layer = idx == 0;
         self.model = BeadModel::new(self.profile.print.bead_shape, layer.slot.height_mm);
-        self.slow_down = slow_down(layer, self.profile, self.is_first_layer);
         self.kind = None;
         let _infallible = writeln!(self.text, ";LAYER:{idx}");
         self.comment(";Z:", z);
@@ -156,18 +152,30 @@ impl<'a> Job<'a> {
         if idx == 1 {
             self.after_first_layer();
         }
-        let time_s = layer_time_s(layer, self.profile, self.is_first_layer);
+        let moves = self.moves(layer, idx == 0);
+        let time_s = moves.iter().flatten().map(|piece| piece.length_mm / piece.speed_mm_s).sum();
         self.layer_fan_percent = fan_percent(idx, time_s, self.profile);
         self.fan(self.layer_fan_percent);
         let straight = Travel::default();
-        for (i, bead) in layer.beads.iter().enumerate() {
+        for (i, (bead, moves)) in layer.beads.iter().zip(moves).enumerate() {
             let travel = layer.travels.get(i).unwrap_or(&straight);
             // A column without what it holds up is of no use.
             self.label(bead.kind != BeadKind::SkirtBrim);
             self.travel(bead.points[0].at, travel, z);
-            self.bead(bead);
+            self.bead(bead, moves);
         }
         self.label(false);
+    }
+
+    /// The moves of a layer's beads, as fast as they are driven.
+    fn moves(&self, layer: &LayerPaths, is_first_layer: bool) -> Vec<Vec<Piece>> {
+        let slow_down = slow_down(layer, self.profile, is_first_layer);
+        let least_mm_s = self.profile.print.min_speed_mm_s;
+        let of_bead = |bead: &Bead| {
+            let pace = Pace { speed_mm_s: speed(bead, self.profile, is_first_layer), slow_down, least_mm_s };
+            path::pieces(&bead.points, self.model, pace, self.profile)
+        };
+        layer.beads.iter().map(of_bead).collect()
     }
 
     /// Says whether what comes belongs to the object.
@@ -219,7 +227,11 @@ impl<'a> Job<'a> {
         if retract {
             self.retract();
         }
-        let hop = if retract { micrometres(print.z_hop_mm) } else { 0 };
+        let hop = match (self.at, retract) {
+            (None, _) => micrometres(APPROACH_MM),
+            (Some(_), true) => micrometres(print.z_hop_mm),
+            (Some(_), false) => 0,
+        };
         self.lift((z + hop).min(micrometres(self.profile.machine.bed_mm[2])).max(z));
         for point in way {
             self.go(point, None, print.travel_mm_s);
@@ -292,17 +304,14 @@ impl<'a> Job<'a> {
         }
     }
 
-    fn bead(&mut self, bead: &Bead) {
+    fn bead(&mut self, bead: &Bead, moves: Vec<Piece>) {
         if self.kind != Some(bead.kind) {
             self.kind = Some(bead.kind);
             let over_air = self.profile.filament.bridge_fan_percent.max(self.layer_fan_percent);
-            self.fan(if bead.kind == BeadKind::Bridge { over_air } else { self.layer_fan_percent });
+            self.fan(if bead.kind.is_over_air() { over_air } else { self.layer_fan_percent });
             let _infallible = writeln!(self.text, ";TYPE:{}", bead.kind.gcode_name());
         }
-        let speed = speed(bead, self.profile, self.is_first_layer);
-        let least = self.profile.print.min_speed_mm_s.min(speed);
-        let speed = (speed * self.slow_down).max(least);
-        for piece in path::pieces(&bead.points, self.model, speed, self.profile) {
+        for piece in moves {
             self.owed_mm += piece.mm3 * self.filament_per_mm3;
             match piece.arc {
                 Some(arc) => self.arc(steps(piece.to), arc, piece.speed_mm_s),
@@ -444,7 +453,7 @@ fn speed(bead: &Bead, profile: &Profile, is_first_layer: bool) -> f64 {
         BeadKind::ExternalPerimeter => of_loop(print.external_perimeter_mm_s),
         BeadKind::Perimeter => of_loop(print.perimeter_mm_s),
         BeadKind::InternalInfill | BeadKind::SolidInfill => print.infill_mm_s,
-        BeadKind::Bridge => print.bridge_mm_s,
+        BeadKind::Bridge | BeadKind::Rib => print.bridge_mm_s,
         BeadKind::SupportMaterial | BeadKind::SupportInterface => print.perimeter_mm_s,
         BeadKind::SkirtBrim => print.first_layer_mm_s,
     };
@@ -476,7 +485,7 @@ fn way_back(points: &[BeadPoint], length_mm: f64) -> Vec<[i64; 2]> {
     way
 }
 
-/// Time of a layer's beads at full speed, accelerations left out, s.
+/// Time of a layer's beads as fast as profile and hotend allow, accelerations left out, s.
 fn full_speed_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
     let model = BeadModel::new(profile.print.bead_shape, layer.slot.height_mm);
     let time = |b: &Bead| {
@@ -495,12 +504,6 @@ fn full_speed_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> 
 fn slow_down(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
     let total = full_speed_s(layer, profile, is_first_layer);
     (total / profile.print.min_layer_time_s.max(1e-9)).min(1.0)
-}
-
-/// Time of a layer's beads as it is meant, s: at full speed, or the least time of a layer. Where the least speed forbids to
-/// slow down that far, the layer is done sooner.
-fn layer_time_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
-    full_speed_s(layer, profile, is_first_layer).max(profile.print.min_layer_time_s)
 }
 
 /// The fan for a layer of a duration: most in short ones, least in long ones, in proportion between.

@@ -28,6 +28,62 @@ struct Segment {
     edge_idx: u32,
 }
 
+/// Where a straight way crosses the indexed contours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crossing {
+    /// Share of the way that lies before it.
+    pub along: f64,
+    /// Which contour is crossed.
+    pub contour_idx: usize,
+    /// Which edge of that contour.
+    pub edge_idx: usize,
+}
+
+/// A straight way and the box around it.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    a: Point2,
+    b: Point2,
+    bounds: Box2,
+}
+
+impl Way {
+    fn new(a: Point2, b: Point2) -> Self {
+        let bounds = Box2 { min: a, max: a }.joined(Box2 { min: b, max: b });
+        Self { a, b, bounds }
+    }
+
+    /// Whether it may cross something in a box; never for the empty one.
+    fn may_meet(&self, other: &Box2) -> bool {
+        if !self.bounds.meets(other) {
+            return false;
+        }
+        // All of the box may lie on one side of the way; a hair more than the box, against rounding.
+        let (along, half) = (self.b - self.a, (other.max - other.min) / 2.0);
+        let aside = along.perp(&(nalgebra::center(&other.min, &other.max) - self.a)).abs();
+        aside <= (along.x.abs() * half.y + along.y.abs() * half.x) * (1.0 + 1e-9) + 1e-9
+    }
+
+    /// Whether it crosses a segment. An end on the line of the other counts as lying on one of its sides, always the same.
+    fn crosses(&self, s: &Segment) -> bool {
+        let side = |u: Point2, v: Point2, w: Point2| (v - u).perp(&(w - u)) > 0.0;
+        self.bounds.meets(&Box2 { min: s.a, max: s.a }.joined(Box2 { min: s.b, max: s.b }))
+            && side(self.a, self.b, s.a) != side(self.a, self.b, s.b)
+            && side(s.a, s.b, self.a) != side(s.a, s.b, self.b)
+    }
+
+    /// Where it crosses a segment that it does cross.
+    fn crossing(&self, s: &Segment) -> Crossing {
+        let edge = s.b - s.a;
+        let (from, to) = (edge.perp(&(self.a - s.a)), edge.perp(&(self.b - s.a)));
+        Crossing {
+            along: (from / (from - to)).clamp(0.0, 1.0),
+            contour_idx: s.contour_idx as usize,
+            edge_idx: s.edge_idx as usize,
+        }
+    }
+}
+
 /// Edges in a leaf: few enough to test all, enough to keep the tree small.
 const LEAF: usize = 4;
 
@@ -49,6 +105,13 @@ impl Box2 {
             min: self.min.coords.inf(&other.min.coords).into(),
             max: self.max.coords.sup(&other.max.coords).into(),
         }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        self.min.x <= other.max.x
+            && self.max.x >= other.min.x
+            && self.min.y <= other.max.y
+            && self.max.y >= other.min.y
     }
 
     /// Squared distance of a point from the box; infinite for the empty one.
@@ -87,6 +150,18 @@ impl SegmentIndex {
                 contour.edges().enumerate().map(segment)
             })
             .collect();
+        Self::of(segments)
+    }
+
+    /// Indexes points: each is a contour of its own.
+    #[must_use]
+    pub fn of_points(points: impl Iterator<Item = Point2>) -> Option<Self> {
+        let number = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
+        let point = |(i, p)| Segment { a: p, b: p, contour_idx: number(i), edge_idx: 0 };
+        Self::of(points.enumerate().map(point).collect())
+    }
+
+    fn of(segments: Vec<Segment>) -> Option<Self> {
         if segments.is_empty() {
             return None;
         }
@@ -165,6 +240,36 @@ impl SegmentIndex {
         })
     }
 
+    /// Whether the straight way from `a` to `b` crosses an edge.
+    #[must_use]
+    pub fn crosses(&self, a: Point2, b: Point2) -> bool {
+        self.visit(1, &Way::new(a, b), &mut |_| true)
+    }
+
+    /// Where the straight way from `a` to `b` crosses edges, in its order.
+    #[must_use]
+    pub fn crossings(&self, a: Point2, b: Point2) -> Vec<Crossing> {
+        let way = Way::new(a, b);
+        let mut crossings = Vec::new();
+        self.visit(1, &way, &mut |segment| {
+            crossings.push(way.crossing(segment));
+            false
+        });
+        crossings.sort_by(|a, b| a.along.total_cmp(&b.along));
+        crossings
+    }
+
+    /// Visits the edges below a node that the way crosses until one is found to be enough; whether one was.
+    fn visit(&self, node: usize, way: &Way, is_enough: &mut impl FnMut(&Segment) -> bool) -> bool {
+        if !way.may_meet(&self.boxes[node]) {
+            return false;
+        }
+        if node < self.n_leaves {
+            return self.visit(2 * node, way, is_enough) || self.visit(2 * node + 1, way, is_enough);
+        }
+        self.leaf(node).iter().any(|s| way.crosses(s) && is_enough(s))
+    }
+
     /// Distance to the nearest contour, mm: negative inside, positive outside (crossing rule over all contours).
     #[must_use]
     pub fn signed_distance_mm(&self, p: Point2) -> f64 {
@@ -175,17 +280,17 @@ impl SegmentIndex {
     /// Whether the point is enclosed by an odd number of contours.
     #[must_use]
     pub fn contains(&self, p: Point2) -> bool {
-        self.crossings(1, p) % 2 == 1
+        self.ray_crossings(1, p) % 2 == 1
     }
 
     /// How many edges below a node a ray from the point towards +x crosses.
-    fn crossings(&self, node: usize, p: Point2) -> usize {
+    fn ray_crossings(&self, node: usize, p: Point2) -> usize {
         let b = &self.boxes[node];
         if p.y < b.min.y || p.y > b.max.y || p.x > b.max.x {
             return 0;
         }
         if node < self.n_leaves {
-            return self.crossings(2 * node, p) + self.crossings(2 * node + 1, p);
+            return self.ray_crossings(2 * node, p) + self.ray_crossings(2 * node + 1, p);
         }
         let crosses = |s: &&Segment| {
             (s.a.y > p.y) != (s.b.y > p.y) && p.x < (s.b.x - s.a.x) * (p.y - s.a.y) / (s.b.y - s.a.y) + s.a.x
@@ -232,6 +337,34 @@ mod tests {
             let nearest = index.nearest(p);
             prop_assert_eq!(index.nearest_within(p, nearest.distance_mm + 1e-9), Some(nearest));
             prop_assert_eq!(index.nearest_within(p, nearest.distance_mm - 1e-9), None);
+        }
+
+        #[test]
+        fn crossings_change_from_inside_to_outside(
+            x in -12.0..12.0f64, y in -12.0..12.0f64, to_x in -12.0..12.0f64, to_y in -12.0..12.0f64, n in 3usize..80
+        ) {
+            let contours = [
+                Contour::circle(Point2::new(0.3, 0.1), 4.0, n),
+                Contour::circle(Point2::new(5.5, -1.0), 1.1, 7),
+            ];
+            let index = SegmentIndex::try_new(&contours).unwrap();
+            let (a, b) = (Point2::new(x, y), Point2::new(to_x, to_y));
+            let crossings = index.crossings(a, b);
+            prop_assert_eq!(index.crosses(a, b), !crossings.is_empty());
+            let ends = [0.0].into_iter().chain(crossings.iter().map(|c| c.along)).chain([1.0]);
+            let mut inside = index.contains(a);
+            for pair in ends.collect::<Vec<_>>().windows(2) {
+                prop_assert!(pair[0] <= pair[1]);
+                // A stretch as short as rounding says nothing.
+                let middle = a + (b - a) * (0.5 * (pair[0] + pair[1]));
+                prop_assert!(pair[1] - pair[0] < 1e-9 || index.contains(middle) == inside);
+                inside = !inside;
+            }
+            for c in &crossings {
+                let (p, q) = contours[c.contour_idx].edges().nth(c.edge_idx).unwrap();
+                let at = a + (b - a) * c.along;
+                prop_assert!((nearest_on_segment(at, p, q) - at).norm() < 1e-9);
+            }
         }
     }
 }

@@ -105,10 +105,21 @@ impl Region {
         let Some(index) = SegmentIndex::try_new(&self.contours) else { return Self::default() };
         let offset = Offset { distance_mm, tolerance_mm };
         let trimmed: Vec<Contour> = self.contours.iter().filter_map(|c| offset.trimmed(c, &index)).collect();
-        let mut cleaned = combine(&trimmed, &[], OverlayRule::Subject, FillRule::Positive);
+        let mut cleaned = cleaned(&trimmed);
         // A loop between two trimmed runs may keep a positive winding; none of its vertices has the distance.
         cleaned.contours.retain(|c| c.points.iter().any(|&p| offset.admits(&index, p)));
         cleaned
+    }
+
+    /// The region with all that it encloses; what lies in a hole of it is part of that.
+    #[must_use]
+    pub fn without_holes(&self) -> Self {
+        let outers: Vec<Contour> = self.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
+        match outers.len() {
+            0 | 1 => Self::new(outers),
+            // An outline in a hole of another one is not counted twice.
+            _ => combine(&outers, &[], OverlayRule::Subject, FillRule::NonZero),
+        }
     }
 
     /// The smallest convex region around it; empty where it has no area.
@@ -153,7 +164,7 @@ impl Region {
                 region.contours.iter().filter_map(move |c| offset.trimmed(c, index))
             })
             .collect();
-        combine(&grown, &[], OverlayRule::Subject, FillRule::Positive)
+        cleaned(&grown)
     }
 
     /// The outer contours, each with the holes that lie in it.
@@ -172,6 +183,48 @@ impl Region {
         islands
     }
 }
+
+/// What raw offsets enclose. Where an edge is shorter than what its two ends lose, it runs back, and beside a corner that hardly turns it
+/// lies on the next edge: rounded to the grid, that may enclose a sliver, and be left as a spike.
+fn cleaned(raw: &[Contour]) -> Region {
+    let mut region = combine(raw, &[], OverlayRule::Subject, FillRule::Positive);
+    region.contours.iter_mut().for_each(without_spikes);
+    region.contours.retain(|contour| contour.len() >= 3);
+    region
+}
+
+/// Takes out vertices at which a contour turns back upon itself.
+fn without_spikes(contour: &mut Contour) {
+    let mut kept: Vec<Point2> = Vec::with_capacity(contour.len());
+    for &p in &contour.points {
+        while let [.., a, b] = kept[..]
+            && is_spike(a, b, p)
+        {
+            kept.pop();
+        }
+        kept.push(p);
+    }
+    while let [first, second, .., a, b] = kept[..] {
+        if is_spike(a, b, first) {
+            kept.pop();
+        } else if is_spike(b, first, second) {
+            kept.remove(0);
+        } else {
+            break;
+        }
+    }
+    contour.points = kept;
+}
+
+/// Whether the way from `a` over `b` to `c` comes back within what rounding to the grid moves.
+fn is_spike(a: Point2, b: Point2, c: Point2) -> bool {
+    let (there, back) = (b - a, c - b);
+    let longer_mm = there.norm().max(back.norm());
+    there.dot(&back) < 0.0 && there.perp(&back).abs() <= SPIKE_MM * longer_mm
+}
+
+/// Wider spikes are features, mm: two steps of the grid.
+const SPIKE_MM: f64 = 2.0 / STEPS_PER_MM;
 
 /// The border of the 32-bit engine's coordinates.
 const MOST_STEPS: f64 = 1_073_741_823.0;
@@ -202,6 +255,7 @@ fn combine(subject: &[Contour], clip: &[Contour], rule: OverlayRule, fill: FillR
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::Vector2;
 
     fn disk(x: f64, radius_mm: f64) -> Region {
         Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius_mm, 720)])
@@ -235,6 +289,71 @@ mod tests {
             assert!((radius - 2.0 - d).abs() < 2e-4, "offset {d}: radius {radius}");
         }
         assert!(disk(0.0, 2.0).offset(-2.1, 1e-3).is_empty());
+    }
+
+    #[test]
+    fn rounded_corners_shrink_beyond_their_radius_to_sharp_ones() {
+        let square = |half: f64| {
+            let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+            Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec())])
+        };
+        for tolerance_mm in [1e-4, 1e-3, 1e-2] {
+            // No vertex of the rounded corners' raw offset lies on the result, the middles of the sides do.
+            let rounded = square(9.0).offset(0.2, tolerance_mm);
+            for by in [0.5, 1.0, 9.0] {
+                let shrunk = rounded.offset(-by, 1e-3);
+                let expected = (18.4 - 2.0 * by) * (18.4 - 2.0 * by);
+                assert!((shrunk.area_mm2() - expected).abs() < 1e-3, "{by} mm: {}", shrunk.area_mm2());
+            }
+        }
+    }
+
+    #[test]
+    fn steps_back_of_a_hair_grow_no_spikes() {
+        // As a mesh is cut: some vertices twice, a hair apart, now and then the wrong way round.
+        let circle = Contour::circle(Point2::origin(), 3.0, 120).points;
+        for hair_mm in [1e-6, 1e-5, 1e-4, 3e-4] {
+            let twice = circle.iter().enumerate().flat_map(|(i, &p)| {
+                let angle = 2.4 * i as f64;
+                let other = p + Vector2::new(angle.cos(), angle.sin()) * hair_mm;
+                [p, if i % 3 == 0 { other } else { p }]
+            });
+            let outline = Region::new(vec![Contour::new(twice.collect())]);
+            for d in [-0.3, -0.1, -0.05, 0.05, 0.1, 0.3] {
+                let moved = outline.offset(d, 1e-3);
+                assert_eq!(moved.contours.len(), 1);
+                let off = moved.contours[0].points.iter().map(|p| (p.coords.norm() - 3.0 - d).abs());
+                let worst = off.fold(0.0, f64::max);
+                // The circle's chords and those of the arcs are 0.001 mm off.
+                assert!(worst < 5e-3, "hair {hair_mm} mm, moved by {d} mm: {worst} mm off");
+            }
+        }
+    }
+
+    #[test]
+    fn an_offset_has_no_spike_beside_a_vertex_that_hardly_turns() {
+        // Facets of a circle, each with a vertex near its begin: inward, what lies between the two is less than it loses.
+        for share in [1e-5, 1e-4, 1e-3, 5e-3, 0.5, 0.995, 0.9999] {
+            let circle = Contour::circle(Point2::origin(), 4.0, 128);
+            let facet = |(a, b): (Point2, Point2)| [a, a + (b - a) * share];
+            let outline = Contour::new(circle.edges().flat_map(facet).collect());
+            for (contour, distance_mm) in
+                [(outline.clone(), -0.05), (outline.clone(), 0.1), (outline.reversed(), 0.3)]
+            {
+                let around = Contour::circle(Point2::origin(), 9.0, 64);
+                let contours = if contour.is_ccw() { vec![contour] } else { vec![around, contour] };
+                let offset = Region::new(contours).offset(distance_mm, 1e-3);
+                for c in &offset.contours {
+                    let n = c.len();
+                    let turn = |i: usize| {
+                        let [a, b, c] = [0, 1, 2].map(|k| c.points[(i + k) % n]);
+                        (b - a).angle(&(c - b))
+                    };
+                    let sharpest = (0..n).map(turn).fold(0.0, f64::max);
+                    assert!(sharpest < 1.6, "{share}, {distance_mm} mm: a corner turns by {sharpest} rad");
+                }
+            }
+        }
     }
 
     #[test]
@@ -286,6 +405,18 @@ mod tests {
         let inradius = 120.0 / (43.0 + 40f64.hypot(3.0));
         let expected = 60.0 * (1.0 - 0.5 / inradius).powi(2);
         assert!((triangle.offset(-0.5, 1e-4).area_mm2() - expected).abs() < 1e-2);
+    }
+
+    #[test]
+    fn without_holes_what_lies_in_them_is_filled_once() {
+        let ring = disk(0.0, 3.0).difference(&disk(0.0, 2.0));
+        let both = ring.union(&disk(0.0, 1.0)).union(&disk(10.0, 1.0));
+        let filled = both.without_holes();
+        assert!(filled.contours.len() == 2 && filled.contains(Point2::new(0.5, 0.0)));
+        let expected = disk(0.0, 3.0).area_mm2() + disk(10.0, 1.0).area_mm2();
+        assert!((filled.area_mm2() - expected).abs() < 1e-3);
+        assert!((ring.without_holes().area_mm2() - disk(0.0, 3.0).area_mm2()).abs() < 1e-3);
+        assert!(Region::default().without_holes().is_empty());
     }
 
     #[test]

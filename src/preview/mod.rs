@@ -1,7 +1,8 @@
 //! Beads of a layer to scale, as a picture (PNG) and as SVG, before anything is printed.
 //!
 //! Colours are those that G-code viewers give the kinds of beads. All layers of a job share one frame and one scale, so
-//! that leafing through them moves nothing but the part. What was to be filled lies under the beads in grey: where it
+//! that leafing through them moves nothing but the part. Along each bead runs the line that the nozzle follows, from a dot where
+//! it begins. What was to be filled lies under the beads in grey: where it
 //! shows there is a gap wider than a pixel; ways without extrusion are thin lines. Beside each picture stands what the colours
 //! of the job mean.
 
@@ -27,12 +28,22 @@ const SAME_WIDTH_MM: f64 = 0.004;
 const GROUND: [u8; 4] = [255, 255, 255, 255];
 const MATERIAL: [u8; 4] = [205, 205, 205, 255];
 const TRAVEL: [u8; 4] = [70, 110, 150, 255];
-/// Width of the column beside a picture that says what the colours mean, its lines, and the size of its letters, pixels.
-const LEGEND_PX: u32 = 290;
+/// Free space around letters, pixels.
+const EDGE_PX: f32 = 12.0;
+/// Size of the caption's letters, pixels.
+const CAPTION_UNIT: f32 = 2.2;
+/// Of the column beside a picture that says what the colours mean: its lines, where its letters begin, and their size, pixels.
 const LEGEND_LINE_PX: f32 = 24.0;
+const LEGEND_TEXT_PX: f32 = 22.0;
 const LEGEND_UNIT: f32 = 1.6;
+/// What the colours mean that are no kind of bead's.
+const NO_BEADS: [([u8; 4], &str); 2] = [(TRAVEL, "Travel"), (MATERIAL, "Left empty")];
 /// Beads that touch are drawn so much wider beneath, pixels: the soft edges of two strokes would let the ground through.
 const SEAM_PX: f64 = 1.2;
+/// Beads from this width on show the line that the nozzle follows, pixels,
+const COURSE_FROM_PX: f64 = 6.0;
+/// and where it begins by a dot of this radius, pixels.
+const BEGIN_PX: f32 = 2.5;
 const INK: Ink = Ink { line: [30, 30, 30, 255], shade: [255, 255, 255, 200] };
 
 /// A layer could not be drawn.
@@ -91,6 +102,8 @@ struct Frame {
     px_per_mm: f64,
     /// Kinds of beads of the job.
     kinds: Vec<BeadKind>,
+    /// Width of the longest caption, pixels.
+    caption_px: f32,
 }
 
 impl Frame {
@@ -102,14 +115,32 @@ impl Frame {
         let beads = layers.iter().flat_map(|l| &l.beads);
         let kinds: BTreeSet<BeadKind> = beads.map(|b| b.kind).collect();
         let px_per_mm = (SIDE_PX / size.x.max(size.y)).clamp(0.5, 100.0);
-        Self { shown, px_per_mm, kinds: kinds.into_iter().collect() }
+        let captions = layers.iter().enumerate().map(|(idx, layer)| caption(idx, layer));
+        let caption_px = captions.map(|c| draw::text_width(&c, CAPTION_UNIT)).fold(0.0, f32::max);
+        Self { shown, px_per_mm, kinds: kinds.into_iter().collect(), caption_px }
     }
 
-    /// Width and height, pixels.
+    /// Width and height of what is shown of the bed, no less than caption and legend need, pixels.
     fn size_px(&self) -> [u32; 2] {
         let size = self.shown.size() * self.px_per_mm;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        [size.x, size.y].map(|s| s.ceil().clamp(64.0, 4096.0) as u32)
+        let n_lines = self.legend().count();
+        let least = [self.caption_px + 2.0 * EDGE_PX, EDGE_PX + n_lines as f32 * LEGEND_LINE_PX];
+        [0, 1].map(|axis| whole(px(size[axis]).clamp(64.0, 4096.0).max(least[axis])))
+    }
+
+    /// Width of the legend beside it, pixels.
+    fn legend_px(&self) -> u32 {
+        let names = self.legend().map(|(_, name)| draw::text_width(name, LEGEND_UNIT));
+        whole(LEGEND_TEXT_PX + names.fold(0.0, f32::max) + EDGE_PX)
+    }
+
+    /// Colours and what they mean, line by line.
+    fn legend(&self) -> impl Iterator<Item = ([u8; 4], &'static str)> + '_ {
+        let swatch = |kind: &BeadKind| {
+            let [r, g, b] = colour(*kind);
+            ([r, g, b, 255], kind.name())
+        };
+        self.kinds.iter().map(swatch).chain(NO_BEADS)
     }
 
     /// The bed's y runs upward, a picture's downward.
@@ -130,6 +161,7 @@ const fn colour(kind: BeadKind) -> [u8; 3] {
         BeadKind::SkirtBrim => [0, 135, 110],
         BeadKind::SupportMaterial => [0, 190, 0],
         BeadKind::SupportInterface => [0, 127, 0],
+        BeadKind::Rib => [150, 210, 60],
     }
 }
 
@@ -164,7 +196,7 @@ fn travels(own: &LayerPaths) -> impl Iterator<Item = Vec<Point2>> + '_ {
 
 fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
     let [width, height] = frame.size_px();
-    let mut canvas = Pixmap::new(width + LEGEND_PX, height).expect("sides of 64 to 5000 pixels");
+    let mut canvas = Pixmap::new(width + frame.legend_px(), height).expect("sides of 64 to 5000 pixels");
     let [r, g, b, a] = GROUND;
     canvas.fill(Color::from_rgba8(r, g, b, a));
     let material = material(own, frame);
@@ -179,12 +211,13 @@ fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png
     let part = own.beads.iter().filter(|b| b.kind.is_part());
     beads(&mut canvas, frame, part, SEAM_PX, inside.as_ref());
     beads(&mut canvas, frame, own.beads.iter(), 0.0, None);
+    own.beads.iter().for_each(|bead| course(&mut canvas, frame, bead));
     for way in travels(own) {
         line(&mut canvas, frame, &way, TRAVEL, 1.0, None);
     }
-    legend(&mut canvas, px(f64::from(width)), &frame.kinds);
-    draw::text(&mut canvas, &caption(layer, own), (12.0, 12.0), 2.2, INK);
-    draw::scale_bar(&mut canvas, (12.0, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
+    legend(&mut canvas, px(f64::from(width)), frame);
+    draw::text(&mut canvas, &caption(layer, own), (EDGE_PX, EDGE_PX), CAPTION_UNIT, INK);
+    draw::scale_bar(&mut canvas, (EDGE_PX, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
     draw::encode(&canvas)
 }
 
@@ -213,6 +246,22 @@ fn beads<'a>(
     }
 }
 
+/// The line that the nozzle follows, and a dot where it begins, so that beads of one kind can be told apart and seams be seen;
+/// not where a bead is too thin on the picture to show more than that.
+fn course(canvas: &mut Pixmap, frame: &Frame, bead: &Bead) {
+    let widest_mm = bead.points.iter().map(|p| p.width_mm).fold(0.0, f64::max);
+    let Some(begin) = bead.points.first().filter(|_| widest_mm * frame.px_per_mm >= COURSE_FROM_PX) else {
+        return;
+    };
+    let [r, g, b] = colour(bead.kind).map(|channel| channel / 2);
+    let way: Vec<Point2> = bead.points.iter().map(|p| p.at).collect();
+    line(canvas, frame, &way, [r, g, b, 255], 1.0, None);
+    let (x, y) = frame.place(begin.at);
+    if let Some(dot) = PathBuilder::from_circle(x, y, BEGIN_PX) {
+        canvas.fill_path(&dot, &draw::paint(INK.line), FillRule::Winding, Transform::identity(), None);
+    }
+}
+
 fn line(
     canvas: &mut Pixmap,
     frame: &Frame,
@@ -229,21 +278,21 @@ fn line(
     }
 }
 
-/// What the colours mean, line by line, from `left` on.
-fn legend(canvas: &mut Pixmap, left: f32, kinds: &[BeadKind]) {
-    let swatch = |kind: &BeadKind| {
-        let [r, g, b] = colour(*kind);
-        ([r, g, b, 255], kind.gcode_name())
-    };
-    let lines = kinds.iter().map(swatch).chain([(TRAVEL, "Travel"), (MATERIAL, "Left empty")]);
-    let mut top = 12.0;
-    for (colour, name) in lines {
+/// What the colours mean, from `left` on.
+fn legend(canvas: &mut Pixmap, left: f32, frame: &Frame) {
+    let mut top = EDGE_PX;
+    for (colour, name) in frame.legend() {
         if let Some(rect) = Rect::from_xywh(left, top, 14.0, 14.0) {
             canvas.fill_rect(rect, &draw::paint(colour), Transform::identity(), None);
         }
-        draw::text(canvas, name, (left + 22.0, top), LEGEND_UNIT, INK);
+        draw::text(canvas, name, (left + LEGEND_TEXT_PX, top), LEGEND_UNIT, INK);
         top += LEGEND_LINE_PX;
     }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sides of pictures")]
+fn whole(px: f32) -> u32 {
+    px.ceil() as u32
 }
 
 #[cfg(test)]

@@ -80,6 +80,55 @@ fn a_job_without_beads_is_drawn_empty() {
     assert!(of_layers(&empty, &Task::quiet()).unwrap().is_empty());
 }
 
+/// Two layers of a bar, filled; the first bead of the upper one is of each kind in turn.
+fn bar(size_mm: [f64; 2]) -> Toolpaths {
+    let corners = [(0.0, 0.0), (size_mm[0], 0.0), (size_mm[0], size_mm[1]), (0.0, size_mm[1])];
+    let outline = Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec());
+    let layer = |z_mid_mm: f64| Layer {
+        slot: LayerSlot { z_mid_mm, height_mm: 0.2, ct_plane: Some(12) },
+        material: Region::new(vec![outline.clone()]),
+        lumen: Region::default(),
+    };
+    let profile = profile::load::by_name("reference").unwrap();
+    let mut paths = plan(&[layer(0.1), layer(0.3)], &profile, &Task::quiet()).unwrap().paths;
+    let bead = paths.layers[1].beads[0].clone();
+    paths.layers[1].beads.extend(KINDS.map(|kind| Bead { kind, ..bead.clone() }));
+    paths
+}
+
+/// Kinds that the lower layer of a bar has not.
+const KINDS: [BeadKind; 7] = [
+    BeadKind::InternalInfill,
+    BeadKind::Perimeter,
+    BeadKind::Bridge,
+    BeadKind::SkirtBrim,
+    BeadKind::SupportMaterial,
+    BeadKind::SupportInterface,
+    BeadKind::Rib,
+];
+
+#[test]
+fn the_legend_is_whole_beside_flat_and_narrow_parts() {
+    for size_mm in [[120.0, 4.0], [3.0, 120.0]] {
+        let png = &of_layers(&bar(size_mm), &Task::quiet()).unwrap()[0].png;
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        let kinds = KINDS.iter().filter(|k| **k != BeadKind::Perimeter);
+        for kind in kinds {
+            let swatch = colour(*kind);
+            let n = pixels.chunks_exact(3).filter(|p| *p == swatch).count();
+            assert_eq!(n, 14 * 14, "{kind:?} beside {size_mm:?} mm");
+        }
+        // The first line, beside the caption.
+        let swatch = colour(BeadKind::ExternalPerimeter);
+        let width = reader.info().width as usize;
+        let is_swatch = |x: usize, y: usize| pixels[3 * (y * width + x)..][..3] == swatch;
+        let n_whole = (0..width - 13).filter(|x| (0..14).all(|i| (0..14).all(|j| is_swatch(x + i, 12 + j))));
+        assert_eq!(n_whole.count(), 1, "the caption runs into the legend beside {size_mm:?} mm");
+    }
+}
+
 #[test]
 fn the_legend_names_the_kinds_of_the_job() {
     let mut paths = ring();
@@ -90,16 +139,16 @@ fn the_legend_names_the_kinds_of_the_job() {
     let [width, height] = frame.size_px();
     assert!(f64::from(height) > 20.0 + 10.0 * f64::from(LEGEND_LINE_PX), "there is room for every kind");
     for kind in &frame.kinds {
-        assert!(draw::is_drawn(kind.gcode_name()), "{kind:?}");
-        let text_px = draw::text_width(kind.gcode_name(), LEGEND_UNIT);
-        assert!(f64::from(text_px) + 22.0 < f64::from(LEGEND_PX), "{kind:?} is cut off");
+        assert!(draw::is_drawn(kind.name()), "{kind:?}");
+        let text_px = draw::text_width(kind.name(), LEGEND_UNIT);
+        assert!(whole(text_px) + 22 < frame.legend_px(), "{kind:?} is cut off");
     }
     // In the first layer, too, where there is no bridge.
     let png = &of_layers(&paths, &Task::quiet()).unwrap()[0].png;
     let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut pixels).unwrap();
-    assert_eq!(info.width, width + LEGEND_PX);
+    assert_eq!(info.width, width + frame.legend_px());
     let swatch = colour(BeadKind::Bridge);
     assert_eq!(pixels.chunks_exact(3).filter(|p| *p == swatch).count(), 14 * 14);
 }

@@ -561,6 +561,12 @@ pub struct PrintSettings {
     pub support_in_lumen: bool,
     /// Whether supports may stand on the part, where marks are left; else they stand on the bed alone.
     pub support_on_part: bool,
+    /// Whether slender branches are steadied by ribs outside that break away.
+    pub ribs: bool,
+    /// A branch higher than so many times its width above its last joint is slender.
+    pub rib_slenderness: f64,
+    /// Longest bar over air that steadies one, mm.
+    pub rib_span_mm: f64,
     /// Move of all outlines against what beads bulge beyond the width that their model gives them, mm, into the material
     /// positive.
     pub squeeze_compensation_mm: f64,

@@ -4,7 +4,10 @@
 //! the same. The safety of unattended printing is decided here:
 //!
 //! - a printer takes a job only onto a bed that is known to be clear, and the bed is taken from then on;
-//! - material is laid only under a claim that is still good, and recorded before it is laid;
+//! - material is laid only under a claim that is still good, with what fits still loaded, onto a bed that nobody has doubted since it
+//!   was taken, and recorded before it is laid;
+//! - a bed that was taken, or doubted, is clear again by a word, a sensor or a hook alone, or where a job that nobody doubted leaves
+//!   it without having laid anything;
 //! - a job of which material was laid goes back into the queue only by an operator's `retry`;
 //! - what a printer has in hand is ended by that printer, or by an operator once it has not been heard of for too long.
 
@@ -12,9 +15,9 @@ use super::claim::{Claim, Claimant, MOST_LOST};
 use super::fact::{Fact, What, Who};
 use super::fit;
 use super::job::{Change, Edit, Job, Ticket};
-use super::printer::{Bed, Evidence, Printer, PrinterChange};
+use super::printer::{Evidence, Printer, PrinterChange};
 use super::state::{Kind, Role, State};
-use super::{Loaded, Name, Rank, Reason, Refusal};
+use super::{JobId, Loaded, Name, Rank, Reason, Refusal};
 use jiff::Timestamp;
 
 /// Who asks for a change.
@@ -81,8 +84,10 @@ pub struct Request {
 pub enum Said {
     /// This is what it is fitted with from now on.
     Loaded(Loaded),
-    /// Its bed is clear.
+    /// Its bed is clear, whatever lay there.
     BedClear(Evidence),
+    /// Its bed is clear of this job: what is said once more, because the answer was lost, does not clear the bed of the next one.
+    BedClearOf(JobId, Evidence),
     /// Whether its bed is clear is not known any more.
     BedInDoubt,
 }
@@ -163,6 +168,9 @@ pub fn place(scene: &Scene, request: &Request) -> Result<Outcome, Refusal> {
     if matches!(kind, Kind::Accept | Kind::Reject | Kind::Fail) && request.why.is_empty() {
         return Err(Refusal::NoReason { change: kind });
     }
+    if kind == Kind::Lay && scene.job.state.is_at_printer() {
+        check_lay(scene)?;
+    }
     let by = By { who: request.actor.who(), why: request.why.clone(), now: request.now };
     happen(scene, &request.change, scene.claim.clone(), &by)
 }
@@ -183,6 +191,12 @@ fn authorise(scene: &Scene, request: &Request) -> Result<(), Refusal> {
         Actor::Policy { .. } if scene.job.state.is_claimed() => check_lapsed(scene, request.now),
         Actor::Operator { .. } | Actor::Policy { .. } => Ok(()),
     }
+}
+
+/// What held when the printer took the job holds still: minutes went by since, while it warmed up.
+fn check_lay(scene: &Scene) -> Result<(), Refusal> {
+    let Some(holder) = &scene.job.holder else { return Err(Refusal::ClaimLost) };
+    check_printer(scene, holder)?.check_lay(scene.job.id)
 }
 
 /// The claim that is shown is the one that holds.
@@ -221,15 +235,18 @@ fn new_claim(scene: &Scene, holder: &Name, token: u64, now: Timestamp) -> Claim 
     Claim { job: scene.job.id, holder: holder.clone(), token, until: Claim::until(now) }
 }
 
-fn check_printer(scene: &Scene, name: &Name) -> Result<(), Refusal> {
+/// The printer of this name, where the job fits it.
+fn check_printer<'a>(scene: &'a Scene, name: &Name) -> Result<&'a Printer, Refusal> {
     let found = scene.printer.as_ref().filter(|printer| printer.name == *name);
     let printer = found.ok_or_else(|| Refusal::NoPrinter { printer: name.clone() })?;
     let made = scene.job.made.as_ref().ok_or(Refusal::NotPrepared)?;
-    Ok(fit::check(&made.needs, &made.estimate, printer.loaded.as_ref())?)
+    fit::check(&made.needs, &made.estimate, printer.loaded.as_ref())?;
+    Ok(printer)
 }
 
 /// The appliance that had a job has come back and takes it up again under a new claim; the old one is void. Only whoever has made sure
-/// that no other process of this name lives may ask for it.
+/// that no other process of this name lives may ask for it. A job of which nothing was laid, and in the middle of which one holder after
+/// the other ended, is given up instead: there is no claim then.
 ///
 /// # Errors
 /// [`Refusal::ClaimLost`] where the job is not this appliance's any more.
@@ -237,8 +254,19 @@ pub fn adopt(scene: &Scene, holder: &Name, token: u64, now: Timestamp) -> Result
     if scene.claim.as_ref().is_none_or(|claim| claim.holder != *holder) {
         return Err(Refusal::ClaimLost);
     }
-    let by = By { who: Who::Appliance(holder.clone()), why: Reason::default(), now };
-    happen(scene, &Change::Adopt, Some(new_claim(scene, holder, token, now)), &by)
+    let (change, why) = if has_lost_too_many(&scene.job) {
+        (Change::Fail { used_mm3: Some(0) }, "one holder after the other ended in the middle of it")
+    } else {
+        (Change::Adopt, "")
+    };
+    let by = By { who: Who::Appliance(holder.clone()), why: Reason::try_new(why)?, now };
+    happen(scene, &change, Some(new_claim(scene, holder, token, now)), &by)
+}
+
+/// Whether the job, once more without a holder, is not left to do to the next one what it has done to those before. Not where material
+/// was laid: only its own printer can go on.
+fn has_lost_too_many(job: &Job) -> bool {
+    !job.is_laid && job.n_lost.saturating_add(1) >= MOST_LOST
 }
 
 /// What becomes of a job whose holder has not been heard of for too long. `None`: nothing; material was laid, and only its own printer
@@ -251,10 +279,10 @@ pub fn lost(scene: &Scene, now: Timestamp) -> Result<Option<Outcome>, Refusal> {
     if scene.job.is_laid || !is_lapsed {
         return Ok(None);
     }
-    let (change, why) = if scene.job.n_lost + 1 < MOST_LOST {
-        (Change::GiveBack { lost: true }, "its holder was not heard of any more")
-    } else {
+    let (change, why) = if has_lost_too_many(&scene.job) {
         (Change::Fail { used_mm3: Some(0) }, "one holder after the other was not heard of any more")
+    } else {
+        (Change::GiveBack { lost: true }, "its holder was not heard of any more")
     };
     let by = By { who: Who::Policy(Name::try_new("lease")?), why: Reason::try_new(why)?, now };
     happen(scene, &change, scene.claim.clone(), &by).map(Some)
@@ -262,16 +290,27 @@ pub fn lost(scene: &Scene, now: Timestamp) -> Result<Option<Outcome>, Refusal> {
 
 /// Makes a change happen that somebody may ask for. `claim` holds on as long as the job is such that it can be claimed.
 fn happen(scene: &Scene, change: &Change, claim: Option<Claim>, by: &By) -> Result<Outcome, Refusal> {
-    let job = scene.job.apply(change, by.now)?;
-    let what = What::Job { id: job.id, change: change.clone(), from: scene.job.state, to: job.state };
-    let mut facts = vec![by.records(what)];
+    let (mut job, fact) = step(&scene.job, change, by)?;
+    let mut facts = vec![fact];
     let mut printer = scene.printer.clone();
     if let (Some(change), Some(before)) = (at_printer(&scene.job, change), &scene.printer) {
         printer = Some(before.apply(&change)?);
         facts.push(by.records(What::Printer { name: before.name.clone(), change }));
     }
+    if job.is_printed_out() {
+        let (ended, fact) = step(&job, &job.when_cleared(), by)?;
+        job = ended;
+        facts.push(fact);
+    }
     let claim = claim.filter(|_| job.state.is_claimed());
     Ok(Outcome { scene: Scene { job, claim, printer }, facts })
+}
+
+/// A job after a change, and the record of it.
+fn step(job: &Job, change: &Change, by: &By) -> Result<(Job, Fact), Refusal> {
+    let after = job.apply(change, by.now)?;
+    let what = What::Job { id: job.id, change: change.clone(), from: job.state, to: after.state };
+    Ok((after, by.records(what)))
 }
 
 /// What a change of a job does to the printer that has it, or takes it.
@@ -281,7 +320,10 @@ fn at_printer(before: &Job, change: &Change) -> Option<PrinterChange> {
         Change::Start { .. } => Some(PrinterChange::Take(before.id)),
         _ if !before.state.is_at_printer() => None,
         Change::GiveBack { .. } => Some(PrinterChange::Free(before.id)),
-        Change::Cancel { .. } | Change::Fail { .. } if !before.is_laid => {
+        // Whoever has used filament has laid it somewhere, whether that was recorded or not.
+        Change::Cancel { used_mm3 } | Change::Fail { used_mm3 }
+            if !before.is_laid && used_mm3.is_none_or(|used_mm3| used_mm3 == 0) =>
+        {
             Some(PrinterChange::Free(before.id))
         }
         Change::Cancel { used_mm3 } | Change::Fail { used_mm3 } | Change::Printed { used_mm3 } => {
@@ -300,7 +342,7 @@ pub struct Bedside {
     pub job: Option<Job>,
 }
 
-/// What is said of a printer. Where a printed job waits for its bed, it goes on with it.
+/// What is said of a printer. Where a printed job waits for its bed, it goes on with it; one whose remains lie there does not.
 ///
 /// # Errors
 /// [`Refusal::NoEvidence`], [`Refusal::BedInUse`].
@@ -308,13 +350,14 @@ pub fn say(before: &Bedside, said: &Said, by: &By) -> Result<(Bedside, Vec<Fact>
     let change = match said {
         Said::Loaded(loaded) => PrinterChange::Load(loaded.clone()),
         Said::BedInDoubt => PrinterChange::Doubt,
-        Said::BedClear(evidence) => {
-            check_evidence(*evidence, &by.who)?;
-            PrinterChange::Clear(*evidence)
+        Said::BedClear(evidence) => clear(*evidence, &by.who)?,
+        Said::BedClearOf(job, evidence) => {
+            before.printer.check_no_other(*job)?;
+            clear(*evidence, &by.who)?
         }
     };
-    let on_bed = before.job.as_ref().filter(|job| before.printer.bed == Bed::Taken(job.id));
-    let (job, fact) = match (&change, on_bed) {
+    let its = before.job.as_ref().filter(|job| job.is_on(&before.printer.name));
+    let (job, fact) = match (&change, its) {
         (PrinterChange::Clear(_), Some(job)) => cleared(&before.printer, job, by)?,
         _ => (before.job.clone(), None),
     };
@@ -323,23 +366,20 @@ pub fn say(before: &Bedside, said: &Said, by: &By) -> Result<(Bedside, Vec<Fact>
     Ok((Bedside { printer, job }, std::iter::once(said).chain(fact).collect()))
 }
 
-fn check_evidence(evidence: Evidence, who: &Who) -> Result<(), Refusal> {
+fn clear(evidence: Evidence, who: &Who) -> Result<PrinterChange, Refusal> {
     match (evidence, who) {
-        (Evidence::Word, Who::Operator(_)) | (Evidence::Sensor | Evidence::Hook, _) => Ok(()),
+        (Evidence::Word, Who::Operator(_)) | (Evidence::Sensor | Evidence::Hook, _) => {
+            Ok(PrinterChange::Clear(evidence))
+        }
         (Evidence::Word, Who::Appliance(_) | Who::Policy(_)) => Err(Refusal::NoEvidence),
     }
 }
 
-/// What the job becomes that lay on a bed which is clear now.
+/// What the job becomes that a printer has, or whose last copy lay on its bed, which is clear now.
 fn cleared(printer: &Printer, job: &Job, by: &By) -> Result<(Option<Job>, Option<Fact>), Refusal> {
     if job.state.is_at_printer() {
         return Err(Refusal::BedInUse { printer: printer.name.clone(), job: job.id });
     }
-    if job.state != State::AwaitingBedClear {
-        return Ok((Some(job.clone()), None));
-    }
-    let change = job.when_cleared();
-    let after = job.apply(&change, by.now)?;
-    let fact = by.records(What::Job { id: job.id, change, from: job.state, to: after.state });
+    let (after, fact) = step(job, &job.when_cleared(), by)?;
     Ok((Some(after), Some(fact)))
 }

@@ -61,11 +61,4 @@ impl Claim {
     pub fn has_lapsed(&self, now: Timestamp) -> bool {
         self.until <= now
     }
-
-    /// Whether it lapses later than any claim can that was made by now: the clock was set back since, and its holder would be
-    /// believed for too long.
-    #[must_use]
-    pub fn is_from_the_future(&self, now: Timestamp) -> bool {
-        self.until > Self::until(now)
-    }
 }

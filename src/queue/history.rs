@@ -174,14 +174,20 @@ pub fn verify<'a>(records: impl IntoIterator<Item = &'a Sealed>, head: Head) -> 
     records.into_iter().try_fold(Head::EMPTY, Head::follow)?.check_end(head)
 }
 
-/// What a job's records come to; others are passed over. `None`: it has none.
+/// What a job's records come to; those of printers are passed over. `None`: it has none.
 ///
 /// # Errors
 /// [`Break::Impossible`].
 pub fn replay_job<'a>(records: impl IntoIterator<Item = &'a Record>) -> Result<Option<Job>, Break> {
-    records
-        .into_iter()
-        .try_fold(None, |job, record| step_job(job, record).map_err(|e| impossible(record, &e)))
+    records.into_iter().try_fold(None, follow_job)
+}
+
+/// A job behind one more record; `None`: before its first.
+///
+/// # Errors
+/// [`Break::Impossible`].
+pub fn follow_job(job: Option<Job>, record: &Record) -> Result<Option<Job>, Break> {
+    step_job(job, record).map_err(|e| impossible(record, &e))
 }
 
 fn step_job(job: Option<Job>, Record { fact, .. }: &Record) -> Result<Option<Job>, Impossible> {
@@ -189,7 +195,7 @@ fn step_job(job: Option<Job>, Record { fact, .. }: &Record) -> Result<Option<Job
         (What::Added { id, spec, wishes, made, rank }, None) => {
             Ok(Some(Job::new(*id, *spec, wishes.clone(), made.clone(), rank.clone(), fact.at)?))
         }
-        (What::Job { change, from, to, .. }, Some(job)) if job.state == *from => {
+        (What::Job { id, change, from, to }, Some(job)) if job.id == *id && job.state == *from => {
             let after = job.apply(change, fact.at)?;
             if after.state == *to { Ok(Some(after)) } else { Err(Impossible::States) }
         }
@@ -198,18 +204,26 @@ fn step_job(job: Option<Job>, Record { fact, .. }: &Record) -> Result<Option<Job
     }
 }
 
-/// What a printer's records come to; others are passed over. `None`: it has none.
+/// What a printer's records come to; those of jobs are passed over. `None`: it has none.
 ///
 /// # Errors
 /// [`Break::Impossible`].
 pub fn replay_printer<'a>(records: impl IntoIterator<Item = &'a Record>) -> Result<Option<Printer>, Break> {
-    records.into_iter().try_fold(None, |printer: Option<Printer>, record| match &record.fact.what {
+    records.into_iter().try_fold(None, follow_printer)
+}
+
+/// A printer behind one more record; `None`: before its first.
+///
+/// # Errors
+/// [`Break::Impossible`].
+pub fn follow_printer(printer: Option<Printer>, record: &Record) -> Result<Option<Printer>, Break> {
+    match &record.fact.what {
         What::Printer { name, change } => {
             let before = printer.unwrap_or_else(|| Printer::new(name.clone()));
             before.apply(change).map(Some).map_err(|e| impossible(record, &e.into()))
         }
         What::Added { .. } | What::Job { .. } => Ok(printer),
-    })
+    }
 }
 
 /// Why a record cannot follow.

@@ -303,7 +303,7 @@ pub struct Job {
     pub n_printed: u16,
     /// Whether material of the present copy was laid, or may have been.
     pub is_laid: bool,
-    /// How often in a row whoever held it was lost.
+    /// How often in a row whoever held it was lost, or ended and came back, before anything came of it.
     pub n_lost: u8,
     /// Who has it: the worker that prepares it, or the printer on whose bed it is.
     pub holder: Option<Name>,
@@ -372,7 +372,21 @@ impl Job {
         (-i16::from(self.wishes.priority), &self.rank)
     }
 
-    /// What follows once the bed is clear of its last copy: exactly one of three.
+    /// Whether this printer has it, or has its last copy on the bed. Remains of a print that broke off are not meant: with them on
+    /// one bed, the job may be in print on another.
+    #[must_use]
+    pub fn is_on(&self, printer: &Name) -> bool {
+        (self.state.is_at_printer() || self.state == State::AwaitingBedClear)
+            && self.holder.as_ref() == Some(printer)
+    }
+
+    /// Whether it waits, but for nothing: fewer copies are wanted now than were when the last one was printed.
+    #[must_use]
+    pub const fn is_printed_out(&self) -> bool {
+        matches!(self.state, State::Queued | State::Held) && self.n_left() == 0
+    }
+
+    /// What follows once the bed is clear of its last copy, or no more are wanted: exactly one of three.
     #[must_use]
     pub const fn when_cleared(&self) -> Change {
         if self.n_left() > 0 {
@@ -452,6 +466,8 @@ impl Job {
                 self.n_printed = self.n_printed.saturating_add(1);
                 self.is_laid = false;
             }
+            // Whoever comes back to it has ended in the middle of it.
+            Change::Adopt => self.n_lost = self.n_lost.saturating_add(u8::from(!self.is_laid)),
             Change::GiveBack { lost } => self.n_lost = self.n_lost.saturating_add(u8::from(*lost)),
             Change::Retry => {
                 self.is_laid = false;

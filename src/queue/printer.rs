@@ -40,7 +40,7 @@ pub enum PrinterChange {
     Doubt,
     /// A job begins on it.
     Take(JobId),
-    /// The job that had begun has laid nothing: the bed is as clear as it was.
+    /// The job that had begun has laid nothing: the bed is as clear as it was, unless it was doubted meanwhile.
     Free(JobId),
     /// So much filament is gone, mm³.
     Use(u64),
@@ -56,13 +56,15 @@ pub struct Printer {
     pub loaded: Option<Loaded>,
     /// What is known of its bed.
     pub bed: Bed,
+    /// Whether the bed was doubted since it was last said to be clear: it is not clear then whatever becomes of the job that has it.
+    pub is_doubted: bool,
 }
 
 impl Printer {
     /// A printer of which nothing is known.
     #[must_use]
     pub const fn new(name: Name) -> Self {
-        Self { name, loaded: None, bed: Bed::Unknown }
+        Self { name, loaded: None, bed: Bed::Unknown, is_doubted: false }
     }
 
     /// The printer after a change.
@@ -73,19 +75,35 @@ impl Printer {
         let mut after = self.clone();
         match change {
             PrinterChange::Load(loaded) => after.loaded = Some(loaded.clone()),
-            PrinterChange::Clear(_) => after.bed = Bed::Clear,
-            PrinterChange::Doubt => after.bed = if self.bed == Bed::Clear { Bed::Unknown } else { self.bed },
+            PrinterChange::Clear(_) => (after.bed, after.is_doubted) = (Bed::Clear, false),
+            PrinterChange::Doubt => after.doubt(),
             PrinterChange::Take(job) => {
                 self.check_clear()?;
                 after.bed = Bed::Taken(*job);
             }
             PrinterChange::Free(job) => {
                 self.check_holds(*job)?;
-                after.bed = Bed::Clear;
+                after.bed = if self.is_doubted { Bed::Unknown } else { Bed::Clear };
             }
             PrinterChange::Use(mm3) => after.use_up(*mm3),
         }
         Ok(after)
+    }
+
+    fn doubt(&mut self) {
+        self.is_doubted = true;
+        if self.bed == Bed::Clear {
+            self.bed = Bed::Unknown;
+        }
+    }
+
+    /// Whether a job may lay material: it has the bed, which was clear when it took it and was not doubted since.
+    ///
+    /// # Errors
+    /// [`Refusal::BedNotClear`], [`Refusal::BedInUse`].
+    pub(super) fn check_lay(&self, job: JobId) -> Result<(), Refusal> {
+        self.check_holds(job)?;
+        if self.is_doubted { Err(Refusal::BedNotClear { printer: self.name.clone() }) } else { Ok(()) }
     }
 
     fn check_clear(&self) -> Result<(), Refusal> {
@@ -96,12 +114,23 @@ impl Printer {
     }
 
     fn check_holds(&self, job: JobId) -> Result<(), Refusal> {
+        self.check_no_other(job)?;
+        match self.bed {
+            Bed::Taken(_) => Ok(()),
+            Bed::Clear | Bed::Unknown => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+        }
+    }
+
+    /// That no other job has the bed.
+    ///
+    /// # Errors
+    /// [`Refusal::BedInUse`].
+    pub(super) fn check_no_other(&self, job: JobId) -> Result<(), Refusal> {
         match self.bed {
             Bed::Taken(found) if found != job => {
                 Err(Refusal::BedInUse { printer: self.name.clone(), job: found })
             }
-            Bed::Taken(_) => Ok(()),
-            Bed::Clear | Bed::Unknown => Err(Refusal::BedNotClear { printer: self.name.clone() }),
+            Bed::Taken(_) | Bed::Clear | Bed::Unknown => Ok(()),
         }
     }
 

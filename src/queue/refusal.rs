@@ -91,8 +91,10 @@ pub enum Refusal {
         /// The printer.
         printer: Name,
     },
-    /// A print is under way on that bed.
-    #[error("{job} is on the bed of {printer} and not at its end")]
+    /// Another job has that bed, or a print is under way on it.
+    #[error(
+        "job {job} has the bed of {printer}: where it is at its end, take the part off and say so of this job"
+    )]
     BedInUse {
         /// The printer.
         printer: Name,

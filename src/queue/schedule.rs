@@ -5,7 +5,7 @@
 //! own; a printer draws again as soon as its bed can be expected to be clear. A job has one copy in print at a time.
 //!
 //! Jobs that are still to be prepared are reckoned with as if they were ready when their turn comes. Cost of a plan: copies times the
-//! jobs that are passed over for each.
+//! jobs that are passed over for each; so many copies at most that a plan stays small whatever is queued.
 
 use super::fit::{self, Misfit};
 use super::job::Job;
@@ -15,6 +15,9 @@ use super::{JobId, Name};
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use std::fmt;
+
+/// Copies in a plan: more than anybody looks at.
+pub const MOST_SLOTS: usize = 4096;
 
 /// What stands in the way of all jobs that a printer could draw.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -109,7 +112,7 @@ fn check_bed(printer: &Printer, jobs: &[Job]) -> Result<(), WhyNot> {
     match printer.bed {
         Bed::Clear => Ok(()),
         Bed::Unknown => Err(WhyNot::BedUnknown { printer: name }),
-        Bed::Taken(id) if jobs.iter().any(|job| job.id == id && job.state.is_at_printer()) => {
+        Bed::Taken(id) if jobs.iter().any(|job| job.state.is_at_printer() && job.is_on(&name)) => {
             Err(WhyNot::Printing { printer: name, job: id })
         }
         Bed::Taken(id) => Err(WhyNot::BedTaken { printer: name, job: id }),
@@ -179,7 +182,7 @@ pub struct Slot {
 /// Why a job, or some of its copies, has no place in a plan.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unplanned {
-    /// It is a draft or kept back.
+    /// It is a draft or kept back, or a printer has it that the plan does not know.
     #[error("it is {0}")]
     NotQueued(State),
     /// Nobody knows how long it takes.
@@ -191,6 +194,9 @@ pub enum Unplanned {
     /// There is no printer.
     #[error("there is no printer")]
     NoPrinter,
+    /// As many copies as are planned come before it.
+    #[error("too many copies come before it: {MOST_SLOTS} are planned ahead")]
+    TooFar,
 }
 
 /// When each job ends.
@@ -248,7 +254,12 @@ pub fn plan(lanes: &[Lane], jobs: &[Job], now: Timestamp) -> Plan {
     let mut waiting = plan.begin(lanes, jobs, now);
     let mut drawing: Vec<Drawing> = lanes.iter().map(|lane| lane.drawing(now)).collect();
     let mut n_done = 0;
+    let mut is_full = false;
     while let Some(idx) = (0..drawing.len()).min_by_key(|&idx| drawing[idx].from) {
+        is_full = plan.slots.len() >= MOST_SLOTS;
+        if is_full {
+            break;
+        }
         n_done += waiting[n_done..].iter().take_while(|w| w.n_left == 0).count();
         match drawing[idx].draw(&mut waiting[n_done..]) {
             Some(Draw::Copy(slot)) => plan.slots.push(slot),
@@ -257,7 +268,8 @@ pub fn plan(lanes: &[Lane], jobs: &[Job], now: Timestamp) -> Plan {
         }
     }
     for left in waiting.iter().filter(|w| w.n_left > 0) {
-        plan.unplanned.push((left.job.id, why_unplanned(left.job, lanes)));
+        let why = if is_full { Unplanned::TooFar } else { why_unplanned(left.job, lanes) };
+        plan.unplanned.push((left.job.id, why));
     }
     plan.slots.sort_by_key(|slot| slot.starts);
     plan
@@ -286,7 +298,12 @@ impl Plan {
                 self.unplanned.push((job.id, Unplanned::NotQueued(job.state)));
                 continue;
             }
-            let lane = lanes.iter().find(|lane| lane.printer.bed == Bed::Taken(job.id));
+            let lane = lanes.iter().find(|lane| job.is_on(&lane.printer.name));
+            let is_on_a_bed = job.state.is_at_printer() || job.state == State::AwaitingBedClear;
+            if is_on_a_bed && lane.is_none() && job.n_left() > 0 {
+                self.unplanned.push((job.id, Unplanned::NotQueued(job.state)));
+                continue;
+            }
             let n_in_print = u16::from(job.state.is_at_printer());
             let from = lane.map_or(now, |lane| lane.free_from(now)).max(job.wishes.not_before.unwrap_or(now));
             waiting.push(Waiting { job, n_left: job.n_left().saturating_sub(n_in_print), from });

@@ -1,5 +1,9 @@
 //! A change as a whole, and the rules of safety.
 
+mod beds;
+mod copies;
+mod doubts;
+
 use super::act::{self, Bedside, Outcome, Scene};
 use super::*;
 use crate::queue::claim::LEASE_S;
@@ -71,7 +75,14 @@ fn asked(scene: &Scene, change: Change, seconds: i64) -> Result<Outcome, Refusal
 
 fn cleared(scene: &Scene, seconds: i64) -> Result<Bedside, Refusal> {
     let before = Bedside { printer: scene.printer.clone().unwrap(), job: Some(scene.job.clone()) };
-    act::say(&before, &Said::BedClear(Evidence::Word), &operator(seconds)).map(|(after, _)| after)
+    act::say(&before, &CLEAR, &operator(seconds)).map(|(after, _)| after)
+}
+
+const CLEAR: Said = Said::BedClear(Evidence::Word);
+
+fn said(printer: &Printer, job: &Job, said: &Said) -> Result<Bedside, Refusal> {
+    let before = Bedside { printer: printer.clone(), job: Some(job.clone()) };
+    act::say(&before, said, &operator(80)).map(|(after, _)| after)
 }
 
 fn laid(job: Job) -> Scene {
@@ -281,14 +292,6 @@ fn preparing_is_held_back_and_called_off_at_once() {
     assert_eq!(act::change(&held, &late).unwrap_err(), Refusal::ClaimLost);
 }
 
-#[test]
-fn copies_are_never_fewer_than_begun() {
-    let scene = laid(queued(&Ticket { wishes: Wishes { copies: 3, ..Wishes::default() }, ..ticket(1) }));
-    let edit = |copies| asked(&scene, Change::Edit(Edit::Copies(copies)), 30);
-    assert_eq!(edit(0).unwrap_err(), Refusal::Copies { found: 0, least: 1 });
-    assert_eq!(edit(1).unwrap().scene.job.wishes.copies, 1);
-}
-
 mod chain {
     use super::*;
 
@@ -437,6 +440,18 @@ mod plans {
         let plan = schedule::plan(&[lane], &jobs, at(100));
         let slots: Vec<_> = plan.slots.iter().map(|s| (s.job, s.starts, s.ends)).collect();
         assert_eq!(slots, [(id(1), at(100), at(900)), (id(2), at(50_000), at(53_600))]);
+    }
+
+    #[test]
+    fn a_plan_stays_small_whatever_is_queued() {
+        let mut jobs = jobs(3);
+        for job in &mut jobs {
+            job.wishes.copies = u16::MAX;
+        }
+        let endless = Printer { loaded: Some(Loaded { left_mm3: None, ..loaded() }), ..printer(Bed::Clear) };
+        let plan = schedule::plan(&[Lane { printer: endless, ..lane(Bed::Clear) }], &jobs, at(0));
+        assert_eq!(plan.slots.len(), schedule::MOST_SLOTS);
+        assert_eq!(plan.unplanned, jobs.iter().map(|job| (job.id, Unplanned::TooFar)).collect::<Vec<_>>());
     }
 
     #[test]

@@ -1,23 +1,24 @@
-//! Planes that a DICOM segmentation does not have between those that it has. Pure; mm along the stack's normal.
+//! Planes that a segmentation does not have between those that it has. Pure; mm along the stack's normal.
+//!
+//! On a CT they are the CT's planes, however far apart these lie; without one, those that would fit between the segmentation's own.
 //!
 //! A SEG leaves out frames without the segment (PS3.3 C.8.20.2), so that a plane that is missing is empty, as one of a label map is
 //! that holds nothing: the vessel is interrupted there. An RTSTRUCT has contours where somebody has drawn them: one that is missing
-//! tells nothing, and is refused. With `allow_gaps` the vessel is led across either.
+//! tells nothing, and is refused. With `allow_gaps` the vessel is led across either. A label map has all planes of its grid: where
+//! that is coarser than the CT, the vessel is led across.
 
+use super::place::SAME_PLANE_MM;
 use super::{Absent, Error};
-use crate::ct::{Volume, Warning};
+use crate::ct::{Volume, Warning, gaps_among};
 use crate::sections::ready::{Drawn, DrawnStack};
 
-/// A step this many times the usual one means that planes were left out.
-const GAP: f64 = 1.5;
 /// Places that are named; of more their number is told.
 const MOST_NAMED: usize = 8;
-/// More planes than this are not put into one gap: its heights are no steps of a scan.
-const MOST_PLANES: f64 = 10_000.0;
 
 /// What lies between two neighbouring planes of a stack: the heights of those that are missing.
 #[derive(Debug, Clone, PartialEq)]
 struct Gap {
+    /// Of the segmentation's planes below and above.
     between_mm: [f64; 2],
     missing_mm: Vec<f64>,
 }
@@ -33,12 +34,27 @@ pub fn resolve(
     allow_gaps: bool,
     warnings: &mut Vec<Warning>,
 ) -> Result<DrawnStack, Error> {
-    let gaps = gaps(&drawn, ct);
-    if gaps.is_empty() || absent == Absent::Never {
+    let z_mm: Vec<f64> = drawn.planes.iter().map(|p| p.z_mm).collect();
+    let mut gaps = match ct.and_then(|ct| Some((ct, places_in(&ct.plane_z_mm, &z_mm)?))) {
+        Some((ct, places)) => {
+            // A SEG may have been made on every second plane; an RTSTRUCT is drawn on all.
+            let unit = if absent == Absent::Empty { usual_step(&places) } else { 1 };
+            warnings.extend((unit > 1).then(|| coarser(unit)));
+            in_places(&ct.plane_z_mm, &places, unit, &z_mm)
+        }
+        None if absent == Absent::Never => Vec::new(),
+        None => by_distance(&z_mm),
+    };
+    if absent == Absent::Never {
+        // Where the label map holds nothing, nothing is led anywhere.
+        let is_filled = |z: f64| drawn.planes.iter().any(|p| p.z_mm == z && !p.contours.is_empty());
+        gaps.retain(|gap| gap.between_mm.into_iter().all(is_filled));
+    }
+    if gaps.is_empty() {
         return Ok(drawn);
     }
     let places = named(&gaps);
-    if allow_gaps {
+    if allow_gaps || absent == Absent::Never {
         let text = format!("the segmentation has no plane {places}: the vessel is led across");
         warnings.push(Warning::new("segment.gap", text));
         return Ok(drawn);
@@ -56,37 +72,53 @@ pub fn resolve(
     Ok(drawn)
 }
 
-/// The gaps, ascending: with the CT's own planes in them, where there is a CT, else with as many as the usual step puts there.
-fn gaps(drawn: &DrawnStack, ct: Option<&Volume>) -> Vec<Gap> {
-    let z: Vec<f64> = drawn.planes.iter().map(|p| p.z_mm).collect();
-    let mut steps: Vec<f64> = z.windows(2).map(|z| z[1] - z[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    // What is missing only ever lengthens a step: of two middle ones the lower.
-    let Some(&usual_mm) = steps.get(steps.len().saturating_sub(1) / 2) else { return Vec::new() };
-    let gap = |z: &[f64]| {
-        let between_mm = [z[0], z[1]];
-        let of_ct = ct.map(|ct| within(&ct.plane_z_mm, between_mm, usual_mm)).filter(|own| !own.is_empty());
-        Gap { between_mm, missing_mm: of_ct.unwrap_or_else(|| evenly(between_mm, usual_mm)) }
+/// Which planes of a CT these heights are; `None` where any is none of them.
+fn places_in(ct_mm: &[f64], z_mm: &[f64]) -> Option<Vec<usize>> {
+    let place = |z: &f64| {
+        let above = ct_mm.partition_point(|p| p < z);
+        let near = [above.checked_sub(1), Some(above)].into_iter().flatten().filter(|&k| k < ct_mm.len());
+        near.min_by(|&a, &b| (ct_mm[a] - z).abs().total_cmp(&(ct_mm[b] - z).abs()))
+            .filter(|&k| (ct_mm[k] - z).abs() <= SAME_PLANE_MM)
     };
-    z.windows(2).filter(|z| z[1] - z[0] > GAP * usual_mm).map(gap).collect()
+    z_mm.iter().map(place).collect()
 }
 
-/// Heights that lie clearly between two others.
-fn within(all_mm: &[f64], [below, above]: [f64; 2], step_mm: f64) -> Vec<f64> {
-    let clear_mm = 0.25 * step_mm;
-    all_mm.iter().copied().filter(|z| *z > below + clear_mm && *z < above - clear_mm).collect()
+/// The usual step from one plane to the next, in planes of the CT: what is missing only ever lengthens it.
+fn usual_step(places: &[usize]) -> usize {
+    let mut steps: Vec<usize> = places.windows(2).map(|p| p[1] - p[0]).collect();
+    steps.sort_unstable();
+    steps.get(steps.len().saturating_sub(1) / 2).map_or(1, |&step| step.max(1))
 }
 
-/// As many heights between two others as the usual step puts there.
-fn evenly([below, above]: [f64; 2], step_mm: f64) -> Vec<f64> {
-    let parts = ((above - below) / step_mm).round().min(MOST_PLANES);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "bounded, and above 1 for a gap"
-    )]
-    let n = parts as u32;
-    (1..n).map(|i| below + (above - below) * f64::from(i) / parts).collect()
+fn coarser(step: usize) -> Warning {
+    let text = format!(
+        "the segmentation has one plane for every {step} of the CT: the vessel is led across the others"
+    );
+    Warning::new("segment.gap", text)
+}
+
+/// The gaps between planes of a CT that lie more than so many apart.
+fn in_places(ct_mm: &[f64], places: &[usize], step: usize, z_mm: &[f64]) -> Vec<Gap> {
+    let gap = |n: usize| Gap {
+        between_mm: [z_mm[n - 1], z_mm[n]],
+        missing_mm: (places[n - 1] + step..places[n]).step_by(step).map(|k| ct_mm[k]).collect(),
+    };
+    (1..places.len()).filter(|&n| places[n] - places[n - 1] > step).map(gap).collect()
+}
+
+/// The gaps where other planes would fit, as in a CT.
+fn by_distance(z_mm: &[f64]) -> Vec<Gap> {
+    let steps: Vec<f64> = z_mm.windows(2).map(|z| z[1] - z[0]).collect();
+    let gap = |gap: crate::ct::Gap| {
+        let between_mm = [z_mm[gap.after], z_mm[gap.after + 1]];
+        Gap { between_mm, missing_mm: evenly(between_mm, gap.n_missing) }
+    };
+    gaps_among(&steps).into_iter().map(gap).collect()
+}
+
+/// So many heights between two others.
+fn evenly([below, above]: [f64; 2], n: usize) -> Vec<f64> {
+    (1..=n).map(|i| below + (above - below) * i as f64 / (n + 1) as f64).collect()
 }
 
 fn named(gaps: &[Gap]) -> String {
@@ -151,12 +183,6 @@ mod tests {
         for z in [&[][..], &[1.0], &[1.0, 9.0], &[0.0, 1.0, 2.0], &[0.0, 1.0, 2.4, 3.5]] {
             assert_eq!(resolved(z, Absent::Undrawn, false).unwrap(), (z.to_vec(), vec![]));
         }
-    }
-
-    #[test]
-    fn with_a_ct_its_own_planes_are_empty() {
-        let inner = within(&[3.9, 4.1, 4.9, 5.8, 7.0, 7.95], [4.0, 8.0], 2.0);
-        assert_eq!(inner, [4.9, 5.8, 7.0]);
     }
 
     #[test]

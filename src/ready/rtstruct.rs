@@ -25,10 +25,10 @@ const LARGE_MM2: f64 = 20.0;
 const TRANSAXIAL_DEG: f64 = 0.02;
 /// Planes usually this many times farther apart than what rounding moves are planes of their own.
 const FAR_APART: f64 = 10.0;
-/// Contours that differ by less than this part of their area are the same.
-const ALIKE: f64 = 1e-3;
-/// Contours that share more than this part of the smaller one's area, and less than all but this, cross.
-const CROSSING: f64 = 0.01;
+/// Outlines that lie no farther apart than this are one: what coordinates of one decimal may be off in both directions, mm.
+const ROUNDED_MM: f64 = std::f64::consts::SQRT_2 * SAME_PLANE_MM;
+/// Contours that overlap by more than this part of what [`ROUNDED_MM`] makes along all of an outline, and leave out as much, cross.
+const CROSSING: f64 = 0.25;
 /// Heights that a warning names.
 const MOST_NAMED: usize = 8;
 /// Coordinates beyond this are not believed, and would leave the grid of the boolean operations, mm.
@@ -222,11 +222,12 @@ fn planes(
         flat.push((z_mm, Contour::new(points.iter().map(Point3::xy).collect())));
     }
     flat.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut same: Vec<Group> = flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(Group::of).collect();
-    warnings.extend(odd_pairs(&mut same, task)?);
+    let same: Vec<Group> = flat.chunk_by(|a, b| b.0 - a.0 < SAME_PLACE_MM).map(Group::of).collect();
+    let mut planes = with_holes(same);
+    warnings.extend(odd_pairs(&mut planes, task)?);
     let one =
         |group: Group| Drawn { z_mm: group.z_mm, contours: Region::from_even_odd(&group.contours).contours };
-    Ok(with_holes(same).into_iter().map(one).collect())
+    Ok(planes.into_iter().map(one).collect())
 }
 
 /// Leaves contours out that are in a plane already, which would cancel each other, and says where contours cross.
@@ -261,30 +262,41 @@ struct Enclosed {
     bounds: Bounds2,
     region: Region,
     area_mm2: f64,
+    perimeter_mm: f64,
 }
 
 impl Enclosed {
     fn of(contour: &Contour) -> Option<Self> {
         let region = Region::from_even_odd(std::slice::from_ref(contour));
-        Some(Self { bounds: contour.bounds()?, area_mm2: region.area_mm2(), region })
+        let (area_mm2, perimeter_mm) = (region.area_mm2(), contour.perimeter_mm());
+        Some(Self { bounds: contour.bounds()?, area_mm2, perimeter_mm, region })
     }
 
-    /// How much of the smaller of two the other one covers; from 0 to 1.
-    fn shared(&self, other: &Self) -> f64 {
-        let smaller = self.area_mm2.min(other.area_mm2);
-        if smaller <= 0.0 || !self.bounds.meets(other.bounds) {
-            return 0.0;
-        }
-        self.region.intersection(&other.region).area_mm2() / smaller
+    /// What both enclose, mm2.
+    fn shared_mm2(&self, other: &Self) -> f64 {
+        let meets = self.bounds.meets(other.bounds);
+        if meets { self.region.intersection(&other.region).area_mm2() } else { 0.0 }
     }
 
-    /// Whether both are the same but for rounding; told by their boxes where these differ.
+    /// Whether both are the same but for rounding, wherever they begin and whichever way they run: what one of them alone encloses
+    /// is no wider than that on the whole.
     fn is_alike(&self, other: &Self) -> bool {
-        let [a, b] = [&self.bounds, &other.bounds];
-        let apart_mm = (a.min - b.min).norm().max((a.max - b.max).norm());
-        apart_mm < SAME_PLANE_MM
-            && (self.area_mm2 - other.area_mm2).abs() < ALIKE * self.area_mm2
-            && self.shared(other) > 1.0 - ALIKE
+        let most_mm2 = ROUNDED_MM * self.perimeter_mm.max(other.perimeter_mm);
+        if (self.area_mm2 - other.area_mm2).abs() > most_mm2 {
+            return false;
+        }
+        let shared_mm2 = self.shared_mm2(other);
+        // What is no larger than rounding itself has to lie on the other one.
+        shared_mm2 > 0.5 * self.area_mm2.min(other.area_mm2)
+            && self.area_mm2 + other.area_mm2 - 2.0 * shared_mm2 <= most_mm2
+    }
+
+    /// Whether both overlap in part: neither beside nor within each other.
+    fn crosses(&self, other: &Self) -> bool {
+        let smaller = if self.area_mm2 < other.area_mm2 { self } else { other };
+        let least_mm2 = CROSSING * ROUNDED_MM * smaller.perimeter_mm;
+        let shared_mm2 = self.shared_mm2(other);
+        shared_mm2 > least_mm2 && smaller.area_mm2 - shared_mm2 > least_mm2
     }
 }
 
@@ -312,11 +324,17 @@ impl Group {
         n - self.contours.len()
     }
 
-    /// Whether two contours overlap in part: neither beside nor within each other.
     fn has_crossing(&self) -> bool {
         let all: Vec<Enclosed> = self.contours.iter().filter_map(Enclosed::of).collect();
         let mut pairs = (0..all.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-        pairs.any(|(a, b)| (CROSSING..1.0 - CROSSING).contains(&all[a].shared(&all[b])))
+        pairs.any(|(a, b)| all[a].crosses(&all[b]))
+    }
+
+    /// Whether each of these contours is one of the other group's once more.
+    fn is_copied_from(&self, other: &Self) -> bool {
+        let others: Vec<Enclosed> = other.contours.iter().filter_map(Enclosed::of).collect();
+        let is_copy = |own: Enclosed| others.iter().any(|o| o.is_alike(&own));
+        self.contours.iter().all(|c| Enclosed::of(c).is_some_and(is_copy))
     }
 
     /// Whether all of these contours are holes in those of the other one: each lies wholly inside one of them, and none meets any.
@@ -332,8 +350,8 @@ impl Group {
     }
 }
 
-/// Takes holes that rounding has moved off their outlines' plane back into it. Where planes lie that near each other anyway, or
-/// contours are no holes, nothing is moved: two outlines of one shape would cancel each other.
+/// Takes holes, and copies, that rounding has moved off their outlines' plane back into it. Where planes lie that near each other
+/// anyway, or contours are neither, nothing is moved.
 fn with_holes(groups: Vec<Group>) -> Vec<Group> {
     let apart = groups.windows(2).map(|g| g[1].z_mm - g[0].z_mm);
     let mut steps: Vec<f64> = apart.filter(|&step| step > SAME_PLANE_MM).collect();
@@ -345,7 +363,9 @@ fn with_holes(groups: Vec<Group>) -> Vec<Group> {
     for group in groups {
         let near = planes.last_mut().filter(|last| group.z_mm - last.z_mm <= SAME_PLANE_MM);
         match near {
-            Some(last) if group.is_within(last) => last.contours.extend(group.contours),
+            Some(last) if group.is_within(last) || group.is_copied_from(last) => {
+                last.contours.extend(group.contours);
+            }
             // The outline's height counts.
             Some(last) if last.is_within(&group) => {
                 last.z_mm = group.z_mm;

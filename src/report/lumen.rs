@@ -7,7 +7,7 @@
 //! by a micrometre on their way through G-code and record, and no plastic leaves such a slit open.
 
 use super::BodyKind;
-use crate::geom::{Contour, Region};
+use crate::geom::Region;
 
 /// Widest slit between beads that counts as closed, mm.
 const SLIT_MM: f64 = 0.02;
@@ -40,7 +40,7 @@ fn hollow(beads: &Region, expected: Expected<'_>) -> Region {
     let missing: Vec<Region> =
         lumen.islands().into_iter().filter(|island| !is_open(island, &found)).collect();
     if !missing.is_empty() && !beads.is_empty() {
-        let outer = filled(&expected.material.union(lumen));
+        let outer = expected.material.union(lumen).without_holes();
         let open = outer.difference(beads).islands();
         found.extend(open.into_iter().filter(|gap| is_lumen(gap, &missing)));
     }
@@ -59,13 +59,7 @@ fn cast(beads: &Region, lumen: &Region) -> Region {
 
 /// What the region encloses without containing it, piece by piece.
 fn gaps(region: &Region) -> Vec<Region> {
-    filled(region).difference(region).islands()
-}
-
-/// The region with its holes filled.
-fn filled(region: &Region) -> Region {
-    let outers: Vec<Contour> = region.contours.iter().filter(|c| c.is_ccw()).cloned().collect();
-    Region::union_all([&Region::new(outers)])
+    region.without_holes().difference(region).islands()
 }
 
 /// Whether a gap is mostly lumen, or takes most of one of the lumina.
@@ -84,7 +78,7 @@ fn is_open(lumen: &Region, found: &[Region]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::Point2;
+    use crate::geom::{Contour, Point2};
 
     fn disk(x: f64, radius_mm: f64) -> Region {
         Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius_mm, 360)])

@@ -100,14 +100,14 @@ fn check(inputs: &Inputs<'_>) -> Result<(), Error> {
 fn registration_mm(inputs: &Inputs<'_>, paths: &LayerPaths) -> Option<f64> {
     let layer = layer_of(inputs, paths)?;
     let compensation = &inputs.paths.compensation;
-    // By how much each box is meant to be larger.
+    // By how much each box is meant to be larger on the bed: there outlines are moved, after the part was enlarged.
     let (planned, sliced, larger_mm) = match inputs.body {
         BodyKind::Wall => (&paths.lumen, &layer.lumen, compensation.lumen_mm),
         BodyKind::Cast => (&paths.material, &layer.material, -compensation.material_mm),
     };
     let back = inputs.paths.stack_from_bed();
     let planned = moved(planned, &back).bounds()?;
-    let sliced = sliced.bounds()?.grown(larger_mm);
+    let sliced = sliced.bounds()?.grown(back.length_mm(larger_mm));
     Some((planned.min - sliced.min).norm().max((planned.max - sliced.max).norm()))
 }
 
@@ -472,6 +472,9 @@ fn notes(
     if let Some(text) = extrapolated(inputs) {
         note("extrapolated_ends", text);
     }
+    if let Some(text) = compensated(inputs) {
+        note("compensated", text);
+    }
     if inputs.image.is_none() {
         note("no_ct", format!("{NO_CT}: segmentation and total error are not known."));
     }
@@ -531,6 +534,20 @@ fn notes(
     );
     notes.extend(inputs.record.warnings.iter().chain(inputs.warnings).cloned());
     notes
+}
+
+/// By how much the printed outlines are meant to lie off the layers'.
+fn compensated(inputs: &Inputs<'_>) -> Option<String> {
+    let compensation = &inputs.paths.compensation;
+    // Beads at the lumen lie where both moves put them; a cast has no lumen's outline.
+    let on_bed_mm = match inputs.body {
+        BodyKind::Wall => compensation.lumen_mm + compensation.material_mm,
+        BodyKind::Cast => -compensation.material_mm,
+    };
+    let cold_mm = inputs.paths.stack_from_bed().length_mm(on_bed_mm);
+    (on_bed_mm != 0.0).then(|| {
+        format!("The profile compensates what holes shrink and beads bulge: the lumen is planned {cold_mm:+.3} mm outward, measured in the cold part. The figures of planned and recorded outlines contain it.")
+    })
 }
 
 /// How much of the body lies beyond the outermost CT planes.

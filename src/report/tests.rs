@@ -210,6 +210,54 @@ fn a_cast_is_measured_by_what_is_filled() {
     }
 }
 
+/// The case as the planner plans it and a perfect printer prints it.
+fn planned(mut case: Case, change: impl Fn(&mut crate::profile::PrintSettings)) -> Case {
+    let mut profile = crate::profile::builtin("reference").unwrap();
+    profile.filament.shrinkage_percent = 5.0;
+    change(&mut profile.print);
+    case.paths = crate::toolpath::plan(&case.layers, &profile, &Task::quiet()).unwrap().paths;
+    case.record = print(&case.paths);
+    case
+}
+
+#[test]
+fn holes_compensated_in_a_part_that_shrinks_are_measured_as_they_are_when_cold() {
+    let case = planned(Case::new(3), |print| print.hole_compensation_mm = 0.5);
+    let report = report(&case);
+    // The part is enlarged, then its lumen's outline moved on the bed; all of it shrinks.
+    let cold_mm = 0.5 * 0.95;
+    for stage in [Stage::Toolpath, Stage::Total] {
+        assert!(near(overall(&report, stage).bias_mm, cold_mm, 0.015), "{:?}", overall(&report, stage));
+    }
+    assert!(near(overall(&report, Stage::Deposition).bias_mm, 0.0, 1e-6));
+    let note = report.notes.iter().find(|n| n.code == "report.compensated").unwrap();
+    assert!(note.text.contains("+0.475 mm"), "{}", note.text);
+}
+
+#[test]
+fn a_cast_that_is_squeezed_and_shrinks_is_measured_as_it_is_when_cold() {
+    let mut case = Case::new(3);
+    for layer in &mut case.layers {
+        (layer.material, layer.lumen) = (disk(RADIUS_MM), crate::geom::Region::default());
+    }
+    let case = planned(case, |print| print.squeeze_compensation_mm = 0.4);
+    #[derive(Debug)]
+    struct Rod;
+    impl Sectioned for Rod {
+        fn z_range_mm(&self) -> [f64; 2] {
+            [-1.5, 7.5]
+        }
+        fn section(&self, _: f64, _: f64) -> crate::solid::CrossSection {
+            crate::solid::CrossSection { outer: disk(RADIUS_MM), lumen: crate::geom::Region::default() }
+        }
+    }
+    let cast = Inputs { image: None, solid: &Rod, body: BodyKind::Cast, ..inputs(&case) };
+    let report = build(&cast, &Task::quiet()).unwrap();
+    assert!(near(overall(&report, Stage::Toolpath).bias_mm, -0.4 * 0.95, 0.015));
+    let note = report.notes.iter().find(|n| n.code == "report.compensated").unwrap();
+    assert!(note.text.contains("-0.380 mm"), "{}", note.text);
+}
+
 #[test]
 fn what_does_not_belong_together_is_refused() {
     let mut case = Case::new(3);

@@ -212,6 +212,23 @@ fn a_side_branch_of_one_plane_is_dropped_and_a_lasting_one_kept() {
 }
 
 #[test]
+fn an_interrupted_vessel_keeps_its_parts_under_every_boundary() {
+    let scene = Scene { n: [64, 56, 14], ..Scene::default() };
+    let volume =
+        scene.volume(|x, y, k| if from_centre(x, y) < 3.0 && !(5..9).contains(&k) { 300.0 } else { 50.0 });
+    let seeds_patient_mm = [1.0, 11.0].map(|z| Point3::new(CENTRE[0], CENTRE[1], z)).to_vec();
+    let params = segment::Params { seeds_patient_mm, ..Default::default() };
+    let found = segment::segment(&volume, &params, &Task::quiet()).unwrap();
+    for boundary in [Boundary::Model, Boundary::HalfMaximum, Boundary::Snake] {
+        let params = Params { boundary, ..Params::default() };
+        let extracted = extract(&volume, &found, &params, &Task::quiet()).unwrap();
+        assert_eq!(counts(&extracted), [1, 1, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1], "{boundary:?}");
+        let worst = extracted.stack.planes.iter().flat_map(|p| &p.contours).map(|c| errors(c, 3.0).1);
+        assert!(worst.fold(0.0, f64::max) < 0.1, "{boundary:?}");
+    }
+}
+
+#[test]
 fn fragments_are_dropped_and_told() {
     // A thread of 0.35 mm that leaves the vessel and comes back to the image plane 1 as a dot.
     let volume = Scene { blur_mm: 0.05, ..Scene::default() }.volume(|x, y, k| {

@@ -249,6 +249,17 @@ pub struct DrawnPlane {
     pub mask: Mask,
 }
 
+impl DrawnPlane {
+    /// The voxels inside, row by row: at least one.
+    #[must_use]
+    pub fn voxels(&self) -> Vec<[usize; 3]> {
+        let mask = &self.mask;
+        let all =
+            mask.planes().flat_map(|k| mask.rows().flat_map(move |j| mask.columns().map(move |i| [i, j, k])));
+        all.filter(|&[i, j, k]| mask.contains(i, j, k)).collect()
+    }
+}
+
 /// The corrections as they apply to one volume.
 #[derive(Debug, Clone, Default)]
 pub struct Rules {

@@ -9,6 +9,9 @@
 //! where the section runs out, reaches the border itself, or becomes several times larger at once:
 //! where the vessel goes on beyond that, the last levels hold. Where the contrast has faded to a part of what it was
 //! at the seed, it says so: what lies beyond is noise.
+//!
+//! A contour that the operator has drawn stands for the vessel's section, whatever the image shows there; from one that no seed
+//! led to, the vessel is followed as from a seed, at the level that the image shows in it.
 
 use super::corrections::Rules;
 use super::graph::JUMP;
@@ -60,21 +63,46 @@ pub(super) fn follow(
     start: Levels,
     task: &Task<'_>,
 ) -> Result<Followed, Cancelled> {
-    let mut measured: Vec<Vec<Levels>> = vec![Vec::new(); planes.len()];
+    let walk = Walk { volume, rules, start, task };
+    let mut met = Met {
+        planes: planes.clone(),
+        measured: vec![Vec::new(); planes.len()],
+        seen: vec![false; planes.len()],
+    };
     let mut clear: Option<Range<usize>> = None;
     let mut seeds = seeds.to_vec();
     seeds.sort_by_key(|v| v[2]);
     for same_plane in seeds.chunk_by(|a, b| a[2] == b[2]) {
-        let walk = Walk { volume, rules, start, task };
-        let k = same_plane[0][2];
-        let up = walk.along(k..planes.end, same_plane, &mut |k, l| measured[k - planes.start].push(l))?;
-        let down = walk.along((planes.start..k + 1).rev(), same_plane, &mut |k, l| {
-            measured[k - planes.start].push(l);
-        })?;
-        let own = down.unwrap_or(planes.start)..up.map_or(planes.end, |k| k + 1);
+        let [down, up] = walk.both_ways(same_plane, start, &mut met)?;
+        let own = down.ended.unwrap_or(planes.start)..up.ended.map_or(planes.end, |k| k + 1);
         clear = Some(clear.map_or(own.clone(), |c| c.start.min(own.start)..c.end.max(own.end)));
     }
-    Ok(Followed { levels: smoothed(&measured, start), clear: clear.unwrap_or_else(|| planes.clone()) })
+    for (&k, drawn) in rules.drawn.range(planes.clone()) {
+        if met.has_seen(k) {
+            continue;
+        }
+        let inside = drawn.voxels();
+        let [down, up] = walk.both_ways(&inside, walk.level_in(&inside)?, &mut met)?;
+        // Nothing but the contour itself may be clear there: beyond it nobody has seen the vessel.
+        let own = down.last.unwrap_or(k)..up.last.unwrap_or(k) + 1;
+        clear = clear.map(|c| c.start.min(own.start)..c.end.max(own.end));
+    }
+    Ok(Followed { levels: smoothed(&met.measured, start), clear: clear.unwrap_or_else(|| planes.clone()) })
+}
+
+/// What was met on all ways.
+struct Met {
+    planes: Range<usize>,
+    /// By plane.
+    measured: Vec<Vec<Levels>>,
+    /// Whether the vessel was followed there, by plane.
+    seen: Vec<bool>,
+}
+
+impl Met {
+    fn has_seen(&self, k: usize) -> bool {
+        self.seen[k - self.planes.start]
+    }
 }
 
 struct Walk<'a> {
@@ -85,31 +113,51 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Follows in one direction; the last plane before the contrast had faded, if it did.
+    /// Follows downward and upward from voxels of one plane, at these levels.
+    fn both_ways(&self, from: &[Voxel], at: Levels, met: &mut Met) -> Result<[Clear; 2], Cancelled> {
+        let (k, planes) = (from[0][2], met.planes.clone());
+        let up = self.along(k..planes.end, from, at, met)?;
+        let down = self.along((planes.start..k + 1).rev(), from, at, met)?;
+        Ok([down, up])
+    }
+
+    /// The levels that the image shows in a drawn contour; those of the seeds where it shows none.
+    fn level_in(&self, inside: &[Voxel]) -> Result<Levels, Cancelled> {
+        let section = self.section(inside[0][2], self.start.window_hu(), inside, None)?;
+        Ok(section.and_then(|s| self.measure(&s)).unwrap_or(self.start))
+    }
+
+    /// Follows in one direction, how far it is clear.
     fn along(
         &self,
         planes: impl Iterator<Item = usize>,
         seeds: &[Voxel],
-        found: &mut impl FnMut(usize, Levels),
-    ) -> Result<Option<usize>, Cancelled> {
-        let mut last = vec![self.start];
+        at: Levels,
+        met: &mut Met,
+    ) -> Result<Clear, Cancelled> {
+        let mut last = vec![at];
         let mut from: Vec<Voxel> = seeds.to_vec();
         let (mut reach_mm, mut area, mut n_lost, mut clear) = (None, None, 0, Clear::default());
         for k in planes {
+            let is_drawn = self.rules.drawn.contains_key(&k);
             let before = median(&last[last.len().saturating_sub(N_LAST)..]);
             let Some(section) = self.section(k, before.window_hu(), &from, reach_mm)? else { break };
-            if area.is_some_and(|before: usize| section.inside.len() as f64 > JUMP * before as f64) {
+            let is_sudden = |before: usize| section.inside.len() as f64 > JUMP * before as f64;
+            if !is_drawn && area.is_some_and(is_sudden) {
                 break;
             }
             let is_gentle = |l: &Levels| (l.lumen_hu - before.lumen_hu).abs() < ABRUPT * self.contrast();
             let measured = self.measure(&section).filter(is_gentle);
-            clear.see(k, measured.is_some_and(|l| self.share(l) >= CLEAR));
+            let own = k - met.planes.start;
+            met.seen[own] = true;
+            clear.see(k, is_drawn || measured.is_some_and(|l| self.share(l) >= CLEAR));
             match measured {
                 Some(levels) => {
-                    found(k, levels);
+                    met.measured[own].push(levels);
                     last.push(levels);
                     n_lost = 0;
                 }
+                None if is_drawn => {}
                 None => n_lost += 1,
             }
             if n_lost >= N_FADED {
@@ -119,7 +167,7 @@ impl Walk<'_> {
             reach_mm = Some(REACH * section.radius_mm);
             from = section.inside;
         }
-        Ok(clear.ended)
+        Ok(clear)
     }
 
     /// The seed's contrast, HU.

@@ -62,12 +62,7 @@ impl Slab<'_> {
     /// The voxels of all contours that were drawn.
     #[must_use]
     pub(super) fn drawn(&self) -> Vec<Voxel> {
-        let masks = self.rules.drawn.range(self.planes.clone()).map(|(&k, drawn)| (k, &drawn.mask));
-        let inside = |(k, mask): (usize, &Mask)| {
-            let all = mask.rows().flat_map(|j| mask.columns().map(move |i| [i, j, k]));
-            all.filter(|&[i, j, k]| mask.contains(i, j, k)).collect::<Vec<Voxel>>()
-        };
-        masks.flat_map(inside).collect()
+        self.rules.drawn.range(self.planes.clone()).flat_map(|(_, drawn)| drawn.voxels()).collect()
     }
 
     /// The voxel, or the first of its eight neighbours in the plane that lies in the window.

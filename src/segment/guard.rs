@@ -153,10 +153,18 @@ impl<'a> Judge<'a> {
         graph.parts[part].nodes.iter().map(|&n| &graph.nodes[n])
     }
 
+    /// What a drawn contour encloses may look like anything: it tells no level.
+    fn tells_level(&self, node: &super::graph::Node) -> bool {
+        !self.slab.rules.drawn.contains_key(&node.k)
+    }
+
     fn accept(&mut self, part: usize) {
         self.accepted[part] = true;
         for node in self.nodes(part) {
             *self.sum_mm2.entry(node.k).or_default() += node.area_mm2;
+            if !self.tells_level(node) {
+                continue;
+            }
             // The level of the largest section.
             if disc_mm2(node.radius_mm) >= NEIGHBOUR * self.size_mm2 || !self.lumen_hu.contains_key(&node.k) {
                 self.lumen_hu.insert(node.k, node.level_hu);
@@ -223,7 +231,8 @@ impl<'a> Judge<'a> {
             let edge = if self.sign > 0.0 { lo } else { hi };
             Some(self.sign * (n.level_hu - lumen) / (2.0 * (lumen - edge).abs()).max(1e-9))
         };
-        let excess = quantile(self.nodes(part).filter_map(beyond).collect(), 0.5);
+        let nodes = self.nodes(part).filter(|n| self.tells_level(n));
+        let excess = quantile(nodes.filter_map(beyond).collect(), 0.5);
         (excess > BRIGHTER).then(|| quantile(self.nodes(part).map(|n| n.level_hu).collect(), 0.5))
     }
 

@@ -234,6 +234,7 @@ fn grown(
         let z_mm = volume.plane_z_mm[covered.start];
         return Err(Error::RegionTooFlat { found: covered.len(), z_mm });
     }
+    warnings.extend(doubts::alone(&slab, &mask));
     warnings.extend(plausible::check(volume, &mask, params)?);
     warnings.extend(range_not_reached(volume, asked, &covered));
     task.report(4, 4);

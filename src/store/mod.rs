@@ -4,16 +4,19 @@
 //! [`crate::queue::act`]; a store reads what a decision needs, asks, and writes the outcome with its records, all or
 //! nothing. So all stores behave alike, and one suite of tests holds for each of them.
 //!
-//! A call that is given up half-way (its future dropped) may still have been done, as with any server: whoever is unsure looks again.
+//! A call that is given up half-way (its future dropped) may still have been done, as with any server, and so may one that a failing
+//! disk refused (`store.io`), where the program ends soon after: whoever is unsure looks again.
 //! Adding a ticket again is no harm, for it has its name already; everything else names the state or the claim that it
 //! acts upon. Clocks are the callers': wrong ones delay, but never let a job be printed twice.
 
 mod error;
+mod progress;
 pub mod sqlite;
 #[cfg(test)]
 mod suite;
 
 pub use error::Error;
+pub use progress::Progress;
 pub use sqlite::Sqlite;
 
 use crate::queue::{
@@ -114,7 +117,7 @@ pub trait Store: Clone + Send + Sync + 'static {
     fn renew(&self, claim: Claim, now: Timestamp) -> impl Future<Output = Result<Claim, Error>> + Send;
 
     /// Takes up again, under new claims, what this appliance had when it ended. Only whoever has made sure that no other process of this
-    /// name lives may ask for it.
+    /// name lives may ask for it. A job in the middle of which one holder after the other ended has failed then, and is not given.
     ///
     /// # Errors
     /// [`Error`].
@@ -179,9 +182,19 @@ pub trait Store: Clone + Send + Sync + 'static {
     /// [`Error`].
     fn head(&self) -> impl Future<Output = Result<Head, Error>> + Send;
 
-    /// Whether the history is as it was written, and everything that is kept is what it comes to.
+    /// Whether the history is as it was written, and everything that is kept is what it comes to. Reads all there is; holds up nobody.
+    ///
+    /// What no record tells cannot be checked: until when a claim is believed. Whoever can write the whole file can also write it
+    /// anew from the first record on; only a head that was kept elsewhere tells then ([`Progress::behind`]).
     ///
     /// # Errors
-    /// [`Error::History`], the first record or thing that does not fit.
+    /// [`Error::History`], the first record or thing that does not fit; [`Error::Damaged`].
     fn verify(&self) -> impl Future<Output = Result<(), Error>> + Send;
+
+    /// A part of the same, of bounded time and memory however long the history is: some thousand records. Gives where to go on, also
+    /// after other changes were made in between; `None`: all is checked.
+    ///
+    /// # Errors
+    /// As [`Store::verify`].
+    fn verify_part(&self, from: Progress) -> impl Future<Output = Result<Option<Progress>, Error>> + Send;
 }

@@ -6,8 +6,9 @@
 //!
 //! Cost: one transaction a change. Taking, listing and changing jobs goes by indices, so that none depends on the length of
 //! the queue or on how much is over; only jobs that need more filament than the spool has are passed over one by one, within the index.
-//! Opening checks the end of the history and, in a file of up to 8 MiB, all pages and indices; [`Store::verify`] reads everything
-//! however much it is, over a connection of its own that holds up nobody: a face asks for it after the start, and from time to time.
+//! Opening checks the end of the history and, in a file of up to 8 MiB, all pages; [`Store::verify`] reads everything however
+//! much it is, over a connection of its own that holds up nobody: pages and indices in one go, then records and rows some thousand
+//! at a time, each time at another moment of the file, so that the log can be taken in between. A face asks for it from time to time.
 
 mod check;
 mod open;
@@ -16,10 +17,10 @@ mod rows;
 mod tests;
 mod work;
 
-use super::{Claimed, Error, Place, Store, Which};
+use super::{Claimed, Error, Place, Progress, Store, Which};
 use crate::queue::{
-    Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Request, Said, Sealed, Spec,
-    Subject, Ticket,
+    Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Refusal, Request, Said, Sealed,
+    Spec, Subject, Ticket,
 };
 use jiff::Timestamp;
 use open::Db;
@@ -84,6 +85,16 @@ impl Sqlite {
         work: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
     ) -> Result<T, Error> {
         self.on_thread(|db| db.write(work)).await
+    }
+
+    /// Reads over a connection of its own, so that it may take long.
+    async fn apart<T: Send + 'static>(
+        &self,
+        look: impl FnOnce(&mut Db) -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        let path = self.path.clone();
+        let looked = tokio::task::spawn_blocking(move || look(&mut Db::open_to_read(&path)?));
+        looked.await.map_err(|_panicked| Error::Gone)?
     }
 
     async fn read<T: Send + 'static>(
@@ -166,7 +177,7 @@ impl Store for Sqlite {
     }
 
     async fn spec(&self, id: JobId) -> Result<Spec, Error> {
-        self.read(move |db| rows::spec(db, id)).await
+        self.read(move |db| Ok(rows::spec(db, id)?.ok_or(Refusal::NoJob { id })?)).await
     }
 
     async fn history(&self, of: Option<Subject>, after: u64, most: u32) -> Result<Vec<Sealed>, Error> {
@@ -178,12 +189,18 @@ impl Store for Sqlite {
     }
 
     async fn verify(&self) -> Result<(), Error> {
-        let path = self.path.clone();
-        let checked = tokio::task::spawn_blocking(move || {
-            let mut db = Db::open_to_read(&path)?;
-            db.check_pages()?;
-            db.read(check::check)
-        });
-        checked.await.map_err(|_panicked| Error::Gone)?
+        self.apart(|db| {
+            db.check_pages("integrity_check")?;
+            let mut next = Some(Progress::default());
+            while let Some(from) = next {
+                next = db.read(|tx| check::part(tx, from))?;
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    async fn verify_part(&self, from: Progress) -> Result<Option<Progress>, Error> {
+        self.apart(|db| db.read(|tx| check::part(tx, from))).await
     }
 }

@@ -10,7 +10,7 @@ mod kills;
 pub(super) use chance::whatever_happens_history_and_state_are_one;
 pub(super) use hosts::{
     again, child, each_copy_is_printed_once_by_many_processes, each_copy_is_printed_once_by_many_threads,
-    ends_well,
+    ends_well, say_done,
 };
 pub(super) use kills::{a_kill_at_any_moment_loses_nothing_and_prints_nothing_twice, kills};
 
@@ -60,16 +60,19 @@ macro_rules! every_behaviour {
             a_ticket_is_added_once,
             many_tickets_are_added_all_or_none,
             a_job_goes_its_whole_way,
+            a_job_ends_when_no_more_copies_are_wanted_and_holds_nothing_up,
             jobs_are_taken_by_priority_and_place,
             listings_go_on_where_they_ended,
             a_job_waits_for_its_time_also_when_the_clock_is_set_back,
             held_jobs_and_those_that_do_not_fit_are_passed_over,
             an_unknown_printer_and_an_uncleared_bed_take_nothing,
+            remains_on_one_bed_are_no_copy_on_another,
             what_was_seen_has_to_be_so_still,
             a_refusal_changes_nothing,
             a_lapsed_claim_is_taken_away_where_nothing_was_laid,
             a_claim_of_a_clock_that_was_ahead_lapses_in_one_lease,
             whoever_comes_back_takes_up_what_it_had,
+            a_job_that_ends_its_host_again_and_again_is_given_up,
             each_copy_is_printed_once_by_many_threads,
             each_copy_is_printed_once_by_many_processes,
             whatever_happens_history_and_state_are_one,
@@ -174,7 +177,8 @@ pub(super) async fn a_ticket_is_added_once<T: Site>(site: &T) {
 pub(super) async fn many_tickets_are_added_all_or_none<T: Site>(site: &T) {
     let store = with_jobs(site, 1).await;
     let none = Ticket { wishes: Wishes { copies: 0, ..Wishes::default() }, ..ticket(3) };
-    refusal(store.add_all(vec![ticket(2), none], true, operator(1)).await);
+    let refused = refusal(store.add_all(vec![ticket(2), none], true, operator(1)).await);
+    assert_eq!(refused, Refusal::Copies { found: 0, least: 1 });
     assert_eq!(live(&store).await, ids(&[1]));
     let added = store.add_all(vec![ticket(3), ticket(1), ticket(2)], true, operator(1)).await.unwrap();
     assert_eq!(added.iter().map(|job| job.id).collect::<Vec<_>>(), ids(&[3, 1, 2]));
@@ -217,6 +221,20 @@ fn kind_of(record: &Record) -> Option<Kind> {
         What::Job { change, .. } => Some(change.kind()),
         What::Added { .. } | What::Printer { .. } => None,
     }
+}
+
+pub(super) async fn a_job_ends_when_no_more_copies_are_wanted_and_holds_nothing_up<T: Site>(site: &T) {
+    let store = with_jobs(site, 0).await;
+    let wishes = Wishes { copies: 3, ..Wishes::default() };
+    store.add(Ticket { wishes, ..ticket(1) }, true, operator(0)).await.unwrap();
+    store.add(ticket(2), true, operator(0)).await.unwrap();
+    assert_eq!(print_next(&store, 1).await, Some(id(1)));
+    let enough = Change::Edit(Edit::Copies(1));
+    store.change(id(1), asks(enough, State::Queued, 2)).await.unwrap();
+    assert_eq!(print_next(&store, 3).await, Some(id(2)));
+    let (job, _) = store.job(id(1)).await.unwrap();
+    assert_eq!((job.state, job.n_printed), (State::Finished, 1));
+    store.verify().await.unwrap();
 }
 
 pub(super) async fn jobs_are_taken_by_priority_and_place<T: Site>(site: &T) {
@@ -335,6 +353,30 @@ pub(super) async fn an_unknown_printer_and_an_uncleared_bed_take_nothing<T: Site
     store.verify().await.unwrap();
 }
 
+pub(super) async fn remains_on_one_bed_are_no_copy_on_another<T: Site>(site: &T) {
+    let store = with_jobs(site, 1).await;
+    load(&store, "right").await;
+    clear(&store, "right", 0).await.unwrap();
+    // The left printer falls silent in the middle of it; somebody gives it up, and lets it be tried again.
+    let silent = taken(&store, 1).await.unwrap();
+    store.change(id(1), holds(&silent.claim, Change::Lay, 2)).await.unwrap();
+    store.sweep(at(100)).await.unwrap();
+    store.change(id(1), asks(Change::Fail { used_mm3: None }, State::Printing, 100)).await.unwrap();
+    store.change(id(1), asks(Change::Retry, State::Failed, 101)).await.unwrap();
+    let right = store.claim(Claimant::Printer(name("right")), at(102)).await.unwrap().unwrap();
+    store.change(id(1), holds(&right.claim, Change::Lay, 103)).await.unwrap();
+    let printed = Change::Printed { used_mm3: None };
+    let late = store.change(id(1), holds(&silent.claim, printed.clone(), 104)).await;
+    assert_eq!(refusal(late), Refusal::ClaimLost);
+    store.change(id(1), holds(&right.claim, printed, 105)).await.unwrap();
+    assert_eq!(clear(&store, "left", 106).await.unwrap().bed, Bed::Clear);
+    assert_eq!(state(&store, 1).await, State::AwaitingBedClear);
+    clear(&store, "right", 107).await.unwrap();
+    let (job, _) = store.job(id(1)).await.unwrap();
+    assert_eq!((job.state, job.n_printed), (State::Finished, 1));
+    store.verify().await.unwrap();
+}
+
 pub(super) async fn what_was_seen_has_to_be_so_still<T: Site>(site: &T) {
     let store = with_jobs(site, 1).await;
     let held = asks(Change::Hold, State::Queued, 1);
@@ -352,13 +394,17 @@ pub(super) async fn a_refusal_changes_nothing<T: Site>(site: &T) {
     let Claimed { claim, .. } = taken(&store, 1).await.unwrap();
     let before = (store.head().await.unwrap(), store.job(id(1)).await.unwrap());
     let other = Claim { token: claim.token + 1, ..claim.clone() };
-    for refused in [
-        holds(&other, Change::Lay, 2),
-        holds(&claim, Change::Printed { used_mm3: None }, 2),
-        holds(&claim, Change::Start { printer: name("left") }, 2),
-        asks(Change::Cancel { used_mm3: None }, State::Printing, 2),
+    let not_for_holders = Refusal::NotForYou { change: Kind::Start, role: Role::Holder };
+    for (asked, expected) in [
+        (holds(&other, Change::Lay, 2), Refusal::ClaimLost),
+        (holds(&claim, Change::Printed { used_mm3: None }, 2), Refusal::NothingLaid),
+        (holds(&claim, Change::Start { printer: name("left") }, 2), not_for_holders),
+        (
+            asks(Change::Cancel { used_mm3: None }, State::Printing, 2),
+            Refusal::InHand { holder: name("left") },
+        ),
     ] {
-        refusal(store.change(id(1), refused).await);
+        assert_eq!(refusal(store.change(id(1), asked).await), expected);
     }
     assert_eq!((store.head().await.unwrap(), store.job(id(1)).await.unwrap()), before);
 }
@@ -409,5 +455,27 @@ pub(super) async fn whoever_comes_back_takes_up_what_it_had<T: Site>(site: &T) {
     assert_eq!(refusal(store.renew(before.claim, at(4)).await), Refusal::ClaimLost);
     let printed = holds(&after[0].claim, Change::Printed { used_mm3: None }, 5);
     assert_eq!(store.change(id(1), printed).await.unwrap().state, State::AwaitingBedClear);
+    store.verify().await.unwrap();
+}
+
+pub(super) async fn a_job_that_ends_its_host_again_and_again_is_given_up<T: Site>(site: &T) {
+    let store = with_jobs(site, 2).await;
+    for n_crashes in 1..=3 {
+        assert_eq!(taken(&store, n_crashes).await.unwrap().job.id, id(1));
+        let adopted = store.adopt(name("left"), at(n_crashes)).await.unwrap();
+        assert_eq!(adopted.len(), usize::from(n_crashes < 3));
+        for Claimed { claim, .. } in adopted {
+            store.change(id(1), holds(&claim, Change::GiveBack { lost: false }, n_crashes)).await.unwrap();
+        }
+    }
+    assert_eq!(state(&store, 1).await, State::Failed);
+    assert_eq!(print_next(&store, 4).await, Some(id(2)));
+    // Only crashes in a row count.
+    store.change(id(1), asks(Change::Retry, State::Failed, 5)).await.unwrap();
+    let claimed = taken(&store, 6).await.unwrap();
+    store.change(id(1), holds(&claimed.claim, Change::Lay, 7)).await.unwrap();
+    for n_crashes in 8..12 {
+        assert_eq!(store.adopt(name("left"), at(n_crashes)).await.unwrap().len(), 1);
+    }
     store.verify().await.unwrap();
 }

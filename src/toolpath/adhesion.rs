@@ -55,24 +55,17 @@ pub(super) fn loops(
 /// The outlines of what stands on the bed, without holes; clefts between part and supports in which no loop has room, or which
 /// the supports' air is, are closed.
 fn outline(material: &Region, supports: &Region, cleft_mm: f64) -> Region {
-    let part = without_holes(material);
+    let part = material.without_holes();
     if supports.is_empty() {
         return part;
     }
     let both = Region::union_all([&part, supports]);
     let closed = both.offset(cleft_mm, TOLERANCE_MM).offset(-cleft_mm, TOLERANCE_MM);
-    without_holes(&closed.union(&both))
-}
-
-fn without_holes(region: &Region) -> Region {
-    Region::new(region.contours.iter().filter(|c| c.is_ccw()).cloned().collect())
+    closed.union(&both).without_holes()
 }
 
 fn n_brim(material: &Region, height_mm: f64, profile: &Profile, params: &FillParams) -> usize {
     let print = &profile.print;
-    if print.raft_layers > 0 {
-        return 0;
-    }
     let brim_mm = print.brim_mm.max(steadying_brim_mm(material, height_mm, print.brim_slenderness));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative: validated")]
     let n_brim = (brim_mm / params.pitch_mm()).round() as usize;

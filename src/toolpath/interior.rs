@@ -10,8 +10,7 @@
 //! there are none, and a roof spans from wall to wall.
 //! Cost: where anything is left to fill, a boolean operation for each layer within the shell.
 
-use super::fill::{self, FillParams, Path};
-use super::skin::Skins;
+use super::fill::{FillParams, Path};
 use super::supports::{AIR_LAYERS, Support};
 use super::{BeadKind, raster};
 use crate::geom::{Contour, Point2, Region};
@@ -55,11 +54,13 @@ pub(super) struct Interior {
 }
 
 impl Interior {
-    /// Divides the rest of a layer.
+    /// Divides the rest of a layer. `rest_below` plans the walls of the layer below and gives what they leave: it is asked only where
+    /// that matters.
     pub(super) fn of(
         rest: Region,
         idx: usize,
         stack: &Stack<'_>,
+        rest_below: impl FnOnce() -> Region,
         params: &FillParams,
         profile: &Profile,
     ) -> Self {
@@ -70,7 +71,11 @@ impl Interior {
         let is_open = print.infill_percent <= 0.0;
         let (rest, hollow) = if is_open {
             let open = stack.sparse(idx, &rest, params, print.shell_mm);
-            (rest.difference(&open), stack.hollow_below(idx, params, profile))
+            let closed = rest.difference(&open);
+            if closed.is_empty() {
+                return Self::default();
+            }
+            (closed, stack.hollow_below(idx, rest_below, params, print.shell_mm))
         } else {
             (rest, Region::default())
         };
@@ -115,29 +120,39 @@ impl Stack<'_> {
 
     /// What the layer below leaves empty where nothing is filled sparsely. Its bridges are no matter: what spans air is no part
     /// of its depth.
-    fn hollow_below(&self, idx: usize, params: &FillParams, profile: &Profile) -> Region {
-        let Some(below) = idx.checked_sub(1) else { return Region::default() };
-        let skins = Skins::try_new(&self.placed[below].0, params.cap_mm(), super::OUTLINE_TOLERANCE_MM);
-        let rest = skins.map(|skins| fill::fill(&skins, params).rest).unwrap_or_default();
-        self.sparse(below, &rest, params, profile.print.shell_mm)
+    fn hollow_below(
+        &self,
+        idx: usize,
+        rest_below: impl FnOnce() -> Region,
+        params: &FillParams,
+        shell_mm: f64,
+    ) -> Region {
+        let below = idx.checked_sub(1).filter(|&below| !self.is_near_an_end(below, shell_mm));
+        below.map(|below| self.sparse(below, &rest_below(), params, shell_mm)).unwrap_or_default()
     }
 
     /// What of a layer has less than `shell_mm` of material over or under it; none: all of it, near an end of the part.
     fn exposed(&self, idx: usize, rest: &Region, shell_mm: f64) -> Option<Region> {
-        let z_mm = self.layers[idx].slot.z_mid_mm;
-        let within = |j: usize| (self.layers[j].slot.z_mid_mm - z_mm).abs() <= shell_mm + 1e-9;
-        let (first, last) = (&self.layers[0].slot, &self.layers[self.layers.len() - 1].slot);
-        // Beyond its ends the part has no material: as if another layer lay there.
-        let (over_mm, under_mm) =
-            (last.z_mid_mm + last.height_mm - z_mm, z_mm - first.z_mid_mm + first.height_mm);
-        if over_mm.min(under_mm) <= shell_mm + 1e-9 {
+        if self.is_near_an_end(idx, shell_mm) {
             return None;
         }
+        let z_mm = self.layers[idx].slot.z_mid_mm;
+        let within = |j: usize| (self.layers[j].slot.z_mid_mm - z_mm).abs() <= shell_mm + 1e-9;
         let over = (idx + 1..self.layers.len()).take_while(|&j| within(j));
         let under = (0..idx).rev().take_while(|&j| within(j));
         let covered =
             over.chain(under).fold(rest.clone(), |covered, j| covered.intersection(&self.placed[j].0));
         Some(rest.difference(&covered))
+    }
+
+    /// Whether an end of the part is within `shell_mm` of a layer. Beyond its ends the part has no material: as if another layer
+    /// lay there.
+    fn is_near_an_end(&self, idx: usize, shell_mm: f64) -> bool {
+        let z_mm = self.layers[idx].slot.z_mid_mm;
+        let (first, last) = (&self.layers[0].slot, &self.layers[self.layers.len() - 1].slot);
+        let (over_mm, under_mm) =
+            (last.z_mid_mm + last.height_mm - z_mm, z_mm - first.z_mid_mm + first.height_mm);
+        over_mm.min(under_mm) <= shell_mm + 1e-9
     }
 
     /// What of a layer spans air, with the direction of each span; `hollow` is empty, though it lies in the layer below.
@@ -273,6 +288,35 @@ mod tests {
         let lines = layers[16].beads.iter().filter(|b| b.kind == BeadKind::Bridge);
         let longest = lines.flat_map(|b| b.points.windows(2)).map(|p| p[1].at - p[0].at);
         assert!(longest.filter(|way| way.norm() > 1.0).all(|way| way.x.abs() < 1e-6 && way.y.abs() > 16.0));
+    }
+
+    #[test]
+    fn the_walls_below_are_planned_again_only_under_a_roof_over_no_fill() {
+        let slot = |i: usize| LayerSlot {
+            z_mid_mm: HEIGHT_MM * (i as f64 + 0.5),
+            height_mm: HEIGHT_MM,
+            ct_plane: None,
+        };
+        let material = rectangle([0.0, 24.0], [0.0, 18.0]);
+        let layers: Vec<Layer> = (0..20)
+            .map(|i| Layer { slot: slot(i), material: material.clone(), lumen: Region::default() })
+            .collect();
+        let placed: Vec<(Region, Region)> = vec![(material, Region::default()); 20];
+        let stack = Stack { layers: &layers, placed: &placed, columns: &[] };
+        let mut profile = profile::builtin("reference").unwrap();
+        (profile.print.infill_percent, profile.print.shell_mm) = (0.0, 0.8);
+        let params = crate::toolpath::fill_params(&profile, HEIGHT_MM);
+        let rest = rectangle([0.4, 23.6], [0.4, 17.6]);
+        let asked = |idx: usize| {
+            let asked = std::cell::Cell::new(false);
+            let below = || {
+                asked.set(true);
+                rest.clone()
+            };
+            Interior::of(rest.clone(), idx, &stack, below, &params, &profile);
+            asked.get()
+        };
+        assert_eq!((0..20).filter(|idx| asked(*idx)).collect::<Vec<_>>(), [16]);
     }
 
     #[test]

@@ -16,6 +16,8 @@
 //!
 //! - Columns under overhangs, where the profile asks for supports.
 //!
+//! - Ribs that steady slender branches, where the profile asks for them.
+//!
 //! - A raft below, where the profile asks for one.
 //!
 //! Layers are filled in parallel, some at a time, while those before them are put in order one after the
@@ -30,6 +32,7 @@ mod order;
 mod place;
 mod raft;
 mod raster;
+mod ribs;
 mod ring;
 mod seam;
 mod sequence;
@@ -52,6 +55,7 @@ use interior::{Interior, Stack};
 use order::Order;
 use place::Placement;
 use rayon::prelude::*;
+use ribs::Rib;
 use serde::{Deserialize, Serialize};
 use skin::Skins;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -76,6 +80,8 @@ pub enum BeadKind {
     SupportMaterial,
     /// Its uppermost layers.
     SupportInterface,
+    /// A bar over air that steadies a slender branch.
+    Rib,
 }
 
 impl BeadKind {
@@ -89,15 +95,27 @@ impl BeadKind {
             Self::SolidInfill => "Solid infill",
             Self::Bridge => "Bridge infill",
             Self::SkirtBrim => "Skirt/Brim",
-            Self::SupportMaterial => "Support material",
+            Self::SupportMaterial | Self::Rib => "Support material",
             Self::SupportInterface => "Support material interface",
         }
+    }
+
+    /// The text in legends: that of G-code, which has no word for ribs, but for these.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        if matches!(self, Self::Rib) { "Rib" } else { self.gcode_name() }
+    }
+
+    /// Whether it is laid over air.
+    #[must_use]
+    pub const fn is_over_air(self) -> bool {
+        matches!(self, Self::Bridge | Self::Rib)
     }
 
     /// Whether it belongs to the part: all else is taken away after the print.
     #[must_use]
     pub const fn is_part(self) -> bool {
-        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface)
+        !matches!(self, Self::SkirtBrim | Self::SupportMaterial | Self::SupportInterface | Self::Rib)
     }
 }
 
@@ -191,6 +209,15 @@ pub enum Error {
         /// Size of the build space, mm.
         bed_mm: [f64; 3],
     },
+    /// No bead has room anywhere.
+    #[error(
+        "no bead has room in any layer, though there is material: it is thinner than half of the thinnest bead, {thinnest_mm} mm, or \
+         what the profile moves outlines by (print.squeeze_compensation_mm, print.hole_compensation_mm) leaves nothing of it"
+    )]
+    NoBead {
+        /// Thinnest bead of the profile, mm.
+        thinnest_mm: f64,
+    },
     /// Most of a layer's wall is thinner than the thinnest bead.
     #[error(
         "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} in the model); the \
@@ -231,7 +258,7 @@ pub enum Error {
 ///
 /// # Errors
 /// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest
-/// bead, settings that make no sense, cancellation.
+/// bead, no room for any bead, settings that make no sense, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
     check(profile)?;
     let placement = place::place(layers, profile)?;
@@ -240,6 +267,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let compensation = placement.compensation(profile);
     let frame = StackFromBed::of(&placement.bed_from_stack, compensation);
     let (columns, on_part) = columns(layers, &placed, &frame, profile);
+    let (ribs, unsteady) = steadied(layers, &placed, &columns, &frame, profile);
     let stack = Stack { layers, placed: &placed, columns: &columns };
     let done = AtomicU64::new(0);
     let total = layers.len() as u64;
@@ -247,12 +275,21 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         task.check()?;
         let mut draft = draft(idx, &stack, profile)?;
         draft.supports = columns.get(idx).map(|c| c.paths(idx, &draft.params, profile)).unwrap_or_default();
+        if let Some(rib) = ribs.get(idx) {
+            draft.supports.extend(rib.posts(idx, &draft.params));
+            draft.struts = rib.struts(&draft.params);
+        }
         task.report(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         Ok(draft)
     };
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
-    let raft = placement.raft.layers(&placed[0].0.union(&on_bed), profile);
-    let mut order = Order::of_part(height_mm, on_bed, frame).upon(raft, placement.raft.height_mm());
+    let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
+    let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
+    let standing = placed[0].0.union(&on_bed);
+    let mut order = Order::of_part(height_mm, on_bed, frame);
+    if let Some(raft) = &placement.raft {
+        order = order.upon(raft.layers(&standing, profile), raft.height_mm());
+    }
     let mut drafts = Vec::new();
     for first in (0..layers.len()).step_by(LAYERS_AT_ONCE) {
         let numbers = first..layers.len().min(first + LAYERS_AT_ONCE);
@@ -264,9 +301,34 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let warnings = order.warnings().into_iter().chain(on_part).collect();
+    let bare = bare(&order.paths, layers, profile)?;
+    let warnings = order.warnings().into_iter().chain(bare).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
+}
+
+/// What is to be known of layers of which the profile's compensations leave nothing.
+///
+/// # Errors
+/// No layer gets any bead.
+fn bare(paths: &[LayerPaths], layers: &[Layer], profile: &Profile) -> Result<Option<Warning>, Error> {
+    let of_part = &paths[paths.len() - layers.len()..];
+    let least_mm2 = profile.print.extrusion_width_mm.powi(2);
+    let holds = |(layer, _): &(&Layer, &LayerPaths)| layer.material.area_mm2() > least_mm2;
+    if !of_part.iter().flat_map(|paths| &paths.beads).any(|bead| bead.kind.is_part()) {
+        return Err(Error::NoBead { thinnest_mm: profile.machine.extrusion_width_mm[0] });
+    }
+    let is_bare = |(_, paths): &(&Layer, &LayerPaths)| paths.material.is_empty();
+    let bare: Vec<_> = layers.iter().zip(of_part).filter(holds).filter(is_bare).collect();
+    Ok(bare.first().map(|(layer, _)| {
+        let text = format!(
+            "{} layer(s) get no bead, as what the profile moves outlines by leaves nothing of them, the first at z {:.2} mm: look at \
+             print.squeeze_compensation_mm, hole_compensation_mm and first_layer_compensation_mm",
+            bare.len(),
+            layer.slot.z_mid_mm
+        );
+        Warning::new("toolpath.bare_layer", text)
+    }))
 }
 
 /// Material and lumen of all layers on the bed.
@@ -310,6 +372,27 @@ fn columns(
     (columns, on_part)
 }
 
+/// The ribs of all layers, and what is to be known of them; none where the profile wants none.
+fn steadied(
+    layers: &[Layer],
+    placed: &[(Region, Region)],
+    columns: &[Support],
+    frame: &StackFromBed,
+    profile: &Profile,
+) -> (Vec<Rib>, Option<Warning>) {
+    let (ribs, missing) = ribs::ribs(layers, placed, columns, profile);
+    let unsteady = missing.first().map(|&(layer, at)| {
+        let text = format!(
+            "{} place(s) of slender branches are not steadied, as no rib has room, the first at {}: print more slowly, or take a \
+             longer print.rib_span_mm in the profile",
+            missing.len(),
+            frame.told(at, layers[layer].slot.z_mid_mm)
+        );
+        Warning::new("toolpath.unsteady", text)
+    });
+    (ribs, unsteady)
+}
+
 /// A layer whose beads are not yet in order.
 struct Draft {
     slot: LayerSlot,
@@ -318,9 +401,12 @@ struct Draft {
     params: FillParams,
     supports: Vec<Path>,
     paths: Vec<Path>,
+    struts: Vec<Path>,
     net: Option<travel::Net>,
     thin: Option<Thin>,
     lost: Vec<Point2>,
+    /// A place on each island that begins in the air.
+    floating: Vec<Point2>,
 }
 
 fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
@@ -334,22 +420,33 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
         params,
         supports: vec![],
         paths: vec![],
+        struts: vec![],
         net: None,
         thin: None,
         lost: vec![],
+        floating: vec![],
     };
     let Some(skins) = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM) else {
         return Ok(draft);
     };
     let filled = fill::fill(&skins, &params);
     let angle = if idx.is_multiple_of(2) { 45f64 } else { -45.0 };
-    let interior = Interior::of(filled.rest, idx, stack, &params, profile);
+    let rest_below = || rest_of(&stack.placed[idx - 1].0, &params);
+    let interior = Interior::of(filled.rest, idx, stack, rest_below, &params, profile);
     let raster = interior.paths(&params, profile.print.infill_percent, angle.to_radians());
     let contours = filled.paths.into_iter().map(|p| sequence::simplified(p, TOLERANCE_MM));
     draft.paths = contours.chain(raster).collect();
-    draft.net = Some(travel::Net::new(&skins));
+    let net = travel::Net::new(&skins);
+    draft.floating = order::floating(idx, stack, &skins, &net);
+    draft.net = Some(net);
     (draft.thin, draft.lost) = (filled.thin, filled.lost);
     Ok(draft)
+}
+
+/// What the walls of some material leave.
+fn rest_of(material: &Region, params: &FillParams) -> Region {
+    let skins = Skins::try_new(material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    skins.map(|skins| fill::fill(&skins, params).rest).unwrap_or_default()
 }
 
 fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
@@ -361,7 +458,7 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
     };
     FillParams {
         model: BeadModel::new(profile.print.bead_shape, height_mm),
-        width_mm: profile.print.extrusion_width_mm,
+        width_mm: profile.print.extrusion_width_mm.max(narrowest),
         limits_mm: [narrowest, widest.max(narrowest)],
         perimeters: profile.print.perimeters.max(1) as usize,
     }

@@ -1,20 +1,27 @@
 //! The beads of all layers in the order in which they are printed, and what the operator should know of them.
 
 use super::fill::Thin;
+use super::interior::Stack;
 use super::seam::Seams;
-use super::travel::Travel;
+use super::skin::Skins;
+use super::supports::{AIR_LAYERS, Support};
+use super::travel::{Island, Net, Travel};
 use super::{Bead, Draft, Error, LayerPaths, StackFromBed, adhesion, sequence};
 use crate::ct::Warning;
-use crate::geom::{Contour, Point2, Region};
-use crate::profile::{Profile, SupportStyle};
+use crate::geom::{Point2, Region, SegmentIndex};
+use crate::profile::Profile;
 use crate::progress::{Cancelled, Task};
 
 /// Share of a layer's skins from which on too thin a wall makes the layer impossible.
 const MOST_THIN_SHARE: f64 = 0.5;
 /// One layer in so many may be impossible: where a leaning body begins or ends there is but a sliver.
 const A_SLIVER_IN: usize = 20;
-/// Every how many points of an outline are looked at to see whether it rests on something.
+/// Every how many nodes of an island are looked at to see whether it rests on something.
 const REST_STRIDE: usize = 4;
+/// It rests where one of them lies so deep in what is below, mm,
+const WELL_WITHIN_MM: f64 = 0.06;
+/// or where they share so much, mm², or half of a smaller island: less is the noise of borders that touch.
+const LEAST_CONTACT_MM2: f64 = 0.01;
 
 /// Layers whose beads are in order, each begun where the one below ended.
 pub(super) struct Order {
@@ -102,9 +109,8 @@ impl Order {
             });
         }
         self.lost.extend(draft.lost.iter().map(|&p| (draft.slot.z_mid_mm, p)));
-        if profile.print.support == SupportStyle::None {
-            self.find_floating(&draft);
-        }
+        self.n_floating += draft.floating.len();
+        self.floating = self.floating.or(draft.floating.first().map(|&at| (draft.slot.z_mid_mm, at)));
         let mut beads = Vec::new();
         let mut travels = Vec::new();
         if idx == 0 {
@@ -121,21 +127,12 @@ impl Order {
             beads.extend(sequence.beads);
             travels.extend(sequence.travels);
         }
+        let struts = sequence::around(draft.struts, draft.net.as_ref(), self.at);
+        self.at = struts.at;
+        beads.extend(struts.beads);
+        travels.extend(struts.travels);
         let Draft { slot, material, lumen, .. } = draft;
         self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
-    }
-
-    /// Looks for islands of a layer under which there is nothing.
-    fn find_floating(&mut self, draft: &Draft) {
-        if self.paths.len() == self.n_raft {
-            return;
-        }
-        let Some(below) = self.paths.last().map(|layer| &layer.material) else { return };
-        let outers = draft.material.contours.iter().filter(|c| c.is_ccw());
-        for island in outers.filter(|c| !rests(c, below)) {
-            self.n_floating += 1;
-            self.floating.get_or_insert((draft.slot.z_mid_mm, island.points[0]));
-        }
     }
 
     /// Refuses a part whose wall is too thin.
@@ -143,7 +140,7 @@ impl Order {
     /// # Errors
     /// The lowest layer that cannot be printed, where there are many.
     pub(super) fn check(&self) -> Result<(), Error> {
-        let is_refused = self.n_slivers * A_SLIVER_IN > self.paths.len();
+        let is_refused = self.n_slivers * A_SLIVER_IN > self.paths.len() - self.n_raft;
         self.sliver.clone().filter(|_| is_refused).map_or(Ok(()), Err)
     }
 
@@ -176,7 +173,8 @@ impl Order {
     fn in_the_air(&self) -> Option<Warning> {
         let (z_mm, at) = self.floating?;
         let text = format!(
-            "{} island(s) begin in the air, the first at {}: turn the part, or have it held up (print.support in the profile)",
+            "{} island(s) begin in the air, the first at {}: turn the part, or have it held up (print.support, support_on_part and \
+             support_in_lumen in the profile)",
             self.n_floating,
             self.frame.told(at, z_mm)
         );
@@ -206,9 +204,127 @@ impl Order {
     }
 }
 
-/// Whether an island lies on material: one of its points does, or one of the material's lies in it.
-fn rests(island: &Contour, below: &Region) -> bool {
-    let some = |c: &Contour| c.points.iter().step_by(REST_STRIDE).copied().collect::<Vec<_>>();
-    some(island).into_iter().any(|p| below.contains(p))
-        || below.contours.iter().flat_map(some).any(|p| island.contains(p))
+/// A place on each island of a layer that begins in the air: on neither material nor, with their air, supports.
+pub(super) fn floating(idx: usize, stack: &Stack<'_>, skins: &Skins, net: &Net) -> Vec<Point2> {
+    let Some(below) = idx.checked_sub(1).map(|j| &stack.placed[j].0) else { return Vec::new() };
+    let index = SegmentIndex::try_new(&below.contours);
+    let is_deep = |p: Point2| {
+        let deep =
+            |index: &SegmentIndex| index.contains(p) && index.nearest_within(p, WELL_WITHIN_MM).is_none();
+        index.as_ref().is_some_and(deep)
+    };
+    let held = || idx.checked_sub(1 + AIR_LAYERS).and_then(|j| stack.columns.get(j)).map(Support::area);
+    let rests = |island: &&Island| {
+        let places: Vec<Point2> = net.places_in(island).step_by(REST_STRIDE).collect();
+        places.into_iter().any(is_deep) || touches(&region(island, skins), below, held())
+    };
+    let in_the_air = net.islands().iter().filter(|island| !rests(island));
+    in_the_air.filter_map(|island| skins.contours[island.contours[0]].points.first().copied()).collect()
+}
+
+fn region(island: &Island, skins: &Skins) -> Region {
+    Region::new(island.contours.iter().map(|&c| skins.contours[c].clone()).collect())
+}
+
+/// Whether an island lies on material or supports, by the area that they share.
+fn touches(island: &Region, below: &Region, held: Option<Region>) -> bool {
+    let least_mm2 = LEAST_CONTACT_MM2.min(island.area_mm2() / 2.0);
+    let shares = |other: &Region| island.intersection(other).area_mm2() > least_mm2;
+    shares(below) || held.is_some_and(|held| shares(&held))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::geom::{Contour, Point2, Region};
+    use crate::profile::{self, Profile, SupportStyle};
+    use crate::progress::Task;
+    use crate::slice::{Layer, LayerSlot};
+    use crate::toolpath::{Error, plan};
+
+    fn rectangle(x: [f64; 2], y: [f64; 2]) -> Region {
+        let corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])];
+        Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec())])
+    }
+
+    fn disc(radius: f64) -> Region {
+        Region::new(vec![Contour::circle(Point2::origin(), radius, 120)])
+    }
+
+    fn layers(materials: Vec<Region>) -> Vec<Layer> {
+        let slot = |i: usize| LayerSlot { z_mid_mm: 0.2 * (i as f64 + 0.5), height_mm: 0.2, ct_plane: None };
+        let layer = |(i, material)| Layer { slot: slot(i), material, lumen: Region::default() };
+        materials.into_iter().enumerate().map(layer).collect()
+    }
+
+    fn told(materials: Vec<Region>, profile: &Profile) -> Vec<String> {
+        let planned = plan(&layers(materials), profile, &Task::quiet()).unwrap();
+        let air = planned.warnings.into_iter().filter(|w| w.code == "toolpath.in_the_air");
+        air.map(|w| w.text).collect()
+    }
+
+    #[test]
+    fn what_stands_on_its_like_or_lies_across_does_not_begin_in_the_air() {
+        let profile = profile::builtin("reference").unwrap();
+        let square = rectangle([0.0, 10.0], [0.0, 10.0]);
+        let across = vec![rectangle([-20.0, 20.0], [-2.0, 2.0]), rectangle([-2.0, 2.0], [-20.0, 20.0])];
+        // A wall of which the next layer covers half, and a thin one that moves on by most of its width.
+        let steps = (0..4).map(|i| rectangle([0.5 * f64::from(i), 1.0 + 0.5 * f64::from(i)], [0.0, 10.0]));
+        let thin = (0..4).map(|i| rectangle([0.55 * f64::from(i), 0.6 + 0.55 * f64::from(i)], [0.0, 10.0]));
+        for materials in [vec![square; 10], across, steps.collect(), thin.collect()] {
+            assert_eq!(told(materials, &profile), Vec::<String>::new());
+        }
+    }
+
+    #[test]
+    fn what_touches_by_its_border_alone_begins_in_the_air() {
+        let profile = profile::builtin("reference").unwrap();
+        let beside = vec![rectangle([0.0, 10.0], [0.0, 10.0]), rectangle([10.0, 20.0], [0.0, 10.0])];
+        assert!(told(beside, &profile)[0].starts_with("1 island(s) begin in the air"));
+        // A rod in the bore of a tube rests on nothing, though the tube's outer outline goes round it.
+        let tube = disc(6.0).difference(&disc(5.0));
+        let with_rod = tube.union(&disc(2.0));
+        assert!(told(vec![tube, with_rod], &profile)[0].starts_with("1 island(s) begin in the air"));
+    }
+
+    #[test]
+    fn what_supports_do_not_hold_up_is_told_with_supports_on() {
+        // A disc in the air above a wide foot: held up by columns that stand on the foot, or not at all.
+        let materials: Vec<Region> = (0..30)
+            .map(|i| {
+                if i < 5 {
+                    disc(10.0)
+                } else if i < 20 {
+                    Region::default()
+                } else {
+                    disc(1.5)
+                }
+            })
+            .collect();
+        let mut profile = profile::builtin("reference").unwrap();
+        profile.print.support = SupportStyle::Column;
+        profile.print.support_on_part = true;
+        assert_eq!(told(materials.clone(), &profile), Vec::<String>::new());
+        profile.print.support_on_part = false;
+        assert!(
+            told(materials, &profile)[0].starts_with("1 island(s) begin in the air, the first at z 4.10")
+        );
+    }
+
+    #[test]
+    fn a_job_without_a_bead_is_refused() {
+        let profile = profile::builtin("reference").unwrap();
+        let dust = plan(&layers(vec![disc(0.04); 5]), &profile, &Task::quiet());
+        assert_eq!(dust, Err(Error::NoBead { thinnest_mm: profile.machine.extrusion_width_mm[0] }));
+    }
+
+    #[test]
+    fn a_wanted_width_that_no_bead_of_the_layer_can_have_is_raised() {
+        // Rounded beads, far narrower than the layers of raft and part are high.
+        let mut profile = profile::builtin("marlin").unwrap();
+        (profile.machine.extrusion_width_mm[0], profile.print.extrusion_width_mm) = (0.06, 0.06);
+        profile.print.raft_layers = 2;
+        let planned = plan(&layers(vec![disc(4.0); 3]), &profile, &Task::quiet()).unwrap();
+        let beads = planned.paths.layers.iter().flat_map(|l| &l.beads);
+        assert!(beads.flat_map(|b| &b.points).all(|p| p.width_mm > 0.1));
+    }
 }

@@ -7,7 +7,7 @@
 
 use super::Error;
 use super::raft::Raft;
-use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, Vector3};
+use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, SegmentIndex, Vector3};
 use crate::profile::Profile;
 use crate::slice::Layer;
 
@@ -18,7 +18,7 @@ const TOLERANCE_MM: f64 = 1e-3;
 #[derive(Debug, Clone)]
 pub(super) struct Placement {
     pub(super) bed_from_stack: RigidTransform,
-    pub(super) raft: Raft,
+    pub(super) raft: Option<Raft>,
     by: Vector3,
     centre: Point2,
     scale: f64,
@@ -83,7 +83,8 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
         layers.iter().filter_map(|l| l.material.bounds()).reduce(Bounds2::union).ok_or(Error::Empty)?;
     let bottom = layers[0].slot.z_mid_mm - layers[0].slot.height_mm / 2.0;
     let raft = Raft::under(&layers[0].slot, profile);
-    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft.height_mm();
+    let raft_mm = raft.as_ref().map_or(0.0, Raft::height_mm);
+    let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft_mm;
     let scale = 1.0 / (1.0 - profile.filament.shrinkage_percent / 100.0);
     let size = bounds.size() * scale;
     let part_mm = [size.x, size.y, height];
@@ -93,8 +94,18 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     }
     let centre = Point2::new(bed[0] / 2.0, bed[1] / 2.0);
     let middle = nalgebra::center(&bounds.min, &bounds.max);
-    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, raft.height_mm() - bottom);
+    let by = Vector3::new(centre.x - middle.x, centre.y - middle.y, raft_mm - bottom);
     Ok(Placement { bed_from_stack: RigidTransform::translation(by), raft, by, centre, scale })
+}
+
+/// The islands of some material that lie in a lumen: of another program's model that is all that an outline encloses.
+fn within(material: &Region, lumen: &Region) -> Region {
+    let Some(index) = SegmentIndex::try_new(&lumen.contours) else { return Region::default() };
+    let is_within = |island: &Region| {
+        let first = island.contours.first().and_then(|c| c.points.first());
+        first.is_some_and(|&p| index.signed_distance_mm(p) < -TOLERANCE_MM)
+    };
+    Region::new(material.islands().into_iter().filter(is_within).flat_map(|island| island.contours).collect())
 }
 
 impl Placement {
@@ -121,8 +132,9 @@ impl Placement {
         let widen = print.hole_compensation_mm;
         if widen != 0.0 && !lumen.is_empty() {
             let whole = material.union(&lumen);
+            let within = within(&material, &lumen);
             lumen = lumen.offset(widen, TOLERANCE_MM);
-            material = whole.difference(&lumen);
+            material = Region::union_all([&whole.difference(&lumen), &within]);
         }
         let spread = if is_first && self.raft.is_none() { print.first_layer_compensation_mm } else { 0.0 };
         let inward = print.squeeze_compensation_mm + spread;

@@ -18,21 +18,21 @@ const TOLERANCE_MM: f64 = 0.02;
 /// Fill of all layers but the uppermost, percent.
 const BODY_PERCENT: f64 = 60.0;
 
-/// Where a part stands that has a raft.
-#[derive(Debug, Clone, Default)]
+/// The raft that a part stands on.
+#[derive(Debug, Clone)]
 pub(super) struct Raft {
-    /// From the bed upward; none without a raft.
+    /// From the bed upward.
     slots: Vec<LayerSlot>,
     /// Air between it and the part, mm.
     gap_mm: f64,
 }
 
 impl Raft {
-    /// The raft under a part whose lowest layer is `first`.
-    pub(super) fn under(first: &LayerSlot, profile: &Profile) -> Self {
+    /// The raft under a part whose lowest layer is `first`, where the profile asks for one.
+    pub(super) fn under(first: &LayerSlot, profile: &Profile) -> Option<Self> {
         let print = &profile.print;
         if print.raft_layers == 0 {
-            return Self::default();
+            return None;
         }
         let thickest_mm = profile.machine.layer_height_mm[1];
         let height_mm = |i: u32| if i == 0 { thickest_mm } else { first.height_mm };
@@ -44,11 +44,7 @@ impl Raft {
             let height_mm = height_mm(i);
             LayerSlot { z_mid_mm: z_mm - height_mm / 2.0, height_mm, ct_plane: None }
         });
-        Self { slots: slots.collect(), gap_mm: print.raft_gap_mm }
-    }
-
-    pub(super) const fn is_none(&self) -> bool {
-        self.slots.is_empty()
+        Some(Self { slots: slots.collect(), gap_mm: print.raft_gap_mm })
     }
 
     /// From the bed to the part, mm.
@@ -58,14 +54,10 @@ impl Raft {
 
     /// Its layers under what stands on it.
     pub(super) fn layers(&self, standing: &Region, profile: &Profile) -> Vec<LayerPaths> {
-        if self.is_none() {
-            return Vec::new();
-        }
         let margin_mm = profile.print.raft_margin_mm;
-        let outlines = Region::new(standing.contours.iter().filter(|c| c.is_ccw()).cloned().collect());
-        let footprint = outlines.offset(margin_mm, TOLERANCE_MM).intersection(&bed(profile));
+        let footprint = standing.without_holes().offset(margin_mm, TOLERANCE_MM).intersection(&bed(profile));
         // Its own holes are filled, too.
-        let footprint = Region::new(footprint.contours.into_iter().filter(Contour::is_ccw).collect());
+        let footprint = footprint.without_holes();
         let (mut at, mut z_mm) = (None, 0.0);
         let mut layers = Vec::with_capacity(self.slots.len());
         for (idx, slot) in self.slots.iter().enumerate() {

@@ -1,21 +1,31 @@
 //! Parallel lines through what the perimeters leave, joined to zigzags.
 //!
 //! Rows are spaced so that a whole number of them fills each piece of the rest; neighbouring rows are
-//! joined along the border where the joint stays inside, so that a piece is one path where its shape
-//! allows. The direction alternates from layer to layer.
+//! joined along the border where all of the joint stays inside, so that a piece is one path where its shape
+//! allows. The direction alternates from layer to layer. A solid piece holds its volume: what the ends of its rows take of the
+//! strip along the border, the joints there are the narrower by.
 //!
 //! What is filled how, is said by the module `interior`.
 
 use super::BeadKind;
 use super::fill::{FillParams, Path, Role, Vertex};
-use crate::geom::{Contour, Point2, Region, Vector2};
+use crate::geom::{Contour, Point2, Region, SegmentIndex};
 
 /// Shortest line worth printing, mm.
 const SHORTEST_MM: f64 = 0.1;
 /// Distance of the lines' ends from the border, in pitches. Half a pitch would leave the corners beside
-/// the round ends empty; here what is missing beside them and what is too much at them are equal, so the
-/// volume is right.
+/// the round ends empty; nearer, the ends and the joints along the border hold too much, which the joints give up.
 const END_INSET: f64 = 0.4;
+/// How far the pitch of a piece's rows may be changed to give it its volume: where that is not enough, its shape has places
+/// that no line reaches, and what is missing there is not to be put elsewhere.
+const MOST_CHANGE: f64 = 0.1;
+/// Longest joint of two rows, in pitches of beads or, if that is longer, in those of rows.
+const MOST_BEADS: f64 = 3.0;
+const MOST_ROWS: f64 = 2.0;
+/// A joint may run so far outside of the piece, mm: as a chord of its border does,
+const OUTSIDE_MM: f64 = 0.05;
+/// and is looked at in steps of this, mm: no cleft between pieces is as narrow, for the ends of rows keep off both its sides.
+const PROBE_MM: f64 = 0.2;
 /// Chord tolerance of the inset border, mm.
 const TOLERANCE_MM: f64 = 2e-3;
 
@@ -75,20 +85,71 @@ impl Rows<'_> {
             rows.push((y, spans(&turned, y)));
             y += pitch;
         }
-        let width_mm = if self.is_solid {
-            (pitch + self.params.model.overlap_mm()).min(1.5 * self.params.width_mm)
+        let longest_mm = (MOST_BEADS * self.params.pitch_mm()).max(MOST_ROWS * pitch);
+        let Some(border) = SegmentIndex::try_new(&turned.contours) else { return Vec::new() };
+        let may_join = |a: Point2, b: Point2| (b - a).norm() < longest_mm && stays_inside(&border, a, b);
+        let zigzags = join(&mut rows, may_join);
+        let widths = if self.is_solid {
+            self.widths(&zigzags, self.around_mm2(piece), pitch)
         } else {
-            self.params.width_mm
+            Widths { row_mm: self.params.width_mm, joint_mm: self.params.width_mm }
         };
-        let zigzags = join(&mut rows, pitch, &turned);
         let back = turn.inverse();
         let path = |points: Vec<Point2>| Path {
             kind: if self.is_solid { BeadKind::SolidInfill } else { BeadKind::InternalInfill },
             role: Role::Raster,
             closed: false,
-            vertices: points.into_iter().map(|p| Vertex { at: back * p, width_mm, room_mm: 0.0 }).collect(),
+            vertices: widths.vertices(points.into_iter().map(|p| back * p)),
         };
         zigzags.into_iter().map(path).collect()
+    }
+
+    /// The area of which a piece is what its border leaves: grown by what that takes (Steiner's formula, which needs no more
+    /// than area, perimeter and number of holes).
+    fn around_mm2(&self, piece: &Region) -> f64 {
+        let by_mm = END_INSET * self.params.pitch_mm();
+        let perimeter_mm: f64 = piece.contours.iter().map(Contour::perimeter_mm).sum();
+        let euler: f64 = piece.contours.iter().map(|c| if c.is_ccw() { 1.0 } else { -1.0 }).sum();
+        piece.area_mm2() + perimeter_mm * by_mm + euler * std::f64::consts::PI * by_mm * by_mm
+    }
+
+    /// Widths with which rows of a pitch, and their joints, fill an area.
+    fn widths(&self, zigzags: &[Vec<Point2>], area_mm2: f64, pitch: f64) -> Widths {
+        let length = |first: usize| -> f64 {
+            let steps = zigzags.iter().flat_map(|z| z[first..].chunks_exact(2));
+            steps.map(|p| (p[1] - p[0]).norm()).sum()
+        };
+        let (rows_mm, joints_mm) = (length(0), length(1));
+        let pitch = pitch.min(1.5 * self.params.pitch_mm());
+        let overlap_mm = self.params.model.overlap_mm();
+        let narrowest = (self.params.limits_mm[0] - overlap_mm).min(pitch);
+        let joint = ((area_mm2 - pitch * rows_mm) / joints_mm.max(1e-9)).clamp(narrowest, pitch);
+        let row = (area_mm2 - joint * joints_mm) / rows_mm.max(1e-9);
+        let row = row.clamp((1.0 - MOST_CHANGE) * pitch, (1.0 + MOST_CHANGE) * pitch);
+        Widths { row_mm: row + overlap_mm, joint_mm: joint + overlap_mm }
+    }
+}
+
+/// Widths of the beads of a zigzag.
+#[derive(Debug, Clone, Copy)]
+struct Widths {
+    row_mm: f64,
+    joint_mm: f64,
+}
+
+impl Widths {
+    /// The vertices of a zigzag, which begins and ends with a row; where the width changes there are two in one place.
+    fn vertices(self, points: impl Iterator<Item = Point2>) -> Vec<Vertex> {
+        let points: Vec<Point2> = points.collect();
+        let vertex = |at, width_mm| Vertex { at, width_mm, room_mm: 0.0 };
+        let row = |p: &[Point2]| [vertex(p[0], self.row_mm), vertex(p[1], self.row_mm)];
+        if self.row_mm == self.joint_mm {
+            return points.chunks_exact(2).flat_map(row).collect();
+        }
+        let joint = |p: &[Point2]| [vertex(p[0], self.joint_mm), vertex(p[1], self.joint_mm)];
+        let rows = points.chunks_exact(2).map(row);
+        let joints = points[1..].chunks_exact(2).map(|p| Some(joint(p))).chain([None]);
+        rows.zip(joints).flat_map(|(row, joint)| row.into_iter().chain(joint.into_iter().flatten())).collect()
     }
 }
 
@@ -103,8 +164,8 @@ pub(super) fn spans(region: &Region, y: f64) -> Vec<Span> {
     pairs.map(|p| Span { from: p[0], to: p[1], used: false }).collect()
 }
 
-/// Walks the rows to and fro, from one span to one above it that overlaps, until there is none.
-fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<Point2>> {
+/// Walks the rows to and fro, from one span to one above it that overlaps and may be joined to it, until there is none.
+fn join(rows: &mut [(f64, Vec<Span>)], may_join: impl Fn(Point2, Point2) -> bool) -> Vec<Vec<Point2>> {
     let mut paths = Vec::new();
     for first in 0..rows.len() {
         while let Some(idx) = rows[first].1.iter().position(|s| !s.used) {
@@ -122,8 +183,7 @@ fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<P
                     let next = spans.iter().position(|s| {
                         let start = Point2::new(if forward { s.from } else { s.to }, *y_next);
                         let end = Point2::new(to, y);
-                        let near = (start - end).norm() < 3.0 * pitch;
-                        !s.used && s.from < high && s.to > low && near && stays_inside(region, end, start)
+                        !s.used && s.from < high && s.to > low && may_join(end, start)
                     });
                     next.map(|i| (row + 1, i))
                 });
@@ -134,11 +194,12 @@ fn join(rows: &mut [(f64, Vec<Span>)], pitch: f64, region: &Region) -> Vec<Vec<P
     paths
 }
 
-/// Whether the middle of a short joint lies inside, or at most a hair outside.
-fn stays_inside(region: &Region, a: Point2, b: Point2) -> bool {
-    let middle = nalgebra::center(&a, &b);
-    let inward = Vector2::new(b.y - a.y, a.x - b.x).normalize() * 0.05;
-    region.contains(middle) || region.contains(middle + inward) || region.contains(middle - inward)
+/// Whether a joint lies inside all along, or at most a hair outside.
+fn stays_inside(border: &SegmentIndex, a: Point2, b: Point2) -> bool {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a joint is a few rows long")]
+    let n = ((b - a).norm() / PROBE_MM).ceil().max(2.0) as u32;
+    let at = |i: u32| a + (b - a) * (f64::from(i) / f64::from(n));
+    (1..n).map(at).all(|p| border.contains(p) || border.nearest_within(p, OUTSIDE_MM).is_some())
 }
 
 #[cfg(test)]
@@ -180,5 +241,27 @@ mod tests {
         let share = length(&sparse) / solid;
         assert!((0.17..0.32).contains(&share), "{share}");
         assert!(raster(&disk, &PARAMS, 0.0, 0.3).is_empty());
+    }
+
+    #[test]
+    fn no_line_runs_across_a_slot() {
+        // A comb of seven slots of 1.6 mm, as two perimeters leave it.
+        let teeth = (0..7).flat_map(|k| {
+            let x = 35.0 - 5.0 * f64::from(k);
+            [(x + 0.8, 40.0), (x + 0.8, 5.0), (x - 0.8, 5.0), (x - 0.8, 40.0)]
+        });
+        let corners = [(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)].into_iter().chain(teeth).chain([(0.0, 40.0)]);
+        let comb = Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).collect())]);
+        let rest = comb.offset(-0.45, 1e-3);
+        let border = SegmentIndex::try_new(&rest.contours).unwrap();
+        for percent in [5.0, 10.0, 20.0, 50.0, 100.0] {
+            for angle in [std::f64::consts::FRAC_PI_4, -std::f64::consts::FRAC_PI_4, 0.0, 1.2] {
+                let paths = raster(&rest, &PARAMS, percent, angle);
+                assert!(!paths.is_empty());
+                for pair in paths.iter().flat_map(|p| p.vertices.windows(2)) {
+                    assert!(!border.crosses(pair[0].at, pair[1].at), "{percent} % at {angle}: {pair:?}");
+                }
+            }
+        }
     }
 }

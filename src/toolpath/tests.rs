@@ -339,6 +339,45 @@ fn compensations_move_the_printed_edges_as_they_move_the_outlines() {
     }
 }
 
+/// A tube of flat facets as a mesh's layer cuts it: near the lowest corner of each facet its diagonal is met, too.
+fn faceted(share: f64) -> Layer {
+    let outline = |radius: f64| {
+        let at = |k: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(k % 128) / 128.0).sin_cos();
+            Point2::new(radius * cos, radius * sin)
+        };
+        let facet = |k: u32| [at(k), at(k) + (at(k + 1) - at(k)) * share];
+        Contour::new((0..128).flat_map(facet).collect())
+    };
+    let lumen = Region::new(vec![outline(3.0)]);
+    let material = Region::new(vec![outline(4.0), outline(3.0).reversed()]);
+    Layer { slot: LayerSlot { z_mid_mm: 0.1, height_mm: 0.2, ct_plane: None }, material, lumen }
+}
+
+#[test]
+fn compensated_outlines_are_filled_whatever_points_they_have() {
+    for name in ["reference", "marlin"] {
+        for (squeeze_mm, hole_mm) in [(0.05, 0.0), (-0.1, 0.0), (0.0, -0.3), (0.0, 0.1)] {
+            let mut profile = profile::builtin(name).unwrap();
+            profile.print.skirt_loops = 0;
+            (profile.print.squeeze_compensation_mm, profile.print.hole_compensation_mm) =
+                (squeeze_mm, hole_mm);
+            let volume = |share: f64| {
+                let planned = plan(&[faceted(share)], &profile, &Task::quiet()).unwrap();
+                gcode::volume_mm3(&planned.paths.layers[0], &profile)
+            };
+            let expected = volume(0.5);
+            for share in [1e-4, 5e-4, 0.002, 0.005, 0.015, 0.1, 0.995, 0.999] {
+                let found = volume(share);
+                assert!(
+                    (found / expected - 1.0).abs() < 0.01,
+                    "{name}, {squeeze_mm} and {hole_mm} mm: {found} mm3 of {expected} with points at {share}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn same_input_gives_the_same_bytes_on_any_number_of_threads() {
     let layers = layers_of(&Tubes::merging([0.0, 6.0]));
@@ -502,4 +541,34 @@ fn a_wall_that_beads_fill_needs_no_raster() {
             assert!((cover.volume_ratio - 1.0).abs() < 0.003, "{wall} mm: {cover:?}");
         }
     }
+}
+
+#[test]
+fn a_tube_in_a_tube_outlives_the_compensation_of_holes() {
+    let disc = |radius: f64| Region::new(vec![Contour::circle(Point2::origin(), radius, 180)]);
+    let ring = |inner: f64, outer: f64| disc(outer).difference(&disc(inner));
+    // Another program's model: its lumen is all that a hole's outline encloses.
+    let slot = LayerSlot { z_mid_mm: 0.1, height_mm: 0.2, ct_plane: None };
+    let layers = [Layer { slot, material: ring(8.0, 10.0).union(&ring(3.0, 4.0)), lumen: disc(8.0) }];
+    for by in [0.05, -0.05] {
+        let mut profile = reference();
+        profile.print.hole_compensation_mm = by;
+        let layer = &plan(&layers, &profile, &Task::quiet()).unwrap().paths.layers[0];
+        let expected = ring(8.0 + by, 10.0).area_mm2() + ring(3.0, 4.0).area_mm2();
+        assert!((layer.material.area_mm2() / expected - 1.0).abs() < 1e-3, "{by} mm: {expected}");
+    }
+}
+
+#[test]
+fn compensations_that_leave_nothing_are_told() {
+    let layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 2.0]));
+    let mut profile = reference();
+    profile.print.squeeze_compensation_mm = 0.5;
+    let text = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
+    assert!(text.starts_with("no bead has room in any layer") && text.contains("squeeze"), "{text}");
+    let mut profile = reference();
+    profile.print.first_layer_compensation_mm = 0.6;
+    let warnings = plan(&layers, &profile, &Task::quiet()).unwrap().warnings;
+    let bare = warnings.iter().find(|w| w.code == "toolpath.bare_layer").unwrap();
+    assert!(bare.text.starts_with("1 layer(s)") && bare.text.contains("z 0.10 mm"), "{}", bare.text);
 }

@@ -293,6 +293,32 @@ fn supports_are_printed_and_named() {
 }
 
 #[test]
+fn ribs_are_printed_on_every_firmware() {
+    // Two thin tubes far apart: each wants a rib at 6.4 mm and gets a post.
+    let layer = |i: usize| {
+        let discs = |radius: f64| {
+            let disc = |x: f64| Region::new(vec![Contour::circle(Point2::new(x, 0.0), radius, 90)]);
+            disc(0.0).union(&disc(40.0))
+        };
+        let slot = LayerSlot { z_mid_mm: 0.2 * i as f64 + 0.1, height_mm: 0.2, ct_plane: None };
+        Layer { slot, material: discs(1.6).difference(&discs(0.8)), lumen: discs(0.8) }
+    };
+    let layers: Vec<Layer> = (0..45).map(layer).collect();
+    for mut profile in all_profiles() {
+        (profile.print.ribs, profile.print.rib_slenderness) = (true, 2.0);
+        let (text, estimate, planned_mm3) = job(&layers, &profile);
+        let run = run(&text, &profile);
+        assert!(run.complaints.is_empty(), "{}: {:?}", profile.name, run.complaints.first());
+        assert_eq!(run.summary.soft_endstop_hits, 0, "{}", profile.name);
+        let deposited = run.summary.deposited_mm3 / profile.filament.flow_percent * 100.0;
+        assert!((deposited / planned_mm3 - 1.0).abs() < 1e-3, "{}: {deposited} {planned_mm3}", profile.name);
+        let off = estimate.total_s / run.summary.simulated_s - 1.0;
+        assert!(off.abs() < 0.03, "{}: {off}", profile.name);
+        assert!(text.contains(";TYPE:Support material\n"), "{}", profile.name);
+    }
+}
+
+#[test]
 fn arcs_are_driven_within_the_tolerance_of_what_was_planned() {
     let mut profile = profile::builtin("reprapfirmware").unwrap();
     let layers = vessel(3);

@@ -119,7 +119,7 @@ fn geometry() {
         "missing plane, allowed",
         |f| fs::remove_file(f.file(4)).unwrap(),
         Ok(&[
-            "ct.missing_planes: 1 gap(s) in the stack, the first between z = 6.000 and 12.000 mm; the shape there is interpolated",
+            "ct.missing_planes: 1 plane(s) missing in 1 gap(s) in the stack, the first between z = 6.000 and 12.000 mm; the shape there is interpolated",
         ]),
     )];
     check(rows, true);

@@ -21,6 +21,7 @@ impl Session<'_> {
         let events = self.context.events;
         let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });
         let task = Task::new(&sink, self.context.cancel.clone());
+        self.note(Stage::Slice, "drawing the layers");
         write(dir, &self.sliced(&task)?.paths, &task)
     }
 }

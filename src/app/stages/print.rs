@@ -2,6 +2,7 @@
 //!
 //! The simulated printer is this program started once more (`lumenfab hil-sim ...`), behind a real pseudo-terminal.
 
+mod head;
 mod words;
 
 use super::slice::JOB_FILE;
@@ -239,11 +240,22 @@ struct Kept {
     simulated: bool,
 }
 
-/// The printer for a file of G-code, as the operator names it.
+/// A printer, as the operator names it.
 #[derive(Debug, Clone, Copy)]
 pub struct Printer<'a> {
     /// A name, or the path of a profile file.
     pub profile_name: &'a str,
+    /// A path, or `sim`, which is what nothing means.
+    pub port: Option<&'a str>,
+    /// Rate of the wire instead of the profile's, 1/s.
+    pub baud: Option<u32>,
+}
+
+/// The printer for a file of G-code to be printed; what is missing is found out.
+#[derive(Debug, Clone, Copy)]
+pub struct FilePrinter<'a> {
+    /// A name, or the path of a profile file; without it the one that the job was made for.
+    pub profile_name: Option<&'a str>,
     /// A path, or `sim`, which is what nothing means.
     pub port: Option<&'a str>,
     /// Rate of the wire instead of the profile's, 1/s.
@@ -257,11 +269,13 @@ pub struct Printer<'a> {
 /// [`Error`] where profile, file or port cannot be used, or where the print failed.
 pub fn print_file(
     job: &Path,
-    printer: Printer<'_>,
+    printer: FilePrinter<'_>,
     anew: bool,
     context: &Context<'_>,
 ) -> Result<Printed, Error> {
-    let Printer { profile_name, port, baud } = printer;
+    let made_for = head::profile_of(job)?;
+    let profile_name = &*head::profile_wanted(printer.profile_name, made_for.as_deref())?;
+    let FilePrinter { port, baud, .. } = printer;
     let port = match port {
         Some(port) => port,
         // It was a real printer: the simulated one is no place to begin it again by accident.
@@ -273,6 +287,9 @@ pub fn print_file(
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Print));
+    if let Some(text) = made_for.as_deref().and_then(|name| head::misfit(name, &profile)) {
+        events(Event::Told { stage: Stage::Print, code: "printer.other_profile", text });
+    }
     let manner = Manner::FromTheBeginning { anew };
     let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
     tell_of_part(&order, context);

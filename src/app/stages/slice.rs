@@ -1,6 +1,7 @@
 //! Solid to print job: `job.gcode`, `layers.json`.
 
 use super::export::check_target;
+use super::layer_pictures::check_folder;
 use super::segment::SECTIONS_FILE;
 use super::solid::SOLID_FILE;
 use super::{read_json, to_json};
@@ -80,6 +81,15 @@ impl Session<'_> {
             ("layer_mm", hash_of(&self.settings().layer_mm)),
             ("profile", hash_of(&self.profile()?)),
         ]))
+    }
+
+    /// Refuses places for the job and its pictures that cannot be used, before any work is done.
+    ///
+    /// # Errors
+    /// [`Error`] that names the place.
+    pub fn check_targets(&self, job: Option<&Path>, pictures: Option<&Path>) -> Result<(), Error> {
+        pictures.map_or(Ok(()), check_folder)?;
+        job.map_or(Ok(()), |job| check_target("out", job, self.case.dir()))
     }
 
     /// Copies the G-code to a file of the operator's.

@@ -15,6 +15,15 @@ fn the_definition_is_sound() {
 }
 
 #[test]
+fn profiles_alone_names_what_may_follow() {
+    let line = refused(&["profiles"]);
+    assert_eq!(
+        line,
+        "profiles: found nothing behind it, expected one of list, show, detect, check (see --help)"
+    );
+}
+
+#[test]
 fn negative_coordinates_may_stand_alone_or_behind_an_equals_sign() {
     for args in [vec!["--seed-mm=-221.4,22.5,165.2"], vec!["--seed-mm", "-221.4,22.5,165.2"]] {
         let cli = Cli::try_parse_from([vec!["lumenfab", "run"], args].concat()).unwrap();

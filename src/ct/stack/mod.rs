@@ -20,6 +20,7 @@ use crate::geom::{Point2, Point3, RigidTransform, Vector2, Vector3};
 use sideways::Sideways;
 pub(super) use steps::Gaps;
 use steps::Slab;
+pub(crate) use steps::{Gap, gaps_among};
 
 /// Turns that misplace no pixel by more, as a share of its side, are not told: cosines of four decimals do at 500 pixels.
 const TURNED_PIXELS: f64 = 0.1;

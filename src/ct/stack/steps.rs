@@ -8,6 +8,9 @@
 use super::super::{Error, Warning};
 use super::median;
 
+/// More planes than this are not put into one gap: its heights are no steps of a scan.
+const MOST_PLANES: f64 = 10_000.0;
+
 /// A plane, as far as distances go.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slab {
@@ -59,24 +62,35 @@ pub(super) fn check(
     let usual = median(steps.iter().copied());
     let overlap_mm = median((0..steps.len()).map(|i| overlap_mm(slabs, &steps, i)));
     let is_gap = |i: &usize| is_gap(&steps, *i, usual) && !is_excused(slabs, &steps, *i, usual, overlap_mm);
-    let gaps: Vec<usize> = (0..steps.len()).filter(is_gap).collect();
-    let refused: Vec<usize> =
-        gaps.iter().copied().filter(|&i| allowed.refuse(slabs[i].z_mm, slabs[i + 1].z_mm)).collect();
-    if let Some(&first) = refused.first() {
-        return Err(describe(slabs, &steps, first, usual, refused.len()));
+    let gaps = counted(&steps, (0..steps.len()).filter(is_gap).collect());
+    let refused: Vec<Gap> = gaps
+        .iter()
+        .copied()
+        .filter(|g| allowed.refuse(slabs[g.after].z_mm, slabs[g.after + 1].z_mm))
+        .collect();
+    if let Some(first) = refused.first() {
+        return Err(Error::MissingPlanes {
+            below_mm: slabs[first.after].z_mm,
+            above_mm: slabs[first.after + 1].z_mm,
+            n_missing: first.n_missing,
+            step_mm: first.beside_mm,
+            n_gaps: refused.len(),
+        });
     }
-    if let Some(&first) = gaps.first() {
-        let (below_mm, above_mm, n_gaps) = (slabs[first].z_mm, slabs[first + 1].z_mm, gaps.len());
+    if let Some(first) = gaps.first() {
+        let (below_mm, above_mm, n_gaps) = (slabs[first.after].z_mm, slabs[first.after + 1].z_mm, gaps.len());
         let what = match allowed {
             Gaps::RefusedWithin(_) => "outside the heights that are used",
             Gaps::Told | Gaps::Refused => "the shape there is interpolated",
         };
+        let n_missing: usize = gaps.iter().map(|g| g.n_missing).sum();
         let text = format!(
-            "{n_gaps} gap(s) in the stack, the first between z = {below_mm:.3} and {above_mm:.3} mm; {what}"
+            "{n_missing} plane(s) missing in {n_gaps} gap(s) in the stack, the first between z = {below_mm:.3} and {above_mm:.3} mm; {what}"
         );
         warnings.push(Warning::new("ct.missing_planes", text));
     }
-    let is_uneven = |i: &usize| !gaps.contains(i) && (steps[*i] - usual).abs() > rounding(usual);
+    let is_uneven =
+        |i: &usize| gaps.iter().all(|g| g.after != *i) && (steps[*i] - usual).abs() > rounding(usual);
     let n_uneven = (0..steps.len()).filter(is_uneven).count();
     if n_uneven > 0 {
         let text = format!(
@@ -85,6 +99,39 @@ pub(super) fn check(
         warnings.push(Warning::new("ct.irregular_spacing", text));
     }
     Ok(usual)
+}
+
+/// A distance in which planes are missing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Gap {
+    /// The plane below it.
+    pub(crate) after: usize,
+    /// How many seem to be missing: 1 at least.
+    pub(crate) n_missing: usize,
+    /// The distance of the planes beside it.
+    beside_mm: f64,
+}
+
+/// The gaps among the distances between planes, by these alone.
+#[must_use]
+pub(crate) fn gaps_among(steps: &[f64]) -> Vec<Gap> {
+    let usual = median(steps.iter().copied());
+    counted(steps, (0..steps.len()).filter(|&i| is_gap(steps, i, usual)).collect())
+}
+
+/// How many planes are missing in each gap: as many as lie beside it, where planes lie nearer to each other in one part of a stack
+/// than in another.
+fn counted(steps: &[f64], gaps: Vec<usize>) -> Vec<Gap> {
+    let usual = median(steps.iter().copied());
+    let is_whole = |i: &usize| *i < steps.len() && gaps.binary_search(i).is_err();
+    let of = |&after: &usize| {
+        let beside = [after.checked_sub(1), Some(after + 1)].into_iter().flatten().filter(is_whole);
+        let beside_mm = beside.map(|i| steps[i]).reduce(f64::min).unwrap_or(usual);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded, not negative")]
+        let n_parts = (steps[after] / beside_mm).round().min(MOST_PLANES) as usize;
+        Gap { after, n_missing: n_parts.saturating_sub(1).max(1), beside_mm }
+    };
+    gaps.iter().map(of).collect()
 }
 
 /// How far a distance may be off because headers often round positions to a tenth of a millimetre.
@@ -109,20 +156,6 @@ fn overlap_mm(slabs: &[Slab], steps: &[f64], i: usize) -> f64 {
 fn is_excused(slabs: &[Slab], steps: &[f64], i: usize, usual: f64, usual_overlap_mm: f64) -> bool {
     let own_mm = overlap_mm(slabs, steps, i);
     own_mm >= -rounding(steps[i]) && own_mm >= usual_overlap_mm - rounding(usual).min(0.5 * usual)
-}
-
-fn describe(slabs: &[Slab], steps: &[f64], i: usize, usual: f64, n_gaps: usize) -> Error {
-    let neighbours = i.checked_sub(1).map(|below| steps[below]).into_iter().chain(steps.get(i + 1).copied());
-    let local = neighbours.fold(usual, f64::min);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative, saturates")]
-    let n_missing = ((steps[i] / local).round() as usize).saturating_sub(1).max(1);
-    Error::MissingPlanes {
-        below_mm: slabs[i].z_mm,
-        above_mm: slabs[i + 1].z_mm,
-        n_missing,
-        step_mm: local,
-        n_gaps,
-    }
 }
 
 #[cfg(test)]
@@ -209,6 +242,26 @@ mod tests {
         assert_eq!(n_gaps(&at(&[0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 1.5, 0.5]), 5.0), 2);
         assert_eq!(n_gaps(&at(&[0.1, 0.1, 0.1, 0.2, 0.1]), 3.0), 1);
         assert_eq!(n_gaps(&at(&[1.0, 1.0, 1.2, 1.0]), 2.0), 0);
+    }
+
+    #[test]
+    fn planes_missing_in_the_coarser_part_are_counted_by_those_beside_it() {
+        let steps = [[1.0; 12].as_slice(), &[5.0, 5.0, 10.0, 5.0, 5.0]].concat();
+        let slabs: Vec<Slab> = at(&steps)
+            .into_iter()
+            .map(|z_mm| Slab { z_mm, thickness_mm: Some(if z_mm >= 12.0 { 5.0 } else { 1.0 }) })
+            .collect();
+        let error = check(&slabs, false, &mut Vec::new()).unwrap_err();
+        let Error::MissingPlanes { below_mm, n_missing, step_mm, n_gaps, .. } = error else {
+            panic!("{error}")
+        };
+        assert_eq!((below_mm, n_missing, step_mm, n_gaps), (22.0, 1, 5.0, 1));
+        let mut warnings = Vec::new();
+        check(&slabs, true, &mut warnings).unwrap();
+        assert!(
+            warnings[0].text.starts_with("1 plane(s) missing in 1 gap(s) in the stack, "),
+            "{warnings:?}"
+        );
     }
 
     #[test]

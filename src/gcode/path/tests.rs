@@ -15,6 +15,10 @@ fn model() -> BeadModel {
     BeadModel::new(BeadShape::Rectangle, 0.2)
 }
 
+fn at_speed(speed_mm_s: f64) -> Pace {
+    Pace { speed_mm_s, slow_down: 1.0, least_mm_s: 10.0 }
+}
+
 fn bead(points: impl Iterator<Item = (f64, f64)>) -> Vec<BeadPoint> {
     points.map(|(x, y)| BeadPoint { at: on_grid(Point2::new(x, y)), width_mm: 0.4 }).collect()
 }
@@ -56,7 +60,7 @@ fn farthest_from_line(points: &[Point2], line: &[BeadPoint]) -> f64 {
 #[test]
 fn a_circle_becomes_two_arcs_with_all_its_filament() {
     let circle = ellipse(4.0, 4.0, 0.0, 2.0 * PI, 300);
-    let pieces = pieces(&circle, model(), 30.0, &with_arcs(0.005));
+    let pieces = pieces(&circle, model(), at_speed(30.0), &with_arcs(0.005));
     assert_eq!(pieces.iter().filter(|p| p.arc.is_some()).count(), pieces.len());
     assert!(pieces.len() <= 3, "{}", pieces.len());
     let volume: f64 = pieces.iter().map(|p| p.mm3).sum();
@@ -66,7 +70,8 @@ fn a_circle_becomes_two_arcs_with_all_its_filament() {
 #[test]
 fn no_arc_without_the_firmware_s_or_where_its_chords_are_too_coarse() {
     let circle = ellipse(4.0, 4.0, 0.0, PI, 200);
-    let is_arc = |profile: &Profile| pieces(&circle, model(), 30.0, profile).iter().any(|p| p.arc.is_some());
+    let is_arc =
+        |profile: &Profile| pieces(&circle, model(), at_speed(30.0), profile).iter().any(|p| p.arc.is_some());
     let mut profile = with_arcs(0.005);
     assert!(is_arc(&profile));
     // 1 mm on a radius of 4 mm: 0.031 mm.
@@ -81,9 +86,9 @@ fn no_arc_without_the_firmware_s_or_where_its_chords_are_too_coarse() {
 #[test]
 fn straight_lines_and_corners_are_no_arcs() {
     let zigzag = bead((0..100).map(|i| (f64::from(i), f64::from(i % 2) * 3.0)));
-    assert!(pieces(&zigzag, model(), 30.0, &with_arcs(0.005)).iter().all(|p| p.arc.is_none()));
+    assert!(pieces(&zigzag, model(), at_speed(30.0), &with_arcs(0.005)).iter().all(|p| p.arc.is_none()));
     let line = bead((0..100).map(|i| (f64::from(i) * 0.3, f64::from(i) * 0.1)));
-    assert!(pieces(&line, model(), 30.0, &with_arcs(0.005)).iter().all(|p| p.arc.is_none()));
+    assert!(pieces(&line, model(), at_speed(30.0), &with_arcs(0.005)).iter().all(|p| p.arc.is_none()));
 }
 
 #[test]
@@ -96,7 +101,7 @@ fn an_s_is_taken_apart_where_it_turns() {
             (106.0 + 3.0 * angle.cos(), 100.0 + 3.0 * angle.sin())
         }
     }));
-    let pieces = pieces(&s, model(), 30.0, &with_arcs(0.005));
+    let pieces = pieces(&s, model(), at_speed(30.0), &with_arcs(0.005));
     let ways: Vec<bool> = pieces.iter().filter_map(|p| p.arc.map(|a| a.is_ccw)).collect();
     assert!(ways.contains(&true) && ways.contains(&false), "{ways:?}");
 }
@@ -108,7 +113,7 @@ fn dense_segments_are_joined_within_the_tolerance_and_the_rest_driven_slower() {
     // Segments of 0.02 mm where 0.3 mm are wanted; the tolerance allows chords of 0.18 mm.
     let bend = ellipse(1.0, 1.0, 0.0, PI, 157);
     profile.print.tolerance_mm = 0.004;
-    let made = pieces(&bend, model(), 30.0, &profile);
+    let made = pieces(&bend, model(), at_speed(30.0), &profile);
     assert!(made.len() < 30, "{}", made.len());
     assert!(
         farthest_from_line(&bend.iter().map(|p| p.at).collect::<Vec<_>>(), &as_line(bend[0], &made)) <= 0.004
@@ -117,7 +122,7 @@ fn dense_segments_are_joined_within_the_tolerance_and_the_rest_driven_slower() {
     assert!(rate < 110.0, "{rate} moves a second");
     // A long segment is left alone.
     let line = bead([(0.0, 0.0), (50.0, 0.0)].into_iter());
-    assert_eq!(pieces(&line, model(), 30.0, &profile)[0].speed_mm_s, 30.0);
+    assert_eq!(pieces(&line, model(), at_speed(30.0), &profile)[0].speed_mm_s, 30.0);
 }
 
 fn as_line(begin: BeadPoint, pieces: &[Piece]) -> Vec<BeadPoint> {
@@ -135,7 +140,7 @@ proptest! {
         // Segments far longer than the grid on which they are written.
         prop_assume!(turn.abs() * a.min(b) / f64::from(n) > 0.02);
         let line = ellipse(a, b, from, from + turn, n);
-        let made = pieces(&line, model(), 30.0, &with_arcs(tolerance));
+        let made = pieces(&line, model(), at_speed(30.0), &with_arcs(tolerance));
         // Written places are 0.5 um off at most.
         prop_assert!(farthest_from_line(&sampled(line[0].at, &made), &line) <= tolerance + 1e-3);
         prop_assert_eq!(made.last().map(|p| p.to), line.last().map(|p| p.at));
@@ -159,7 +164,7 @@ fn no_bead_asks_the_hotend_for_more_than_it_melts() {
     for (most_mm3_s, expected_mm_s) in [(1.0, 1.0 / (0.4 * 0.2 * 1.1)), (100.0, speed_mm_s)] {
         profile.filament.max_flow_mm3_s = most_mm3_s;
         for points in [&straight, &ellipse(20.0, 20.0, 0.0, PI, 200)] {
-            for piece in pieces(points, model(), speed_mm_s, &profile) {
+            for piece in pieces(points, model(), at_speed(speed_mm_s), &profile) {
                 assert!(
                     (piece.speed_mm_s / expected_mm_s - 1.0).abs() < 1e-3,
                     "{piece:?}, {expected_mm_s} mm/s"

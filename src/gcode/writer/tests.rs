@@ -158,6 +158,73 @@ fn short_layers_are_slowed_down_to_the_slowest_speed() {
     assert!(first.contains(&format!("F{slowest}\n")), "{first}");
 }
 
+/// Speeds of the beads' moves in a layer, and how long these take, by the text: mm/s, s.
+fn driven(text: &str, layer: usize) -> (Vec<f64>, f64) {
+    let begin = text.find(&format!(";LAYER:{layer}\n")).unwrap();
+    let (mut at, mut speed_mm_s) = ([0.0, 0.0], 0.0);
+    let (mut speeds, mut time_s) = (Vec::new(), 0.0);
+    for command in
+        text[begin..].lines().take_while(|l| *l != ";TYPE:Custom").map(|l| reader::parse(l).unwrap())
+    {
+        let Some(c) = command.command else { continue };
+        let to = [c.value('X').unwrap_or(at[0]), c.value('Y').unwrap_or(at[1])];
+        speed_mm_s = c.value('F').map_or(speed_mm_s, |f| f / 60.0);
+        let length_mm = (to[0] - at[0]).hypot(to[1] - at[1]);
+        if c.is('G', 1) && c.value('E') > Some(0.0) && length_mm > 0.0 {
+            speeds.push(speed_mm_s);
+            time_s += length_mm / speed_mm_s;
+        }
+        at = to;
+    }
+    (speeds, time_s)
+}
+
+/// A layer of a line of 100 mm and of a small loop, upon another one, on a machine whose hotend melts that much.
+fn slow_to_melt(max_flow_mm3_s: f64, change: impl Fn(&mut Profile)) -> String {
+    let mut profile = profile::builtin("reference").unwrap();
+    profile.filament.max_flow_mm3_s = max_flow_mm3_s;
+    (profile.print.small_loop_mm, profile.print.small_loop_mm_s) = (12.0, 15.0);
+    change(&mut profile);
+    let line = bead(BeadKind::SolidInfill, &[(20., 20.), (120., 20.)]);
+    let square =
+        bead(BeadKind::ExternalPerimeter, &[(50., 50.), (52., 50.), (52., 52.), (50., 52.), (50., 50.)]);
+    let layers = vec![layer(0, vec![line.clone()], vec![]), layer(1, vec![line, square], vec![])];
+    write(&Toolpaths { layers, ..job() }, &profile, &Header::default())
+}
+
+#[test]
+fn a_short_layer_is_slowed_down_below_what_the_hotend_melts() {
+    let area_mm2 = 0.437 * 0.2;
+    // What the hotend melts: slower than all speeds, than that of the line alone, than none.
+    for melted_mm_s in [10.0, 40.0, 1000.0f64] {
+        let full_mm_s = [melted_mm_s.min(60.0), melted_mm_s.min(15.0)];
+        let full_s = 100.0 / full_mm_s[0] + 8.0 / full_mm_s[1];
+        for least_s in [0.5 * full_s, 2.0 * full_s, 4.0 * full_s] {
+            let text = slow_to_melt(melted_mm_s * area_mm2, |p| {
+                (p.print.min_layer_time_s, p.print.min_speed_mm_s) = (least_s, 0.5);
+            });
+            let (speeds, time_s) = driven(&text, 1);
+            let expected_s = full_s.max(least_s);
+            assert!((time_s / expected_s - 1.0).abs() < 0.01, "{time_s} s of {expected_s}, {speeds:?}");
+            let most = melted_mm_s + 0.01;
+            assert!(speeds.iter().all(|&s| s <= most), "{speeds:?} mm/s, {melted_mm_s} can be melted");
+        }
+    }
+}
+
+#[test]
+fn the_fan_goes_by_the_time_that_the_layer_takes_at_the_slowest_speed() {
+    // 100 mm at 10 mm/s, and 8 mm at 10; four times as long is asked for, 8 mm/s are allowed: 13.5 s.
+    let text = slow_to_melt(10.0 * 0.437 * 0.2, |p| {
+        (p.print.min_layer_time_s, p.print.min_speed_mm_s) = (40.0, 8.0);
+        (p.filament.fan_percent, p.filament.fan_least_percent) = (100.0, 0.0);
+        p.filament.fan_layer_time_s = [3.5, 23.5];
+    });
+    let (speeds, time_s) = driven(&text, 1);
+    assert!(speeds.iter().all(|s| (s - 8.0).abs() < 0.01) && (time_s - 13.5).abs() < 0.02, "{speeds:?}");
+    assert!(text[text.find(";LAYER:1").unwrap()..].contains("M106 S127\n"), "half of the way between");
+}
+
 #[test]
 fn other_settings_give_another_hash_and_the_same_ones_the_same_bytes() {
     assert_eq!(text(), text());

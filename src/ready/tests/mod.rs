@@ -141,9 +141,7 @@ fn holes_that_rounding_moved_off_their_plane_are_holes_and_outlines_stay_outline
         let drawn = rtstruct(contours).load(None).unwrap().drawn;
         drawn.planes.iter().map(area).collect::<Vec<f64>>()
     };
-    // One outline drawn twice, planes that lie that near each other, a smaller outline far from the larger one's plane.
-    let twice = areas([0.0, 0.02, 3.0, 6.0].map(|z| circle(&flat, 5.0, z)).to_vec());
-    assert!(twice.len() == 4 && twice.iter().all(|a| (a - polygon_area(5.0)).abs() < 1e-3), "{twice:?}");
+    // Planes that lie that near each other, a smaller outline far from the larger one's plane.
     let dense = (0..6).map(|k| circle(&flat, 5.0 - 0.1 * f64::from(k), 0.03 * f64::from(k))).collect();
     assert_eq!(areas(dense).len(), 6);
     let apart = areas(vec![circle(&flat, 5.0, 0.0), circle(&flat, 2.0, 0.2), circle(&flat, 5.0, 3.0)]);
@@ -255,6 +253,63 @@ fn contours_that_are_stored_twice_count_once() {
     for label in [None, Some(Label::Number(5))] {
         assert_eq!(told(&written.load(label).unwrap()), [told_of_all]);
     }
+}
+
+/// A contour as it is written with few decimals, from another point on and the other way round.
+fn rewritten(contour: &[Point3], decimals: i32) -> Vec<Point3> {
+    let unit = 10_f64.powi(decimals);
+    let rounded = |v: f64| (v * unit).round() / unit;
+    let mut points: Vec<Point3> =
+        contour.iter().map(|p| Point3::new(rounded(p.x), rounded(p.y), p.z)).collect();
+    points.reverse();
+    points.rotate_left(31);
+    points
+}
+
+#[test]
+fn copies_that_differ_by_rounding_are_told_as_doubled_and_count_once() {
+    let aside = RigidTransform::translation(Vector3::new(0.037, 0.041, 0.0));
+    for (radius, decimals) in [(1.0, 2), (2.0, 1), (2.0, 2), (5.0, 1), (5.0, 2), (40.0, 1), (40.0, 3)] {
+        let drawn = [0.0, 3.0, 6.0].map(|z| circle(&aside, radius, z));
+        let all = drawn.iter().cloned().chain(drawn.iter().map(|c| rewritten(c, decimals))).collect();
+        let ready = rtstruct(all).load(None).unwrap();
+        assert_eq!(
+            told(&ready),
+            [
+                "ready.doubled_contours: 3 contour(s) of the structure are stored twice at z = 0.000, 3.000, 6.000 mm: each was taken once"
+            ],
+            "radius {radius}, {decimals} decimals"
+        );
+        for plane in &ready.drawn.planes {
+            assert!((area(plane) - polygon_area(radius)).abs() < 1e-3, "{}", area(plane));
+        }
+    }
+}
+
+#[test]
+fn copies_whose_height_is_rounded_too_are_of_one_plane() {
+    let flat = RigidTransform::identity();
+    let nested = |z: f64| [circle(&flat, 5.0, z), circle(&flat, 2.0, z)];
+    let once = [0.0, 3.0, 6.0].map(nested).concat();
+    let again = [0.02, 6.04].map(|z| nested(z).map(|c| rewritten(&c, 1))).concat();
+    let ready = rtstruct([once, again].concat()).load(None).unwrap();
+    assert_eq!(ready.drawn.planes.iter().map(|p| p.z_mm).collect::<Vec<_>>(), [0.0, 3.0, 6.0]);
+    assert!(told(&ready)[0].starts_with("ready.doubled_contours: 4 contour(s)"), "{:?}", told(&ready));
+    let ring = polygon_area(5.0) - polygon_area(2.0);
+    assert!(ready.drawn.planes.iter().all(|p| (area(p) - ring).abs() < 1e-3));
+}
+
+#[test]
+fn a_large_contour_that_is_drawn_again_a_little_beside_itself_crosses_it() {
+    let flat = RigidTransform::identity();
+    let aside = RigidTransform::translation(Vector3::new(0.3, 0.0, 0.0));
+    let contours = [0.0, 3.0].map(|z| [circle(&flat, 50.0, z), circle(&aside, 50.0, z)]).concat();
+    let told = told(&rtstruct(contours).load(None).unwrap());
+    assert!(told.len() == 1 && told[0].starts_with("ready.crossing_contours: "), "{told:?}");
+    // What touches another one within rounding does not.
+    let beside = RigidTransform::translation(Vector3::new(6.99, 0.0, 0.0));
+    let touching = [0.0, 3.0].map(|z| [circle(&flat, 5.0, z), circle(&beside, 2.0, z)]).concat();
+    assert!(rtstruct(touching).load(None).unwrap().warnings.is_empty());
 }
 
 #[test]

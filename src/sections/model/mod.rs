@@ -300,7 +300,8 @@ impl<'a> State<'a> {
 
     /// What this step finds on a plane, and what it leaves unexplained there.
     fn finding(&self, plane: &Plane, courses: &[Option<Course>]) -> (Finding, Residual) {
-        if plane.is_drawn {
+        // Between the parts of an interrupted vessel there is nothing to be seen.
+        if plane.is_drawn || plane.bodies.is_empty() {
             return plane.unseen();
         }
         let (view, optics) = (&plane.view, self.scan.optics);

@@ -1,6 +1,8 @@
 //! Corrections that can be followed but hardly do what was meant: blocks beside the image, polygons between two planes, and what
-//! stands in planes that are not used.
+//! stands in planes that are not used, or leads nowhere.
 
+use super::super::grow::Slab;
+use super::super::mask::Mask;
 use super::{Block, Corrections, Drawn, nearest_plane};
 use crate::ct::{HEIGHT_SLACK_MM, Volume, Warning};
 use crate::geom::Point3;
@@ -55,6 +57,38 @@ pub(in crate::segment) fn unused(
         (!is_met).then(|| Warning::new("segment.window_unused", text))
     });
     if used.is_empty() { Vec::new() } else { contours.chain(windows).collect() }
+}
+
+/// What is to be told of drawn contours, one or several beside each other, that no other plane's section meets.
+pub(in crate::segment) fn alone(slab: &Slab<'_>, lumen: &Mask) -> Vec<Warning> {
+    let planes: Vec<usize> = slab.rules.drawn.range(slab.planes.clone()).map(|(&k, _)| k).collect();
+    let runs = planes.chunk_by(|a, b| b - a == 1).map(|run| run[0]..run[run.len() - 1] + 1);
+    runs.filter(|run| is_alone(slab, lumen, run)).map(|run| stands_alone(slab, &run)).collect()
+}
+
+/// Whether there are planes beside these, and the lumen does not go on in them from what was drawn.
+fn is_alone(slab: &Slab<'_>, lumen: &Mask, run: &Range<usize>) -> bool {
+    let below = run.start.checked_sub(1).map(|k| (run.start, k));
+    let ends = below.into_iter().chain([(run.end - 1, run.end)]);
+    let mut beside = ends.filter(|(_, k)| slab.planes.contains(k)).peekable();
+    let meets = |(own, k): (usize, usize)| {
+        slab.rules.drawn[&own].voxels().into_iter().any(|[i, j, _]| lumen.contains(i, j, k))
+    };
+    beside.peek().is_some() && !beside.any(meets)
+}
+
+fn stands_alone(slab: &Slab<'_>, run: &Range<usize>) -> Warning {
+    let z_mm = |k: usize| slab.volume.plane_z_mm[k];
+    let (first, last) = (z_mm(run.start), z_mm(run.end - 1));
+    let [lo, hi] = slab.window_hu(run.start);
+    let which = match run.len() {
+        1 => format!("the contour drawn at z {first:.3} mm (segment.contour) stands alone"),
+        _ => format!("the contours drawn from z {first:.3} to {last:.3} mm (segment.contour) stand alone"),
+    };
+    let text = format!(
+        "{which}: the planes beside hold nothing in their window ({lo:.0} to {hi:.0} HU) that meets what was drawn; draw theirs, too, or give their window (segment.window)"
+    );
+    Warning::new("segment.contour_alone", text)
 }
 
 fn off_plane(key: &str, drawn: &Drawn, volume: &Volume) -> Option<Warning> {

@@ -300,3 +300,90 @@ fn the_vessel_goes_on_to_a_contour_that_is_drawn_where_it_fades() {
     assert_eq!(ends(&square_at(32.0)), [(17, 1); 2]);
     assert_eq!(ends(&square_at(46.0)), [(24, 1); 2]);
 }
+
+/// A tube around (8, 7) whose level is this in each plane, HU, in 50 HU.
+fn tube(levels_hu: &'static [f64]) -> Volume {
+    let scene = Scene { n: [64, 56, levels_hu.len()], plane_mm: 2.0, noise_hu: 5.0, ..Scene::default() };
+    scene.volume(|x, y, k| if (x - 8.0).hypot(y - 7.0) < 3.0 { levels_hu[k] } else { 50.0 })
+}
+
+/// A contour nearly as large as the tube.
+fn outline_at(z_mm: f64) -> String {
+    format!("[[contour]]\nz_mm = {z_mm}\npoints_mm = [[5.8, 4.8], [10.2, 4.8], [10.2, 9.2], [5.8, 9.2]]\n")
+}
+
+/// The tube from a seed in its second plane, with these contours drawn, in windows that are found.
+fn drawn_at(volume: &Volume, corrections: &str) -> Segmentation {
+    let corrections = toml::from_str(corrections).unwrap();
+    run(volume, &Params { corrections, ..params([8.0, 7.0, 2.0]) }).unwrap()
+}
+
+/// The planes that hold a part of the lumen.
+fn filled(found: &Segmentation) -> Vec<usize> {
+    found.planes.clone().filter(|&k| found.mask.n_voxels_of(k) > 0).collect()
+}
+
+#[test]
+fn the_planes_beside_a_drawn_contour_grow_from_it_at_the_level_that_it_shows() {
+    const LEVELS: [f64; 14] =
+        [300.0, 300.0, 300.0, 300.0, 300.0, 50.0, 50.0, 160.0, 160.0, 160.0, 160.0, 160.0, 160.0, 160.0];
+    let volume = tube(&LEVELS);
+    assert_eq!(filled(&drawn_at(&volume, "")), [0, 1, 2, 3, 4]);
+    for z_mm in [14.0, 20.0, 26.0] {
+        let found = drawn_at(&volume, &outline_at(z_mm));
+        assert_eq!(filled(&found), [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13], "{z_mm}");
+        assert!(texts(&found.warnings, "segment.contour_alone").is_empty());
+        // Half-way between its own lumen and the wall.
+        assert!((found.edge_hu_at(9) - 105.0).abs() < 8.0, "{}", found.edge_hu_at(9));
+        assert!((found.edge_hu_at(2) - 175.0).abs() < 8.0, "{}", found.edge_hu_at(2));
+    }
+}
+
+#[test]
+fn contours_drawn_through_planes_that_show_nothing_lead_on_however_many_they_are() {
+    const LEVELS: [f64; 14] =
+        [300.0, 300.0, 300.0, 300.0, 50.0, 50.0, 50.0, 50.0, 290.0, 275.0, 260.0, 245.0, 230.0, 215.0];
+    let drawn: String = [8.0, 10.0, 12.0, 14.0].map(outline_at).concat();
+    let found = drawn_at(&tube(&LEVELS), &drawn);
+    assert_eq!(filled(&found), (0..14).collect::<Vec<usize>>());
+    assert!((found.edge_hu_at(12) - 140.0).abs() < 12.0, "{}", found.edge_hu_at(12));
+    // What is drawn may show anything: the vessel beyond is of no other level than the vessel.
+    let narrow: String = [8.0, 10.0, 12.0, 14.0].map(square_at).concat();
+    assert_eq!(filled(&drawn_at(&tube(&LEVELS), &narrow)), (0..14).collect::<Vec<usize>>());
+}
+
+#[test]
+fn a_drawn_contour_that_nothing_grows_from_is_told() {
+    const LEVELS: [f64; 12] = [300.0, 300.0, 300.0, 300.0, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0];
+    let volume = tube(&LEVELS);
+    let found = drawn_at(&volume, &square_at(14.0));
+    let told = texts(&found.warnings, "segment.contour_alone");
+    assert!(
+        told.len() == 1
+            && told[0].starts_with("the contour drawn at z 14.000 mm (segment.contour) stands alone: ")
+            && told[0].ends_with("draw theirs, too, or give their window (segment.window)"),
+        "{told:?}"
+    );
+    // Two of them beside each other are as alone; one that the vessel reaches is not.
+    let pair = drawn_at(&volume, &[14.0, 16.0].map(square_at).concat());
+    let told = texts(&pair.warnings, "segment.contour_alone");
+    assert!(
+        told.len() == 1 && told[0].starts_with("the contours drawn from z 14.000 to 16.000 mm"),
+        "{told:?}"
+    );
+    assert!(texts(&drawn_at(&volume, &square_at(8.0)).warnings, "segment.contour_alone").is_empty());
+}
+
+#[test]
+fn what_grows_from_a_drawn_contour_is_looked_at_for_leaks() {
+    // The vessel is lost in plane 5 and ends in bone in plane 10.
+    let volume =
+        Scene { n: [96, 80, 14], plane_mm: 2.0, noise_hu: 5.0, ..Scene::default() }.volume(|x, y, k| {
+            let is_vessel = (x - 8.0).hypot(y - 7.0) < 2.0 && k != 5;
+            let is_bone = k >= 10 && (x - 12.0).hypot(y - 10.0) < 7.0;
+            if is_vessel || is_bone { 300.0 } else { 50.0 }
+        });
+    let corrections = toml::from_str(&square_at(14.0)).unwrap();
+    let told = error_text(&volume, &Params { corrections, ..params([8.0, 7.0, 2.0]) });
+    assert!(told.contains("something with"), "{told}");
+}

@@ -1,89 +1,237 @@
-//! Whether a database is what its history comes to.
+//! Whether a database is what its history comes to, a part at a time.
 
+use super::open::STEPS;
 use super::rows::{self, Columns, Error, parsed};
-use crate::queue::{Break, Head, Job, Name, Record, Sealed, Subject, history};
-use rusqlite::Connection;
+use crate::queue::{Break, Head, Job, JobId, Kind, Name, Needs, Record, Subject, What, history};
+use crate::store::Progress;
+use crate::store::progress::{Replay, Stage};
+use rusqlite::{Connection, OptionalExtension, params};
 
-/// The chain of records first, then every job and printer against its own records.
-pub(super) fn check(db: &Connection) -> Result<(), Error> {
-    check_chain(db)?;
-    check_jobs(db)?;
-    check_printers(db)?;
-    check_none_is_missing(db)
+/// Records, or rows, of one part.
+const MOST: u32 = 4096;
+
+/// Tables whose rows all have records: how rows and their subjects are found from a key on.
+const TABLES: [&str; 4] = [
+    "SELECT id, 'job ' || id FROM jobs WHERE id >= ?1 ORDER BY id LIMIT ?2",
+    "SELECT job, 'job ' || job FROM specs WHERE job >= ?1 ORDER BY job LIMIT ?2",
+    "SELECT job, 'job ' || job FROM claims WHERE job >= ?1 ORDER BY job LIMIT ?2",
+    "SELECT name, 'printer ' || name FROM printers WHERE name >= ?1 ORDER BY name LIMIT ?2",
+];
+
+/// One part, within one transaction: the chain of records, then every job and printer against its own records, then whatever has none.
+pub(super) fn part(db: &Connection, Progress(stage): Progress) -> Result<Option<Progress>, Error> {
+    let next = match stage {
+        Stage::Chain(head) => chain(db, head)?,
+        Stage::Subjects { from } => subjects(db, from)?,
+        Stage::Within(replay) => within(db, *replay)?,
+        Stage::Rows { table, from } => rows_of(db, table, from)?,
+        Stage::Rest => return rest(db).map(|()| None),
+    };
+    Ok(Some(Progress(next)))
 }
 
-fn check_chain(db: &Connection) -> Result<(), Error> {
-    let mut select = db.prepare("SELECT seq, body, digest FROM history ORDER BY seq")?;
-    let mut found = select.query([])?;
-    let mut end = Head::EMPTY;
+/// The key behind another one.
+fn behind(key: &str) -> String {
+    format!("{key}\0")
+}
+
+fn chain(db: &Connection, head: Head) -> Result<Stage, Error> {
+    check_anchor(db, head)?;
+    let sql = "SELECT seq, body, digest, subject FROM history WHERE seq > ?1 ORDER BY seq LIMIT ?2";
+    let mut select = db.prepare_cached(sql)?;
+    let mut found = select.query(params![rows::signed(head.seq), MOST])?;
+    let (mut end, mut n_found) = (head, 0);
     while let Some(row) = found.next()? {
-        end = end.follow(&rows::sealed(row)?)?;
+        let sealed = rows::sealed(row)?;
+        end = end.follow(&sealed)?;
+        if row.get::<_, String>(3)? != sealed.record()?.fact.subject().to_string() {
+            return Err(Break::Changed { seq: sealed.seq }.into());
+        }
+        n_found += 1;
     }
-    Ok(end.check_end(rows::head(db)?)?)
-}
-
-fn records_of(db: &Connection, subject: &Subject) -> Result<Vec<Record>, Error> {
-    let sealed = super::work::history(db, Some(subject), 0, u32::MAX)?;
-    Ok(sealed.iter().map(Sealed::record).collect::<Result<_, _>>()?)
-}
-
-fn differs_unless(is_same: bool, subject: Subject) -> Result<(), Error> {
-    if is_same { Ok(()) } else { Err(Break::Differs { subject }.into()) }
-}
-
-fn check_jobs(db: &Connection) -> Result<(), Error> {
-    let mut select = db.prepare(
-        "SELECT j.id, j.body, urgency, rank, filament_mm3, waits, over_seq IS NOT NULL, n.body
-         FROM jobs j JOIN needs n ON n.id = j.needs ORDER BY j.id",
-    )?;
-    let mut found = select.query([])?;
-    while let Some(row) = found.next()? {
-        let job: Job = parsed("a job", &row.get::<_, String>(1)?)?;
-        let columns = Columns {
-            urgency: row.get(2)?,
-            rank: row.get(3)?,
-            filament_mm3: row.get(4)?,
-            waits: row.get(5)?,
-            is_over: row.get(6)?,
-            needs: row.get(7)?,
-        };
-        let is_found_rightly = row.get::<_, String>(0)? == job.id.to_string() && columns == Columns::of(&job);
-        differs_unless(is_found_rightly, Subject::Job(job.id))?;
-        check_job(db, &job)?;
+    if n_found == MOST {
+        return Ok(Stage::Chain(end));
     }
-    Ok(())
+    end.check_end(rows::head(db)?)?;
+    Ok(Stage::Subjects { from: String::new() })
 }
 
-fn check_job(db: &Connection, job: &Job) -> Result<(), Error> {
-    let subject = Subject::Job(job.id);
-    let replayed = history::replay_job(&records_of(db, &subject)?)?;
-    let is_same = replayed.as_ref() == Some(job)
-        && rows::claim(db, job.id)?.is_some() == job.state.is_claimed()
-        && rows::spec(db, job.id)?.mark() == job.spec;
-    differs_unless(is_same, subject)
-}
-
-fn check_printers(db: &Connection) -> Result<(), Error> {
-    for printer in super::work::printers(db)? {
-        let subject = Subject::Printer(printer.name.clone());
-        let replayed = history::replay_printer(&records_of(db, &subject)?)?;
-        differs_unless(replayed.as_ref() == Some(&printer), subject)?;
+/// That the chain is still what it was up to a head, and has nothing before its first record.
+fn check_anchor(db: &Connection, head: Head) -> Result<(), Error> {
+    if head == Head::EMPTY {
+        let sql = "SELECT seq FROM history WHERE seq < 1 ORDER BY seq LIMIT 1";
+        let found: Option<i64> = db.prepare_cached(sql)?.query_row([], |row| row.get(0)).optional()?;
+        return found
+            .map_or(Ok(()), |seq| Err(Error::Row(format!("found a record {seq}, expected none below 1"))));
     }
-    Ok(())
+    let sql = "SELECT seq, body, digest FROM history WHERE seq = ?1";
+    let found = db
+        .prepare_cached(sql)?
+        .query_row([rows::signed(head.seq)], |row| Ok(rows::sealed(row)))
+        .optional()?
+        .transpose()?;
+    match found {
+        Some(sealed) if sealed.head() == head => Ok(()),
+        Some(_) => Err(Break::Changed { seq: head.seq }.into()),
+        None => Err(Break::End { found: rows::last(db)?.seq, expected: head.seq }.into()),
+    }
 }
 
-/// Whatever has records is there.
-fn check_none_is_missing(db: &Connection) -> Result<(), Error> {
-    let mut select = db.prepare(
-        "SELECT DISTINCT subject FROM history WHERE subject NOT IN (SELECT 'job ' || id FROM jobs)
-         AND subject NOT IN (SELECT 'printer ' || name FROM printers) ORDER BY subject LIMIT 1",
-    )?;
-    let mut found = select.query([])?;
-    let Some(row) = found.next()? else { return Ok(()) };
-    let text: String = row.get(0)?;
+fn subjects(db: &Connection, mut from: String) -> Result<Stage, Error> {
+    let sql = "SELECT subject FROM history WHERE subject >= ?1 ORDER BY subject LIMIT 1";
+    let mut n_left = MOST;
+    while n_left > 0 {
+        let found: Option<String> =
+            db.prepare_cached(sql)?.query_row([&from], |row| row.get(0)).optional()?;
+        let Some(text) = found else { return Ok(Stage::Rows { table: 0, from: String::new() }) };
+        let mut replay = Replay { subject: subject(&text)?, seq: 0, token: 0, job: None, printer: None };
+        let n_found = go_on(db, &mut replay, n_left)?;
+        if n_found == n_left {
+            return Ok(Stage::Within(Box::new(replay)));
+        }
+        check_kept(db, &replay)?;
+        n_left -= n_found;
+        from = behind(&text);
+    }
+    Ok(Stage::Subjects { from })
+}
+
+fn within(db: &Connection, mut replay: Replay) -> Result<Stage, Error> {
+    if go_on(db, &mut replay, MOST)? == MOST {
+        return Ok(Stage::Within(Box::new(replay)));
+    }
+    check_kept(db, &replay)?;
+    Ok(Stage::Subjects { from: behind(&replay.subject.to_string()) })
+}
+
+fn subject(text: &str) -> Result<Subject, Error> {
     let job = text.strip_prefix("job ").and_then(|id| id.parse().ok()).map(Subject::Job);
-    let printer =
-        text.strip_prefix("printer ").and_then(|name| Name::try_new(name).ok()).map(Subject::Printer);
-    let subject = job.or(printer).ok_or_else(|| Error::Row(format!("found records of {text:?}")))?;
-    Err(Break::Differs { subject }.into())
+    let name = || text.strip_prefix("printer ").and_then(|name| Name::try_new(name).ok());
+    job.or_else(|| name().map(Subject::Printer))
+        .filter(|subject| subject.to_string() == text)
+        .ok_or_else(|| Error::Row(format!("found {text:?}, expected the name of a job or printer")))
+}
+
+/// Replays some more records; gives how many were there.
+fn go_on(db: &Connection, replay: &mut Replay, most: u32) -> Result<u32, Error> {
+    let sql = "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+    let mut select = db.prepare_cached(sql)?;
+    let mut found = select.query(params![replay.subject.to_string(), rows::signed(replay.seq), most])?;
+    let mut n_found = 0;
+    while let Some(row) = found.next()? {
+        take(replay, &rows::sealed(row)?.record()?)?;
+        n_found += 1;
+    }
+    Ok(n_found)
+}
+
+fn take(replay: &mut Replay, record: &Record) -> Result<(), Error> {
+    replay.seq = record.seq;
+    replay.job = history::follow_job(replay.job.take(), record)?;
+    replay.printer = history::follow_printer(replay.printer.take(), record)?;
+    if let What::Job { change, .. } = &record.fact.what
+        && matches!(change.kind(), Kind::Prepare | Kind::Start | Kind::Adopt)
+    {
+        replay.token = record.seq;
+    }
+    Ok(())
+}
+
+/// What is kept is what its records come to.
+fn check_kept(db: &Connection, replay: &Replay) -> Result<(), Error> {
+    let is_same = match &replay.subject {
+        Subject::Job(id) => is_job_kept(db, *id, replay)?,
+        Subject::Printer(name) => rows::printer(db, name)? == replay.printer,
+    };
+    if is_same { Ok(()) } else { Err(Break::Differs { subject: replay.subject.clone() }.into()) }
+}
+
+fn is_job_kept(db: &Connection, id: JobId, replay: &Replay) -> Result<bool, Error> {
+    let Some(job) = &replay.job else { return Ok(false) };
+    Ok(rows::find(db, id)?.as_ref() == Some(job)
+        && is_found_rightly(db, job, replay.seq)?
+        && is_claimed_rightly(db, job, replay.token)?
+        && rows::spec(db, id)?.is_some_and(|spec| spec.mark() == job.spec))
+}
+
+/// The columns by which a job is found are those that it was written with by its last record.
+fn is_found_rightly(db: &Connection, job: &Job, seq: u64) -> Result<bool, Error> {
+    let mut select = db.prepare_cached(
+        "SELECT urgency, rank, filament_mm3, waits, over_seq, n.body, due_ms
+         FROM jobs j LEFT JOIN needs n ON n.id = j.needs WHERE j.id = ?1",
+    )?;
+    let (columns, due_ms) = select.query_row([job.id.to_string()], |row| {
+        let columns = Columns {
+            urgency: row.get(0)?,
+            rank: row.get(1)?,
+            filament_mm3: row.get(2)?,
+            waits: row.get(3)?,
+            over_seq: row.get(4)?,
+            needs: row.get::<_, Option<String>>(5)?.unwrap_or_default(),
+        };
+        Ok((columns, row.get::<_, Option<i64>>(6)?))
+    })?;
+    let is_due_rightly = match (rows::due_ms(job), due_ms) {
+        (_, None) => true,
+        (written, Some(found)) => written.is_some_and(|written| found == written || found == written + 1),
+    };
+    Ok(columns == Columns::of(job, seq) && is_due_rightly)
+}
+
+fn is_claimed_rightly(db: &Connection, job: &Job, token: u64) -> Result<bool, Error> {
+    let found = rows::claim(db, job.id)?.map(|claim| (claim.holder, claim.token));
+    let holder = job.holder.clone().filter(|_| job.state.is_claimed());
+    Ok(found == holder.map(|holder| (holder, token)))
+}
+
+fn rows_of(db: &Connection, table: usize, from: String) -> Result<Stage, Error> {
+    let Some(sql) = TABLES.get(table) else { return Ok(Stage::Rest) };
+    let mut recorded = db.prepare_cached("SELECT EXISTS (SELECT 1 FROM history WHERE subject = ?1)")?;
+    let mut select = db.prepare_cached(sql)?;
+    let mut found = select.query(params![from, MOST])?;
+    let (mut last, mut n_found) = (from, 0);
+    while let Some(row) = found.next()? {
+        let text: String = row.get(1)?;
+        if !recorded.query_row([&text], |row| row.get(0))? {
+            return Err(Break::Differs { subject: subject(&text)? }.into());
+        }
+        last = behind(&row.get::<_, String>(0)?);
+        n_found += 1;
+    }
+    let is_all = n_found < MOST;
+    Ok(if is_all {
+        Stage::Rows { table: table + 1, from: String::new() }
+    } else {
+        Stage::Rows { table, from: last }
+    })
+}
+
+/// What jobs need can be read, and tables, indices and triggers are those that were made.
+fn rest(db: &Connection) -> Result<(), Error> {
+    let mut select = db.prepare_cached("SELECT body FROM needs")?;
+    let mut found = select.query([])?;
+    while let Some(row) = found.next()? {
+        let body: String = row.get(0)?;
+        if rows::json(&parsed::<Needs>("what a job needs", &body)?) != body {
+            return Err(Error::Row(format!("found {body}, which no job can need")));
+        }
+    }
+    let (found, expected) = (schema(db)?, schema(&as_made()?)?);
+    let differs =
+        found.iter().find(|it| !expected.contains(it)).or(expected.iter().find(|it| !found.contains(it)));
+    differs.map_or(Ok(()), |(name, _)| Err(Error::Row(format!("{name} is not as it was made"))))
+}
+
+fn as_made() -> rusqlite::Result<Connection> {
+    let db = Connection::open_in_memory()?;
+    for step in STEPS {
+        db.execute_batch(step)?;
+    }
+    Ok(db)
+}
+
+/// Names and definitions, but for SQLite's own.
+fn schema(db: &Connection) -> rusqlite::Result<Vec<(String, String)>> {
+    let sql = "SELECT type || ' ' || name, sql FROM sqlite_schema WHERE name NOT LIKE 'sqlite_%' ORDER BY 1";
+    db.prepare(sql)?.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }

@@ -2,11 +2,11 @@
 
 use super::rows;
 use crate::store::Error;
-use rusqlite::{Connection, ErrorCode, OpenFlags, TransactionBehavior};
+use rusqlite::{Connection, ErrorCode, OpenFlags, Transaction, TransactionBehavior};
 use rustix::fs::{Access, access};
 use std::fs::OpenOptions;
 use std::io;
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -26,7 +26,14 @@ const MOST_CHECKED_BYTES: u64 = 1 << 23;
 pub(super) struct Db {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
+    /// The version that this program reads and writes.
+    version: i64,
+    /// Which file it is, whatever its name becomes.
+    file: Option<(u64, u64)>,
 }
+
+/// Statements that are kept ready: all there are.
+const MOST_PREPARED: usize = 64;
 
 impl Db {
     /// Opens the file, or makes it; readable by its owner alone.
@@ -34,7 +41,7 @@ impl Db {
         make(path)?;
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(|e| told(path, &e))?;
-        let mut db = Self { connection, path: path.to_owned() };
+        let mut db = Self::of(connection, path, steps);
         db.connection.busy_timeout(PATIENCE).map_err(|e| told(path, &e))?;
         db.check_whose(steps)?;
         db.set_modes()?;
@@ -47,8 +54,17 @@ impl Db {
     pub(super) fn open_to_read(path: &Path) -> Result<Self, Error> {
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(|e| told(path, &e))?;
-        connection.busy_timeout(PATIENCE).map_err(|e| told(path, &e))?;
-        Ok(Self { connection, path: path.to_owned() })
+        let careful = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;";
+        connection
+            .busy_timeout(PATIENCE)
+            .and_then(|()| connection.execute_batch(careful))
+            .map_err(|e| told(path, &e))?;
+        Ok(Self::of(connection, path, STEPS))
+    }
+
+    fn of(connection: Connection, path: &Path, steps: &[&str]) -> Self {
+        connection.set_prepared_statement_cache_capacity(MOST_PREPARED);
+        Self { connection, path: path.to_owned(), version: version(steps.len()), file: identity(path) }
     }
 
     /// Refuses another program's database, and a later version's, before anything is written.
@@ -63,6 +79,20 @@ impl Db {
             return Err(Error::Newer { path: self.path.clone(), found, known });
         }
         Ok(())
+    }
+
+    /// That it is still the file that was opened: another process may have brought it to a later version, or put another one in its
+    /// place, and what is written then would be wrong, or lost.
+    fn check_still(&self, tx: &Connection) -> Result<(), Error> {
+        let path = self.path.clone();
+        if self.file.is_none() || identity(&path) != self.file {
+            let problem =
+                "the file was taken away or replaced while it was open; start lumenfab again".into();
+            return Err(Error::Io { path, problem });
+        }
+        let found = tx.pragma_query_value(None, "user_version", |row| row.get(0));
+        let (found, known): (i64, i64) = (found.map_err(|e| told(&path, &e))?, self.version);
+        if found > known { Err(Error::Newer { path, found, known }) } else { Ok(()) }
     }
 
     /// Whose it is, its version, and how much is in it, all at one moment: others may just be making it.
@@ -120,19 +150,19 @@ impl Db {
         tx.commit()
     }
 
-    /// Whether the history ends where it was left and, in a file that is read in no time, whether pages and indices are sound.
+    /// Whether the history ends where it was left and, in a file that is read in no time, whether pages are sound.
     fn check(&mut self) -> Result<(), Error> {
         if std::fs::metadata(&self.path).is_ok_and(|file| file.len() <= MOST_CHECKED_BYTES) {
-            self.check_pages()?;
+            self.check_pages("quick_check")?;
         }
         self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
     }
 
-    /// Whether pages and indices are sound: reads the whole file.
-    pub(super) fn check_pages(&self) -> Result<(), Error> {
+    /// Whether pages are sound (`quick_check`), and also what indices say (`integrity_check`): reads the whole file.
+    pub(super) fn check_pages(&self, how: &str) -> Result<(), Error> {
         let found: String = self
             .connection
-            .pragma_query_value(None, "quick_check", |row| row.get(0))
+            .pragma_query_value(None, how, |row| row.get(0))
             .map_err(|e| told(&self.path, &e))?;
         if found == "ok" { Ok(()) } else { Err(Error::Damaged { path: self.path.clone(), problem: found }) }
     }
@@ -142,7 +172,8 @@ impl Db {
         &mut self,
         look: impl FnOnce(&Connection) -> Result<T, rows::Error>,
     ) -> Result<T, Error> {
-        let tx = self.connection.transaction().map_err(|e| told(&self.path, &e))?;
+        let tx = self.connection.unchecked_transaction().map_err(|e| told(&self.path, &e))?;
+        self.check_still(&tx)?;
         look(&tx).map_err(|e| e.at(&self.path))
     }
 
@@ -151,12 +182,18 @@ impl Db {
         &mut self,
         work: impl FnOnce(&Connection) -> Result<T, rows::Error>,
     ) -> Result<T, Error> {
-        let begun = self.connection.transaction_with_behavior(TransactionBehavior::Immediate);
+        let begun = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate);
         let tx = begun.map_err(|e| told(&self.path, &e))?;
+        self.check_still(&tx)?;
         let done = work(&tx).map_err(|e| e.at(&self.path))?;
         tx.commit().map_err(|e| told(&self.path, &e))?;
         Ok(done)
     }
+}
+
+/// Which file a name leads to.
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
 }
 
 /// The version behind so many steps.

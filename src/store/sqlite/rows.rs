@@ -5,7 +5,7 @@ use crate::queue::act::{Outcome, Scene};
 use crate::queue::history::Head;
 use crate::queue::{
     Break, Claim, Digest, Fact, Job, JobId, Name, Needs, Printer, Rank, Refusal, Sealed, Spec, SpecKind,
-    State,
+    State, What,
 };
 use crate::store;
 use jiff::Timestamp;
@@ -57,7 +57,7 @@ impl Error {
     }
 }
 
-fn json(value: &impl Serialize) -> String {
+pub(super) fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("rows are numbers, names and lists of them")
 }
 
@@ -91,25 +91,26 @@ pub(super) struct Columns {
     pub(super) rank: String,
     pub(super) filament_mm3: i64,
     pub(super) waits: Option<String>,
-    pub(super) is_over: bool,
+    pub(super) over_seq: Option<i64>,
     pub(super) needs: String,
 }
 
 impl Columns {
-    pub(super) fn of(job: &Job) -> Self {
+    /// Of a job that was last changed by record `seq`.
+    pub(super) fn of(job: &Job, seq: u64) -> Self {
         Self {
             urgency: -i64::from(job.wishes.priority),
             rank: job.rank.as_str().to_owned(),
             filament_mm3: signed(job.estimate().map_or(0, |estimate| estimate.filament_mm3)),
             waits: waits(job).map(str::to_owned),
-            is_over: job.state.is_over(),
+            over_seq: job.state.is_over().then_some(signed(seq)),
             needs: json(job.needs()),
         }
     }
 }
 
-/// Until when a job is not known to be due.
-fn due_ms(job: &Job) -> Option<i64> {
+/// Until when a job is not known to be due; nothing is kept once it is, and a millisecond more where the clock was set back.
+pub(super) fn due_ms(job: &Job) -> Option<i64> {
     job.wishes.not_before.filter(|_| waits(job) == Some("print")).map(Timestamp::as_millisecond)
 }
 
@@ -176,11 +177,10 @@ fn needs_id(db: &Connection, needs: &Needs) -> Result<i64, Error> {
     Ok(db.last_insert_rowid())
 }
 
-/// Writes a job that was last changed by record `seq`.
+/// Writes a job that was last changed by record `seq`, its own.
 pub(super) fn put_job(db: &Connection, job: &Job, seq: u64) -> Result<(), Error> {
     let needs = needs_id(db, job.needs())?;
-    let columns = Columns::of(job);
-    let over_seq = columns.is_over.then_some(signed(seq));
+    let columns = Columns::of(job, seq);
     db.prepare_cached(
         "INSERT INTO jobs (id, body, urgency, rank, needs, filament_mm3, waits, due_ms, over_seq)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)
@@ -196,7 +196,7 @@ pub(super) fn put_job(db: &Connection, job: &Job, seq: u64) -> Result<(), Error>
         columns.filament_mm3,
         columns.waits,
         due_ms(job),
-        over_seq,
+        columns.over_seq,
     ])?;
     Ok(())
 }
@@ -209,7 +209,8 @@ pub(super) fn claim(db: &Connection, job: JobId) -> Result<Option<Claim>, Error>
         .optional()?;
     let Some((holder, token, until_ms)) = found else { return Ok(None) };
     let until = Timestamp::from_millisecond(until_ms).map_err(|e| Error::Row(e.to_string()))?;
-    Ok(Some(Claim { job, holder: Name::try_new(&holder)?, token: unsigned(token)?, until }))
+    let holder = Name::try_new(&holder).map_err(|e| Error::Row(format!("a claim's holder: {e}")))?;
+    Ok(Some(Claim { job, holder, token: unsigned(token)?, until }))
 }
 
 pub(super) fn put_claim(db: &Connection, job: JobId, claim: Option<&Claim>) -> Result<(), Error> {
@@ -250,8 +251,10 @@ pub(super) fn scene(db: &Connection, id: JobId, at: Option<&Name>) -> Result<Sce
 
 /// Writes what was decided, with its records.
 pub(super) fn put(db: &Connection, Outcome { scene, facts }: Outcome) -> Result<Scene, Error> {
+    let is_printers = |fact: &&Fact| matches!(fact.what, What::Printer { .. });
+    let n_behind: u64 = facts.iter().rev().take_while(is_printers).map(|_| 1).sum();
     let head = record(db, facts)?;
-    put_job(db, &scene.job, head.seq)?;
+    put_job(db, &scene.job, head.seq - n_behind)?;
     put_claim(db, scene.job.id, scene.claim.as_ref())?;
     if let Some(printer) = &scene.printer {
         put_printer(db, printer)?;
@@ -268,13 +271,14 @@ pub(super) fn put_spec(db: &Connection, job: JobId, spec: &Spec) -> Result<(), E
     Ok(())
 }
 
-pub(super) fn spec(db: &Connection, id: JobId) -> Result<Spec, Error> {
+pub(super) fn spec(db: &Connection, id: JobId) -> Result<Option<Spec>, Error> {
     let found: Option<(String, Vec<u8>)> = db
         .prepare_cached("SELECT kind, bytes FROM specs WHERE job = ?1")?
         .query_row([id.to_string()], |row| Ok((row.get(0)?, row.get(1)?)))
         .optional()?;
-    let (kind, bytes) = found.ok_or(Refusal::NoJob { id })?;
-    Ok(Spec::try_new(parsed::<SpecKind>("a specification", &kind)?, bytes)?)
+    let Some((kind, bytes)) = found else { return Ok(None) };
+    let spec = Spec::try_new(parsed::<SpecKind>("a specification", &kind)?, bytes);
+    spec.map(Some).map_err(|e| Error::Row(e.to_string()))
 }
 
 /// The place before or behind another, or at an end, of all jobs; `None` where there is none.

@@ -153,6 +153,30 @@ fn a_later_versions_file_is_refused_and_left_as_it_is() {
 }
 
 #[test]
+fn a_file_that_a_later_version_takes_over_is_not_written_any_more() {
+    let folder = Folder::with_jobs(1);
+    let store = Folder::open(folder.dir());
+    folder.by_hand("PRAGMA user_version = 99");
+    let refused = run(store.add(ticket(2), true, operator(0))).unwrap_err();
+    assert_eq!(refused.code(), "store.newer");
+    assert_eq!(run(store.head()).unwrap_err().code(), "store.newer");
+}
+
+#[test]
+fn a_file_that_is_replaced_while_it_is_open_is_not_written_any_more() {
+    let folder = Folder::with_jobs(1);
+    let backup = folder.dir().join("backup.db");
+    fs::copy(folder.db(), &backup).unwrap();
+    let store = Folder::open(folder.dir());
+    run(store.add(ticket(2), true, operator(0))).unwrap();
+    fs::rename(&backup, folder.db()).unwrap();
+    let said = run(store.add(ticket(3), true, operator(0))).unwrap_err().to_string();
+    assert!(said.contains("queue.db: the file was taken away or replaced while it was open"), "{said}");
+    fs::remove_file(folder.db()).unwrap();
+    assert_eq!(run(store.head()).unwrap_err().code(), "store.io");
+}
+
+#[test]
 fn a_damaged_file_is_refused() {
     let folder = Folder::with_jobs(200);
     let mut bytes = fs::read(folder.db()).unwrap();
@@ -175,7 +199,8 @@ fn each_step_is_done_once_and_whole() {
     let n_steps = i64::try_from(STEPS.len()).unwrap();
     let half = "CREATE TABLE extra (a INTEGER) STRICT; INSERT INTO nowhere VALUES (1)";
     let broken = [STEPS, &[half]].concat();
-    assert!(Db::open(&folder.db(), &broken).is_err());
+    let said = Db::open(&folder.db(), &broken).unwrap_err().to_string();
+    assert!(said.contains("no such table: nowhere"), "{said}");
     let before = Db::open(&folder.db(), STEPS).unwrap();
     assert_eq!(version(&before), (n_steps, APPLICATION_ID));
     let tables = "SELECT count(*) FROM sqlite_schema WHERE name = 'extra'";

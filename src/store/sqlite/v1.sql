@@ -58,6 +58,9 @@ CREATE TRIGGER history_is_not_changed BEFORE UPDATE ON history
 BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;
 CREATE TRIGGER history_is_not_cut BEFORE DELETE ON history
 BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;
+-- Replacing a row goes past the trigger on deletes.
+CREATE TRIGGER history_is_not_replaced BEFORE INSERT ON history WHEN NEW.seq <= (SELECT max(seq) FROM history)
+BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;
 
 CREATE TABLE head (
     id INTEGER PRIMARY KEY CHECK (id = 1),

@@ -169,11 +169,14 @@ pub(super) fn renew(db: &Connection, claim: &Claim, now: Timestamp) -> Result<Cl
 
 pub(super) fn adopt(db: &Connection, holder: &Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
     let ids = ids(db, "SELECT job FROM claims WHERE holder = ?1 ORDER BY job", holder.as_str())?;
-    let adopted = ids.into_iter().map(|id| {
+    let mut adopted = Vec::new();
+    for id in ids {
         let token = rows::head(db)?.seq + 1;
-        taken(db, act::adopt(&rows::scene(db, id, None)?, holder, token, now)?)
-    });
-    adopted.collect()
+        let Scene { job, claim, .. } =
+            rows::put(db, act::adopt(&rows::scene(db, id, None)?, holder, token, now)?)?;
+        adopted.extend(claim.map(|claim| Claimed { job, claim }));
+    }
+    Ok(adopted)
 }
 
 pub(super) fn sweep(db: &Connection, now: Timestamp) -> Result<Vec<Job>, Error> {

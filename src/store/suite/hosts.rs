@@ -2,7 +2,7 @@
 
 use super::*;
 use std::collections::BTreeMap;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
@@ -107,17 +107,19 @@ pub(in crate::store) async fn each_copy_is_printed_once_by_many_processes<T: Sit
 const TASK: &str = "LUMENFAB_TEST_STORE_TASK";
 const DIR: &str = "LUMENFAB_TEST_STORE_DIR";
 
-/// Says that a host has come so far that it opens the store.
-pub(super) fn begun(dir: &Path) -> PathBuf {
-    dir.join("begun")
-}
-
 /// This program again, with a task.
 pub(in crate::store) fn again<T: Site>(dir: &Path, task: &str) -> Command {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args([T::CHILD, "--exact", "--nocapture"]).env(TASK, task).env(DIR, dir);
-    command.stdout(Stdio::null()).stderr(Stdio::piped());
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
     command
+}
+
+/// What a process says when it has done what it was told: a name of a test that is not there does nothing, and ends well, too.
+const DONE: &str = "the task is done";
+
+pub(in crate::store) fn say_done() {
+    writeln!(std::io::stdout(), "{DONE}").unwrap();
 }
 
 pub(super) fn spawn<T: Site>(dir: &Path, task: &str) -> Child {
@@ -125,11 +127,11 @@ pub(super) fn spawn<T: Site>(dir: &Path, task: &str) -> Child {
 }
 
 #[track_caller]
-pub(in crate::store) fn ends_well(mut child: Child) {
-    let is_good = child.wait().unwrap().success();
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert!(is_good, "{said}");
+pub(in crate::store) fn ends_well(child: Child) {
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(String::from_utf8_lossy(&output.stdout).contains(DONE), "nothing was done: {said}");
 }
 
 /// What this process is told to do; nothing unless it was told.
@@ -137,14 +139,13 @@ pub(in crate::store) fn child<T: Site>() {
     let (Ok(task), Some(dir)) = (std::env::var(TASK), std::env::var_os(DIR)) else { return };
     let dir = PathBuf::from(dir);
     match task.split_once(' ').unwrap_or((&task, "")) {
-        ("print", printer) => {
-            std::fs::write(begun(&dir), "").unwrap();
-            run(print_all(&T::open(&dir), &dir, printer));
-        }
-        ("", _) => {}
+        ("print", printer) => run(print_all(&T::open(&dir), &dir, printer)),
         ("fill", _) => run(fill(&T::open(&dir))),
+        // It is told what to do by other names.
+        ("", _) => return,
         other => panic!("no such task: {other:?}"),
     }
+    say_done();
 }
 
 /// Adds jobs until the store refuses; that has to be for want of room, and nothing that was answered may be lost.

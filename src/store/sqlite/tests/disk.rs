@@ -3,7 +3,7 @@
 #![expect(clippy::print_stderr, reason = "what could not be tested is said")]
 
 use super::*;
-use crate::store::suite::{again, ends_well};
+use crate::store::suite::{again, ends_well, say_done};
 use std::process::{Command, Stdio};
 
 const CODE: &str = "LUMENFAB_TEST_STORE_CODE";
@@ -14,6 +14,7 @@ pub(super) fn child() {
     let (Ok(code), Some(db)) = (std::env::var(CODE), std::env::var_os(DB)) else { return };
     let refused = Sqlite::open(Path::new(&db)).unwrap_err();
     assert_eq!(refused.code(), code, "{refused}");
+    say_done();
 }
 
 /// A command, run by a shell that prepares something first; `None` where this machine does not let it.
@@ -31,7 +32,7 @@ fn prepared(wrapper: &[&str], preparation: &str, command: &Command) -> Option<Co
     let mut prepared = shell(&format!("{preparation} && exec \"$0\" \"$@\""));
     prepared.arg(command.get_program()).args(command.get_args());
     prepared.envs(command.get_envs().filter_map(|(key, value)| Some((key, value?))));
-    prepared.stdout(Stdio::null()).stderr(Stdio::piped());
+    prepared.stdout(Stdio::piped()).stderr(Stdio::piped());
     Some(prepared)
 }
 
@@ -44,13 +45,13 @@ fn a_full_disk_is_said_and_loses_nothing() {
         ends_well(command.spawn().unwrap());
     }
     // Files of the queue may grow to so many blocks of 512 bytes.
-    if let Some(mut command) = prepared(&["env"], "trap '' XFSZ; ulimit -f 1000", &fill) {
-        ends_well(command.spawn().unwrap());
-    }
+    let limited = prepared(&["env"], "trap '' XFSZ; ulimit -f 1000", &fill);
+    ends_well(limited.expect("any shell can limit files").spawn().unwrap());
     let store = Folder::open(folder.dir());
     run(async {
         store.verify().await.unwrap();
         let n_before = store.list(Which::Live, None, 10_000).await.unwrap().len();
+        assert!(n_before > 0);
         store.add(ticket(9999), true, operator(0)).await.unwrap();
         assert_eq!(store.list(Which::Live, None, 10_000).await.unwrap().len(), n_before + 1);
     });
