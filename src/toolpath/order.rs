@@ -23,7 +23,7 @@ pub(super) struct Order {
     frame: StackFromBed,
     /// Where the nozzle is.
     at: Option<Point2>,
-    /// Where the loops along the lumen of the layer below begin.
+    /// Where the loops along the skins of the layer below begin.
     seams: Vec<Point2>,
     z_mm: f64,
     /// Walls that are too thin, and features that no bead covers, with the heights of their layers in the stack.

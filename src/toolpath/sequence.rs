@@ -1,14 +1,14 @@
 //! The order of the beads, the places of their seams, and the travels between them.
 //!
 //! Islands follow each other by nearness; in an island come the loops at the lumen, at the outer skin,
-//! the loops inside, the raster. A loop at the lumen begins and ends as the module `seam` says, every other
-//! path at its vertex nearest to the nozzle.
+//! the loops inside, the raster. Loops along skins begin where the module `seam` says, those at the lumen as the module `lead` does,
+//! every other path at its vertex nearest to the nozzle.
 
 use super::fill::{FillParams, Path, Role, Vertex};
 use super::seam::Seams;
 use super::travel::{Net, Travel};
-use super::{Bead, BeadPoint};
-use super::{seam, simplify};
+use super::{Bead, BeadKind, BeadPoint};
+use super::{lead, simplify};
 use crate::geom::{Point2, Vector2, Vector3};
 
 /// Largest change of width from one segment to the next before the segment is divided, mm,
@@ -29,7 +29,7 @@ pub(super) struct Sequence {
     pub(super) travels: Vec<Travel>,
     /// Where the nozzle is.
     pub(super) at: Option<Point2>,
-    /// Where the loops along the lumen begin.
+    /// Where the loops along the skins begin.
     pub(super) seams: Vec<Point2>,
 }
 
@@ -47,18 +47,27 @@ pub(super) fn sequence(
     while let Some(island) = nearest_island(&open, sequence.at) {
         let (mut here, rest): (Vec<_>, Vec<_>) = open.into_iter().partition(|(i, _)| *i == island);
         open = rest;
-        let mut n_lumens = 0;
+        let (mut n_lumens, mut n_outer) = (0, 0);
         while let Some(next) = next_path(&here, sequence.at) {
             let (_, path) = here.swap_remove(next);
-            let begin = if path.role == Role::Lumen && path.closed {
-                n_lumens += 1;
-                let begin = seams.place(&path.vertices, n_lumens);
-                sequence.seams.push(path.vertices[begin].at);
-                begin
-            } else {
-                nearest_vertex(&path, sequence.at).0
+            let vertices = match path.role {
+                Role::Lumen if path.closed => {
+                    n_lumens += 1;
+                    let around = seams.begun(&path.vertices, n_lumens);
+                    sequence.seams.push(around[0].at);
+                    lead::led(around, &mut here, params)
+                }
+                Role::Outer if path.closed => {
+                    n_outer += 1;
+                    let from = sequence.at.filter(|_| n_lumens > 0);
+                    let mut around = seams.outer_begun(&path.vertices, n_outer, from);
+                    sequence.seams.push(around[0].at);
+                    around.push(around[0]);
+                    around
+                }
+                _ => unrolled(&path, nearest_vertex(&path, sequence.at).0),
             };
-            sequence.lay(&path, begin, net, params);
+            sequence.lay(path.kind, &vertices, net);
         }
     }
     sequence
@@ -107,13 +116,10 @@ fn nearest_vertex(path: &Path, at: Option<Point2>) -> (usize, f64) {
 }
 
 impl Sequence {
-    fn lay(&mut self, path: &Path, begin: usize, net: &Net, params: &FillParams) {
-        let vertices = unrolled(path, begin);
-        let vertices =
-            if path.closed && path.role == Role::Lumen { seam::led_in(vertices, params) } else { vertices };
+    fn lay(&mut self, kind: BeadKind, vertices: &[Vertex], net: &Net) {
         let (first, last) = (vertices[0].at, vertices[vertices.len() - 1].at);
         self.travels.push(self.at.map(|at| net.travel(at, first)).unwrap_or_default());
-        self.beads.push(Bead { kind: path.kind, points: bead_points(&vertices) });
+        self.beads.push(Bead { kind, points: bead_points(vertices) });
         self.at = Some(last);
     }
 }

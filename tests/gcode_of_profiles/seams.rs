@@ -10,7 +10,7 @@ use lumenfab::phantom::{Kind, Vessel};
 use lumenfab::profile::{self, Profile};
 use lumenfab::progress::Task;
 use lumenfab::slice::{Layer, LayerSlot};
-use lumenfab::toolpath::{self, BeadKind, LayerPaths};
+use lumenfab::toolpath::{self, Bead, BeadKind, LayerPaths};
 use std::f64::consts::TAU;
 
 /// So far from a seam it is the seam, mm of the outline to either side.
@@ -87,25 +87,31 @@ fn step_mm(seam: Point2, layer: &LayerPaths, laid: &[Laid]) -> Option<f64> {
     worst.max_by(|a, b| a.abs().total_cmp(&b.abs()))
 }
 
-/// Where the loops along the lumen close in a layer.
-fn seams(layer: &LayerPaths) -> Vec<Point2> {
+/// Where the beads along the lumen end in a layer, or leave its line for the wall; with the beads.
+fn ends(layer: &LayerPaths) -> Vec<(&Bead, Point2)> {
     let skin: Vec<_> = layer.lumen.contours.clone();
     let Some(index) = SegmentIndex::try_new(&skin) else { return Vec::new() };
     let external = layer.beads.iter().filter(|b| b.kind == BeadKind::ExternalPerimeter);
     let ends = external.filter_map(|b| {
-        let end = b.points.last()?;
-        (index.nearest(end.at).distance_mm < 0.6 * end.width_mm).then_some(end.at)
+        let near_mm = 0.6 * b.points.iter().map(|p| p.width_mm).fold(0.0, f64::max);
+        let last_two = b.points.iter().rev().take(2).map(|p| p.at);
+        Some((b, last_two.into_iter().find(|at| index.nearest(*at).distance_mm < near_mm)?))
     });
     ends.collect()
 }
 
+/// Their places.
+fn seams(layer: &LayerPaths) -> Vec<Point2> {
+    ends(layer).into_iter().map(|(_, at)| at).collect()
+}
+
 /// Those of them that close a loop: a bead along a thin wall has two ends whose places the wall decides.
 fn closings(layer: &LayerPaths) -> Vec<Point2> {
-    let is_loop = |end: &Point2| {
-        let beads = layer.beads.iter().filter(|b| b.points.last().is_some_and(|p| p.at == *end));
-        beads.into_iter().any(|b| (b.points[0].at - end).norm() < b.points[0].width_mm)
+    let is_loop = |(bead, _): &(&Bead, Point2)| {
+        let (first, last) = (bead.points[0], bead.points[bead.points.len() - 1]);
+        (first.at - last.at).norm() < first.width_mm
     };
-    seams(layer).into_iter().filter(is_loop).collect()
+    ends(layer).into_iter().filter(is_loop).map(|(_, at)| at).collect()
 }
 
 /// The worst seam of a job: as planned, and as the simulated printer records it; how many there are.
