@@ -1,7 +1,8 @@
 //! Loops around the first layer: a brim that holds the part down, a skirt that primes the nozzle.
 
 use super::fill::{FillParams, Path, Role, Vertex};
-use super::{BeadKind, simplify};
+use super::travel::Travel;
+use super::{Bead, BeadKind, sequence, simplify};
 use crate::ct::Warning;
 use crate::geom::{Contour, Region};
 use crate::profile::Profile;
@@ -22,12 +23,37 @@ pub(super) fn loops(
     profile: &Profile,
     params: &FillParams,
 ) -> (Vec<Path>, Option<Warning>) {
+    let outline = outline(material, supports, params.width_mm.max(profile.print.support_gap_mm));
+    around(&outline, n_brim(material, height_mm, profile, params), profile, params)
+}
+
+/// The skirt round a raft, which holds down by itself; what would leave the bed is left out, and said so.
+pub(super) fn skirt(raft: &Region, profile: &Profile, params: &FillParams) -> (Vec<Path>, Option<Warning>) {
+    around(raft, 0, profile, params)
+}
+
+/// Loops that are laid as they are, each from its first vertex round to it.
+pub(super) fn laid(loops: &[Path]) -> (Vec<Bead>, Vec<Travel>) {
+    let bead = |path: &Path| {
+        let mut vertices = path.vertices.clone();
+        vertices.push(vertices[0]);
+        Bead { kind: path.kind, points: sequence::bead_points(&vertices) }
+    };
+    let travel = Travel { via: Vec::new(), leaves_material: true };
+    (loops.iter().map(bead).collect(), vec![travel; loops.len()])
+}
+
+/// So many loops of brim round an outline, and the skirt round its convex hull beyond them.
+fn around(
+    outline: &Region,
+    n_brim: usize,
+    profile: &Profile,
+    params: &FillParams,
+) -> (Vec<Path>, Option<Warning>) {
     let print = &profile.print;
     let pitch = params.pitch_mm();
-    let outline = outline(material, supports, params.width_mm.max(print.support_gap_mm));
     let hull = outline.convex_hull();
-    let n_brim = n_brim(material, height_mm, profile, params);
-    let brim = (0..n_brim).map(|i| (&outline, (i as f64 + 0.5) * pitch));
+    let brim = (0..n_brim).map(|i| (outline, (i as f64 + 0.5) * pitch));
     let skirt_begin = n_brim as f64 * pitch + print.skirt_distance_mm;
     let skirt = (0..print.skirt_loops).map(|i| (&hull, skirt_begin + (f64::from(i) + 0.5) * pitch));
     let mut loops: Vec<(&Region, f64)> = brim.chain(skirt).collect();

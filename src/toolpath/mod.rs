@@ -293,7 +293,8 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let standing = placed[0].0.union(&on_bed);
     let mut order = Order::of_part(height_mm, on_bed, frame);
     if let Some(raft) = &placement.raft {
-        order = order.upon(raft.layers(&standing, profile), raft.height_mm());
+        let (layers, skirt) = raft.layers(&standing, profile);
+        order = order.upon(layers, raft.height_mm(), skirt);
     }
     left_out.iter().for_each(|b| order.note_thin(&b.slot, b.thin, &b.params));
     let mut drafts = Vec::new();

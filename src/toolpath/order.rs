@@ -65,10 +65,10 @@ impl Order {
         }
     }
 
-    /// All of it on a raft, which with its air is so high.
-    pub(super) fn upon(self, raft: Vec<LayerPaths>, raft_mm: f64) -> Self {
+    /// All of it on a raft, which with its air is so high; what is to be known of the skirt round it.
+    pub(super) fn upon(self, raft: Vec<LayerPaths>, raft_mm: f64, skirt: Option<Warning>) -> Self {
         let at = raft.iter().flat_map(|l| &l.beads).last().and_then(|b| b.points.last()).map(|p| p.at);
-        Self { at, z_mm: raft_mm, n_raft: raft.len(), paths: raft, ..self }
+        Self { at, z_mm: raft_mm, n_raft: raft.len(), paths: raft, adhesion: skirt, ..self }
     }
 
     /// Puts the next layers in order.
@@ -153,13 +153,10 @@ impl Order {
         let (loops, warning) =
             adhesion::loops(&draft.material, &self.on_bed, self.height_mm, profile, &draft.params);
         self.adhesion = warning;
-        for path in &loops {
-            let mut vertices = path.vertices.clone();
-            vertices.push(vertices[0]);
-            self.at = Some(vertices[0].at);
-            beads.push(Bead { kind: path.kind, points: sequence::bead_points(&vertices) });
-            travels.push(Travel { via: Vec::new(), leaves_material: true });
-        }
+        let (laid, ways) = adhesion::laid(&loops);
+        self.at = laid.last().map_or(self.at, |bead| Some(bead.points[0].at));
+        beads.extend(laid);
+        travels.extend(ways);
     }
 
     /// What the operator should know of all layers.

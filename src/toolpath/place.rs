@@ -91,7 +91,13 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
     let height: f64 = layers.iter().map(|l| l.slot.height_mm).sum::<f64>() + raft_mm;
     let scale = 1.0 / (1.0 - profile.filament.shrinkage_percent / 100.0);
     let size = bounds.size() * scale;
-    let part_mm = [size.x, size.y, height];
+    // Outlines that the profile moves outward need room, too.
+    let print = &profile.print;
+    let outward_mm = [0.0, print.first_layer_compensation_mm]
+        .map(|first_mm| -(print.squeeze_compensation_mm + first_mm))
+        .into_iter()
+        .fold(0.0, f64::max);
+    let part_mm = [size.x + 2.0 * outward_mm, size.y + 2.0 * outward_mm, height];
     // Written so that NaN is refused too.
     if !part_mm.iter().zip(bed).all(|(part, bed)| *part <= bed) {
         return Err(Error::LargerThanBed { part_mm, bed_mm: bed });
@@ -146,5 +152,28 @@ impl Placement {
             material = material.offset(-inward, TOLERANCE_MM);
         }
         (material, lumen)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile;
+    use crate::slice::LayerSlot;
+
+    #[test]
+    fn outlines_that_are_moved_outward_need_room_on_the_bed() {
+        let slot = LayerSlot { z_mid_mm: 0.1, height_mm: 0.2, ct_plane: None };
+        let corners = [(-9.9, -9.9), (9.9, -9.9), (9.9, 9.9), (-9.9, 9.9)].map(|(x, y)| Point2::new(x, y));
+        let material = Region::new(vec![Contour::new(corners.to_vec())]);
+        let layers = [Layer { slot, material, lumen: Region::default() }];
+        let mut profile = profile::builtin("reference").unwrap();
+        profile.machine.bed_mm = [20.0, 20.0, 20.0];
+        assert!(place(&layers, &profile).is_ok());
+        profile.print.squeeze_compensation_mm = -0.2;
+        let refused = place(&layers, &profile).unwrap_err();
+        assert!(matches!(refused, Error::LargerThanBed { part_mm: [x, ..], .. } if (x - 20.2).abs() < 1e-9));
+        (profile.print.squeeze_compensation_mm, profile.print.first_layer_compensation_mm) = (0.1, -0.25);
+        assert!(place(&layers, &profile).is_err(), "the first layer reaches beyond the bed");
     }
 }

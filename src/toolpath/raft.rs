@@ -5,10 +5,13 @@
 //! comes off; the others lie across each other, the uppermost one without gaps. Between it and the part there is air by the
 //! profile's gap, so that the part comes off.
 //!
+//! A skirt runs round it: what primes the nozzle for the part primes it for the raft.
+//!
 //! In the table of layers it lies below the part: its layers have heights in the stack and no CT plane.
 
 use super::fill::FillParams;
-use super::{BeadKind, LayerPaths, fill_params, raster, sequence};
+use super::{BeadKind, LayerPaths, adhesion, fill_params, raster, sequence};
+use crate::ct::Warning;
 use crate::geom::{Bounds2, Contour, Point2, Region};
 use crate::profile::Profile;
 use crate::slice::LayerSlot;
@@ -52,13 +55,16 @@ impl Raft {
         self.slots.iter().map(|s| s.height_mm).sum::<f64>() + self.gap_mm
     }
 
-    /// Its layers under what stands on it.
-    pub(super) fn layers(&self, standing: &Region, profile: &Profile) -> Vec<LayerPaths> {
+    /// Its layers under what stands on it, the lowest one with its skirt; what is to be known of that.
+    pub(super) fn layers(&self, standing: &Region, profile: &Profile) -> (Vec<LayerPaths>, Option<Warning>) {
         let margin_mm = profile.print.raft_margin_mm;
         let footprint = standing.without_holes().offset(margin_mm, TOLERANCE_MM).intersection(&bed(profile));
         // Its own holes are filled, too.
         let footprint = footprint.without_holes();
-        let (mut at, mut z_mm) = (None, 0.0);
+        let first = fill_params(profile, self.slots[0].height_mm);
+        let (loops, warning) = adhesion::skirt(&footprint, profile, &first);
+        let (mut beads, mut travels) = adhesion::laid(&loops);
+        let (mut at, mut z_mm) = (beads.last().map(|bead| bead.points[0].at), 0.0);
         let mut layers = Vec::with_capacity(self.slots.len());
         for (idx, slot) in self.slots.iter().enumerate() {
             z_mm += slot.height_mm;
@@ -73,16 +79,18 @@ impl Raft {
             paths.iter_mut().for_each(|path| path.kind = kind);
             let sequence = sequence::around(paths, None, at);
             at = sequence.at;
+            beads.extend(sequence.beads);
+            travels.extend(sequence.travels);
             layers.push(LayerPaths {
                 slot: *slot,
                 z_mm,
-                beads: sequence.beads,
-                travels: sequence.travels,
+                beads: std::mem::take(&mut beads),
+                travels: std::mem::take(&mut travels),
                 material: Region::default(),
                 lumen: Region::default(),
             });
         }
-        layers
+        (layers, warning)
     }
 }
 
@@ -157,6 +165,20 @@ mod tests {
         assert!(heights.into_iter().all(|step| step > 0.0), "the table ascends");
         let moved = raised.bed_from_stack.apply(crate::geom::Point3::new(0.0, 0.0, 7.0));
         assert!((moved.z - rise_mm).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_skirt_runs_round_the_raft_before_its_first_line() {
+        let mut profile = with_raft(2);
+        (profile.print.skirt_loops, profile.print.skirt_distance_mm) = (2, 5.0);
+        let raft = planned(&profile).layers;
+        let is_skirt = |bead: &&crate::toolpath::Bead| bead.kind == BeadKind::SkirtBrim;
+        assert_eq!(raft[0].beads.iter().take_while(is_skirt).count(), 2);
+        assert_eq!(raft.iter().flat_map(|l| &l.beads).filter(is_skirt).count(), 2);
+        let centre = Point2::new(100.0, 100.0);
+        // The raft reaches out to 7 mm.
+        let nearest = raft[0].beads[..2].iter().flat_map(|b| &b.points).map(|p| (p.at - centre).norm());
+        assert!(nearest.fold(f64::INFINITY, f64::min) > 7.0 + 5.0);
     }
 
     #[test]
