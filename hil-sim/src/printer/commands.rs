@@ -340,6 +340,10 @@ impl Printer {
 
     /// One look a second, told to the host.
     fn heated(&mut self, mut heat: HeatWait) -> Outcome {
+        if self.planner.depth() == 0 {
+            self.ran_dry = false;
+            self.judge.pause();
+        }
         if self.now_s < heat.next_tick_s {
             return Outcome::Wait(Wait::Heat(heat));
         }

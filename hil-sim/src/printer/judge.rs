@@ -125,9 +125,9 @@ impl Printer {
         }
     }
 
-    /// Whether the host wants the planner to run empty.
-    pub(super) const fn is_draining(&self) -> bool {
-        matches!(self.wait, Some(Wait::Drain(_)))
+    /// Whether no move can follow for now, so that the planner may run empty: the printer waits for its moves to end or to warm up.
+    pub(super) const fn is_meant_to_stand(&self) -> bool {
+        matches!(self.wait, Some(Wait::Drain(_) | Wait::Heat(_)))
     }
 
     /// What the run has come to so far.

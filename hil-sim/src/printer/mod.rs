@@ -348,7 +348,7 @@ impl Printer {
     fn finish_block(&mut self) {
         if let Some(block) = self.planner.finish() {
             self.lay(&block);
-            let (depth, expected) = (self.planner.depth(), self.is_draining());
+            let (depth, expected) = (self.planner.depth(), self.is_meant_to_stand());
             self.ran_dry = depth == 0 && !expected;
             self.judge.move_ended(depth, self.now_s, expected);
             if depth == 0 {

@@ -414,6 +414,18 @@ fn planner_that_runs_dry_between_moves_is_counted() {
 }
 
 #[test]
+fn a_planner_that_is_empty_while_the_printer_warms_up_is_not_dry() {
+    let mut printer = ready(&[]);
+    ask(&mut printer, "G1 X10\nM190 S60\n");
+    while printer.summary().bed_c[0] < 60.0 {
+        printer.advance_to(printer.now_s() + 10.0);
+    }
+    ask(&mut printer, "G1 X20\n");
+    let summary = printer.summary();
+    assert_eq!((summary.planner_dry, summary.planner_dry_s), (0, 0.0));
+}
+
+#[test]
 fn full_planner_lets_time_pass_by_whole_moves() {
     let mut printer = ready(&[]);
     let text: String = (1..=40).map(|i| format!("G1 X{i} F600\n")).collect();
