@@ -280,10 +280,13 @@ mod tests {
         let x = |i: usize| 60.0_f64.to_radians().tan() * HEIGHT_MM * i as f64;
         let ellipse = |i: usize, radius: f64| {
             let circle = Contour::circle(Point2::origin(), radius, 64).points;
-            Region::new(vec![Contour::new(circle.iter().map(|p| Point2::new(x(i) + 2.0 * p.x, p.y)).collect())])
+            Region::new(vec![Contour::new(
+                circle.iter().map(|p| Point2::new(x(i) + 2.0 * p.x, p.y)).collect(),
+            )])
         };
         let lumens: Vec<Region> = (0..60).map(|i| ellipse(i, 3.0)).collect();
-        let walls: Vec<Region> = lumens.iter().enumerate().map(|(i, l)| ellipse(i, 4.0).difference(l)).collect();
+        let walls: Vec<Region> =
+            lumens.iter().enumerate().map(|(i, l)| ellipse(i, 4.0).difference(l)).collect();
         let columns = columns_of(&walls, &lumens, &with_supports(55.0));
         for (i, support) in columns[..30].iter().enumerate() {
             let area = support.area();

@@ -114,8 +114,11 @@ pub fn slice_model(
     }
     let params = GridParams { layer_mm: job.layer_mm, height_limits_mm: profile.machine.layer_height_mm };
     let sliced = slice::slice_mesh(&model.mesh, &params, &task).map_err(|e| Error::from(e).of_model(path))?;
+    let size_mm = model.mesh.extent_mm().map(|[low, high]| high - low);
+    drop(model.mesh);
     let planned =
         toolpath::plan(&sliced.layers, &profile, &task).map_err(|e| Error::from(e).of_model(path))?;
+    drop(sliced.layers);
     let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
     let settings = format!("{:?}", (layer_mm, perimeters, infill_percent, turn));
     let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings, &task)?;
@@ -128,7 +131,7 @@ pub fn slice_model(
     let by = planned.paths.bed_from_stack.apply(crate::geom::Point3::origin());
     Ok(SlicedModel {
         n_triangles,
-        size_mm: model.mesh.extent_mm().map(|[low, high]| high - low),
+        size_mm,
         n_layers: planned.paths.layers.len(),
         n_lines: text.lines().count(),
         print_time_s: estimate.total_s,
