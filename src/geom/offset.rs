@@ -4,10 +4,13 @@
 //! convex). A raw vertex nearer than the offset distance to any contour cannot lie on the boundary of the
 //! result; a run of such vertices is thinned out, because only the crossings at its two ends matter. What is left
 //! crosses itself in few places, and the non-zero-positive winding rule removes the loops. Without the thinning a
-//! contour offset close to its collapse crosses itself O(n²) times.
+//! contour offset close to its collapse crosses itself O(n²) times. The middle of a long edge is a vertex of its own: both
+//! ends may lie too near, what is between them not.
 //!
-//! Cost: O(n) plus the boolean clean-up of the few crossings. Accuracy: the given chord tolerance for arcs, exact
-//! distance to the polyline elsewhere, and the grid of [`super::region`].
+//! Edges shorter than a quarter of the tolerance are left out, as their directions are chance.
+//!
+//! Cost: O(n) plus the boolean clean-up of the few crossings. Accuracy: the given chord tolerance for arcs and for mitres, to
+//! the polyline without such edges elsewhere, and the grid of [`super::region`].
 
 use super::{Contour, Point2, SegmentIndex, Vector2};
 use std::f64::consts::TAU;

@@ -72,7 +72,7 @@ fn the_default_is_never_worse_than_half_maximum_nor_the_snake_far_off() {
 }
 
 #[test]
-#[ignore = "prints a table for the documentation, takes a minute"]
+#[ignore = "prints a table for the documentation, asserts nothing"]
 #[expect(clippy::print_stdout, reason = "the table is what it is for")]
 fn table() {
     println!(

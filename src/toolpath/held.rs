@@ -20,8 +20,6 @@ use crate::units::counted;
 const STEP_MM: f64 = 0.5;
 /// What reaches less than this beyond the limit is noise of the layers' outlines, mm.
 const NOISE_MM: f64 = 0.02;
-/// An island with less than this on the layer below does not rest on it, mm².
-const LEAST_REST_MM2: f64 = 1e-3;
 /// Every how many nodes of an island are looked at to see whether it rests on something.
 const REST_STRIDE: usize = 4;
 /// It rests where one of them lies so deep in what is below, mm,
@@ -82,7 +80,7 @@ impl Below<'_> {
         let Some(skins) = self.skins else { return false };
         // Some of its outline does nearly always; what is built straight up runs along the outline below.
         island.contours.iter().flat_map(along).any(|p| skins.index.contains(p))
-            || self.placed.0.intersection(island).area_mm2() > LEAST_REST_MM2
+            || touches(island, &self.placed.0, None)
     }
 
     /// The place that reaches farthest beyond this layer, and how far, if that is more than `reach_mm`.

@@ -308,9 +308,9 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let bare = bare(&order.paths, layers, profile)?;
+    let emptied = emptied(&order.paths, layers, profile)?;
     let footing = held::footing(layers, &placed, &frame, profile);
-    let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(bare);
+    let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
     let warnings = told.chain(footing).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
@@ -320,7 +320,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
 ///
 /// # Errors
 /// No layer gets any bead.
-fn bare(paths: &[LayerPaths], layers: &[Layer], profile: &Profile) -> Result<Option<Warning>, Error> {
+fn emptied(paths: &[LayerPaths], layers: &[Layer], profile: &Profile) -> Result<Option<Warning>, Error> {
     let of_part = &paths[paths.len() - layers.len()..];
     let least_mm2 = profile.print.extrusion_width_mm.powi(2);
     let holds = |(layer, _): &(&Layer, &LayerPaths)| layer.material.area_mm2() > least_mm2;
