@@ -304,12 +304,13 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
         let (filled, ordered) = rayon::join(fill, || order.add(std::mem::take(&mut drafts), profile, task));
         ordered?;
         // Of several faulty layers always the lowest is reported.
-        drafts = filled.into_iter().collect::<Result<Vec<Draft>, Error>>()?;
+        drafts = filled.into_iter().collect::<Result<Vec<Draft<'_>>, Error>>()?;
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let emptied = emptied(&order.paths, layers, profile)?;
     let footing = held::footing(layers, &placed, &frame, profile);
+    order.outlined(placed);
+    let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
     let warnings = told.chain(footing).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
@@ -403,10 +404,9 @@ fn steadied(
 }
 
 /// A layer whose beads are not yet in order.
-struct Draft {
+struct Draft<'a> {
     slot: LayerSlot,
-    material: Region,
-    lumen: Region,
+    material: &'a Region,
     params: FillParams,
     supports: Vec<Path>,
     paths: Vec<Path>,
@@ -420,14 +420,12 @@ struct Draft {
     unheld: Option<Unheld>,
 }
 
-fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Error> {
+fn draft<'a>(idx: usize, stack: &Stack<'a>, profile: &Profile) -> Result<Draft<'a>, Error> {
     let slot = stack.layers[idx].slot;
     let params = fill_params(profile, slot.height_mm);
-    let (material, lumen) = stack.placed[idx].clone();
     let mut draft = Draft {
         slot,
-        material,
-        lumen,
+        material: &stack.placed[idx].0,
         params,
         supports: vec![],
         paths: vec![],
@@ -438,7 +436,7 @@ fn draft(idx: usize, stack: &Stack<'_>, profile: &Profile) -> Result<Draft, Erro
         floating: vec![],
         unheld: None,
     };
-    let skins = Skins::try_new(&draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
+    let skins = Skins::try_new(draft.material, params.cap_mm(), OUTLINE_TOLERANCE_MM);
     draft.unheld = Unheld::above(idx, skins.as_ref(), stack, profile);
     let Some(skins) = skins else { return Ok(draft) };
     let filled = fill::fill(&skins, &params);

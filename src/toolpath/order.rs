@@ -74,7 +74,7 @@ impl Order {
     /// Puts the next layers in order.
     pub(super) fn add(
         &mut self,
-        drafts: Vec<Draft>,
+        drafts: Vec<Draft<'_>>,
         profile: &Profile,
         task: &Task<'_>,
     ) -> Result<(), Cancelled> {
@@ -85,7 +85,7 @@ impl Order {
         Ok(())
     }
 
-    fn layer(&mut self, mut draft: Draft, profile: &Profile) {
+    fn layer(&mut self, mut draft: Draft<'_>, profile: &Profile) {
         let idx = self.paths.len();
         self.z_mm += draft.slot.height_mm;
         self.note_thin(&draft.slot, draft.thin, &draft.params);
@@ -112,8 +112,15 @@ impl Order {
         self.at = struts.at;
         beads.extend(struts.beads);
         travels.extend(struts.travels);
-        let Draft { slot, material, lumen, .. } = draft;
-        self.paths.push(LayerPaths { slot, z_mm: self.z_mm, beads, travels, material, lumen });
+        let (material, lumen) = Default::default();
+        self.paths.push(LayerPaths { slot: draft.slot, z_mm: self.z_mm, beads, travels, material, lumen });
+    }
+
+    /// Gives the part's layers, once all are in order, the outlines that they fill: material and lumen of each.
+    pub(super) fn outlined(&mut self, outlines: Vec<(Region, Region)>) {
+        for (layer, outlines) in self.paths[self.n_raft..].iter_mut().zip(outlines) {
+            (layer.material, layer.lumen) = outlines;
+        }
     }
 
     /// Notes where the wall of the next layer, or of one that is left out before the first, is too thin.
@@ -145,13 +152,13 @@ impl Order {
     /// Skirt and brim.
     fn hold_down(
         &mut self,
-        draft: &Draft,
+        draft: &Draft<'_>,
         profile: &Profile,
         beads: &mut Vec<Bead>,
         travels: &mut Vec<Travel>,
     ) {
         let (loops, warning) =
-            adhesion::loops(&draft.material, &self.on_bed, self.height_mm, profile, &draft.params);
+            adhesion::loops(draft.material, &self.on_bed, self.height_mm, profile, &draft.params);
         self.adhesion = warning;
         let (laid, ways) = adhesion::laid(&loops);
         self.at = laid.last().map_or(self.at, |bead| Some(bead.points[0].at));
