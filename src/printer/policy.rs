@@ -53,7 +53,7 @@ pub enum Trouble {
     StopRequested,
     /// The operator wants it to stop at once.
     EmergencyStop,
-    /// A line does not get through, or a command is refused or never ends.
+    /// A line does not get through, a command is refused or never ends, or a question is never answered.
     Stuck,
 }
 

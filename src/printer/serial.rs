@@ -45,9 +45,9 @@ impl SerialLink {
     }
 
     fn open_at(&self, path: &Path) -> Result<SerialStream, Error> {
-        let guard = open_without_hangup(path).map_err(|errno| self.fail(problem_of(errno, path)))?;
+        let guard = open_without_hangup(path).map_err(|errno| self.fail(problem_of(errno)))?;
         let opened = tokio_serial::new(path.display().to_string(), self.baud).open_native_async();
-        let stream = opened.map_err(|error| self.fail(problem_of_opening(&error, path)))?;
+        let stream = opened.map_err(|error| self.fail(problem_of_opening(&error)))?;
         drop(guard);
         Ok(stream)
     }
@@ -87,7 +87,7 @@ pub async fn open(path: &Path, firmware: &Firmware, baud: Option<u32>) -> Result
     let device = device::behind(&path);
     let mut link =
         SerialLink { name: name.clone(), path, baud: baud.unwrap_or(firmware.baud), device, first: None };
-    let mut stream = link.open_at(&link.path)?;
+    let mut stream = link.open_at(&link.path).map_err(|error| with_holder(error, &link.path))?;
     if firmware.reset_on_open {
         reset(&mut stream).await.map_err(|error| link.fail(PortProblem::Other(error.to_string())))?;
     }
@@ -111,21 +111,31 @@ async fn reset(stream: &mut SerialStream) -> tokio_serial::Result<()> {
     stream.write_data_terminal_ready(true)
 }
 
-fn problem_of(errno: Errno, path: &Path) -> PortProblem {
+/// Names the program that has the port. Looked for once, not at each try to open a port that was lost: nobody is told these.
+fn with_holder(error: Error, path: &Path) -> Error {
+    match error {
+        Error::Open { port, problem: PortProblem::Busy(None) } => {
+            Error::Open { port, problem: PortProblem::Busy(holder::of(path)) }
+        }
+        error => error,
+    }
+}
+
+fn problem_of(errno: Errno) -> PortProblem {
     match errno {
         Errno::NOENT | Errno::NOTDIR | Errno::NODEV | Errno::NXIO => PortProblem::Missing,
         Errno::ACCESS | Errno::PERM => PortProblem::NoRights,
-        Errno::BUSY => PortProblem::Busy(holder::of(path)),
+        Errno::BUSY => PortProblem::Busy(None),
         Errno::NOTTY | Errno::ISDIR | Errno::INVAL => PortProblem::NotAPort,
         other => PortProblem::Other(std::io::Error::from(other).to_string()),
     }
 }
 
 /// The port exists and is a terminal: what is left is mostly that somebody else has it.
-fn problem_of_opening(error: &tokio_serial::Error, path: &Path) -> PortProblem {
+fn problem_of_opening(error: &tokio_serial::Error) -> PortProblem {
     let text = error.to_string();
     if text.contains("lock") || text.contains("busy") {
-        return PortProblem::Busy(holder::of(path));
+        return PortProblem::Busy(None);
     }
     match error.kind() {
         tokio_serial::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortProblem::NoRights,
@@ -174,6 +184,24 @@ mod tests {
         let _other_program = tokio_serial::new(&*path, 115_200).open_native_async().unwrap();
         let error = error_of(Path::new(&path)).await;
         assert_eq!(error.code(), "printer.port_busy", "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_port_s_holder_is_named_once() {
+        let (_master, slave) = serialport::TTYPort::pair().unwrap();
+        let path = SerialPort::name(&slave).unwrap();
+        let held = std::fs::File::options().read(true).write(true).open(&path).unwrap();
+        let mut child = std::process::Command::new("sleep").arg("60").stdin(held).spawn().unwrap();
+        let _locked = tokio_serial::new(&*path, 115_200).open_native_async().unwrap();
+        let at_first = error_of(Path::new(&path)).await;
+        let lost =
+            SerialLink { name: path.clone(), path: path.into(), baud: 115_200, device: None, first: None };
+        let later = lost.open_at(&lost.path).unwrap_err();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let holder = Some(format!("sleep, process {}", child.id()));
+        assert!(matches!(&at_first, Error::Open { problem: PortProblem::Busy(told), .. } if *told == holder));
+        assert!(matches!(later, Error::Open { problem: PortProblem::Busy(None), .. }), "{later}");
     }
 
     #[tokio::test]

@@ -315,6 +315,12 @@ impl Printer {
         self.events.drain(..)
     }
 
+    /// Somebody presses its button, for which it waits.
+    pub fn press_button(&mut self) {
+        self.emergency(Emergency::Continue);
+        self.settle();
+    }
+
     /// Whether moves are planned that nobody waits for.
     #[must_use]
     pub fn has_moves(&self) -> bool {

@@ -121,9 +121,10 @@ struct Config {
     guard: Option<guard::Words>,
 }
 
-/// The line whose acknowledgement is awaited.
+/// What is awaited first: the acknowledgement of the oldest line in flight; where there is none, the answer to a question.
 #[derive(Debug, Clone, Copy)]
 struct Oldest {
+    /// The line's number; for a question that of the line which would come next.
     number: u64,
     since: Instant,
 }
@@ -595,9 +596,9 @@ impl Core {
             State::Finishing | State::Cancelling if is_drained && self.wire.unsent() == 0 => self.ask(),
             _ => {}
         }
-        self.hear_the_user();
         self.follow_guard();
         self.track_oldest();
+        self.hear_the_user();
         self.arm();
     }
 }

@@ -17,10 +17,10 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Where it does not answer, it is asked ever more rarely, up to so many doublings.
 const MAX_DOUBLINGS: u32 = 6;
 
-/// A line within which the firmware says that it waits for the user.
+/// A line or a question within which the firmware says that it waits for the user: noise can make `M1 5` of `M105`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Awaited {
-    /// Its number; 0 where it is a line of somebody who is gone.
+    /// Its number, as [`super::Oldest`] has it; 0 where it is a line of somebody who is gone.
     number: u64,
     /// Whether it was heard since it was told to go on.
     is_waiting: bool,
@@ -95,6 +95,11 @@ impl Core {
         self.quiet_since = self.now + BUSY_INTERVAL;
         self.events.push_back(Event::Busy(what.to_owned()));
         let Some(oldest) = self.oldest.as_mut().filter(|_| what.contains("user")) else { return };
+        if self.state == State::Cancelling {
+            // Heaters-off stands behind it, and whoever has stopped the print waits for nobody.
+            self.say_now("M108");
+            return;
+        }
         // Somebody changes filament or reads a prompt: that may take the night.
         oldest.since = self.now;
         let number = oldest.number;
@@ -121,7 +126,8 @@ impl Core {
     /// The line within which the user was awaited is done: by the operator's word, or because somebody has pressed the printer's own
     /// button.
     pub(super) fn hear_the_user(&mut self) {
-        let is_done = self.user_awaited.is_some_and(|awaited| awaited.number <= self.wire.acked());
+        let is_at = |number| self.oldest.is_some_and(|oldest| oldest.number <= number);
+        let is_done = self.user_awaited.is_some_and(|awaited| !is_at(awaited.number));
         if !is_done || !self.state.has_job() {
             return;
         }

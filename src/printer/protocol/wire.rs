@@ -376,6 +376,15 @@ impl Wire {
         self.oldest_command().map_or(Duration::ZERO, dwell)
     }
 
+    /// How many of the last `n_lines` acknowledged may take minutes, and how long all of them take by their own word.
+    pub(super) fn slow_before_question(&self, n_lines: u64) -> (u32, Duration) {
+        let numbers = self.acked.saturating_sub(n_lines) + 1..=self.acked;
+        let slow = numbers.filter(|&n| self.index(n).is_some_and(|i| self.lines[i].is_slow));
+        slow.fold((0, Duration::ZERO), |(n_slow, sum), number| {
+            (n_slow + 1, sum + self.command(number).map_or(Duration::ZERO, dwell))
+        })
+    }
+
     /// Whether the oldest line in flight ends when something is warm.
     pub(super) fn oldest_waits_for_heat(&self) -> bool {
         self.oldest_command().is_some_and(waits_for_heat)

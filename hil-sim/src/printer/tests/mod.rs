@@ -252,6 +252,17 @@ fn pause_prompts_and_is_released_by_m108() {
 }
 
 #[test]
+fn pause_of_a_firmware_without_m108_is_released_by_the_button() {
+    let mut printer = printer_of("prusa-mk3s");
+    printer.receive(b"M1 5\n");
+    printer.advance_to(5.0);
+    printer.receive(b"M108\n");
+    assert!(said(&mut printer).iter().all(|line| line.starts_with("echo:")));
+    printer.press_button();
+    assert_eq!(said(&mut printer).first().map(String::as_str), Some("ok"));
+}
+
+#[test]
 fn m108_ends_heating() {
     let mut printer = printer();
     printer.receive(b"M109 S200\n");

@@ -2,6 +2,7 @@ mod alone;
 mod desk;
 mod firmware;
 mod holds;
+mod late;
 mod noise;
 mod pair;
 mod random;

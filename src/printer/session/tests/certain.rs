@@ -27,6 +27,8 @@ fn watch(setup: Setup) -> u32 {
     let demands_checksums = matches!(setup.profile.firmware.dialect, Dialect::Marlin | Dialect::Marlin1);
     let beads = |n: u64| counts[usize::try_from(n).unwrap().min(counts.len() - 1)];
     let mut rig = Rig::new(setup);
+    // Noise makes `M1 5` of `M105`: then the printer waits for its user.
+    rig.is_attended = true;
     let mut n_looks = 0;
     rig.run_until(|rig| {
         if !matches!(rig.session.stage, Stage::Printing) || rig.states.iter().any(|s| s.1 == "reset") {

@@ -138,6 +138,8 @@ pub(super) struct Rig {
     /// When the print was given up, s.
     pub(super) gave_up_s: Option<f64>,
     is_connected: bool,
+    /// Somebody presses the printer's button as soon as he is told that it waits for him.
+    pub(super) is_attended: bool,
     /// The printer neither hears nor says anything any more.
     pub(super) is_deaf: bool,
     /// The rates do not agree: what either says is noise to the other.
@@ -176,6 +178,7 @@ impl Rig {
             flush: None,
             gave_up_s: None,
             is_connected: true,
+            is_attended: false,
             is_deaf: false,
             is_garbled: false,
             is_echo: false,
@@ -238,6 +241,9 @@ impl Rig {
         let gave_up = |event: &PrintEvent| matches!(event, PrintEvent::Session(Event::Faulted(_)));
         if self.events[before..].iter().any(gave_up) {
             self.gave_up_s.get_or_insert(self.printer.now_s());
+        }
+        if self.is_attended && self.events[before..].contains(&PrintEvent::Session(Event::Paused)) {
+            self.printer.press_button();
         }
         self.observe();
         moved
@@ -334,7 +340,7 @@ impl Rig {
                 return stop(self);
             }
         }
-        panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session);
+        self.hangs()
     }
 
     /// Until the session is over; how it ended, all moves then finished.
@@ -342,9 +348,17 @@ impl Rig {
         self.run_until(|_| false);
         while self.printer.has_moves() && self.printer.step() {}
         self.observe();
-        self.session
-            .take_end()
-            .unwrap_or_else(|| panic!("hangs at {:.1} s: {:?}", self.printer.now_s(), self.session))
+        self.session.take_end().unwrap_or_else(|| self.hangs())
+    }
+
+    fn hangs(&self) -> ! {
+        let Setup { profile, faults, baud, seed, .. } = &self.setup;
+        let (at_s, printer) = (self.printer.now_s(), self.printer.summary());
+        let last = String::from_utf8_lossy(&self.sent[self.sent.len().saturating_sub(200)..]);
+        panic!(
+            "{} {faults:?} {baud:?} {seed} hangs at {at_s:.1} s: {last:?} {printer:?} {:?}",
+            profile.name, self.session
+        );
     }
 
     /// The host dies; a new one resumes by the journal, of which the last `lost_s` are lost.
