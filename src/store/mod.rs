@@ -11,6 +11,7 @@
 
 mod error;
 mod progress;
+mod sql;
 pub mod sqlite;
 #[cfg(test)]
 mod suite;

@@ -10,23 +10,21 @@
 //! much it is, over a connection of its own that holds up nobody: pages and indices in one go, then records and rows some thousand
 //! at a time, each time at another moment of the file, so that the log can be taken in between. A face asks for it from time to time.
 
-mod check;
 mod open;
-mod rows;
 #[cfg(test)]
 mod tests;
-mod work;
+mod tx;
 
-use super::{Claimed, Error, Place, Progress, Store, Which};
+use super::{Claimed, Error, Place, Progress, Store, Which, sql};
 use crate::queue::{
     Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Refusal, Request, Said, Sealed,
     Spec, Subject, Ticket,
 };
 use jiff::Timestamp;
 use open::Db;
-use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use tokio::sync::{mpsc, oneshot};
+use tx::Tx;
 
 /// Calls that may wait for the thread.
 const MOST_WAITING: usize = 64;
@@ -82,7 +80,7 @@ impl Sqlite {
 
     async fn write<T: Send + 'static>(
         &self,
-        work: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
+        work: impl FnOnce(&Tx<'_>) -> Result<T, sql::Error> + Send + 'static,
     ) -> Result<T, Error> {
         self.on_thread(|db| db.write(work)).await
     }
@@ -99,7 +97,7 @@ impl Sqlite {
 
     async fn read<T: Send + 'static>(
         &self,
-        look: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
+        look: impl FnOnce(&Tx<'_>) -> Result<T, sql::Error> + Send + 'static,
     ) -> Result<T, Error> {
         self.on_thread(|db| db.read(look)).await
     }
@@ -121,16 +119,16 @@ fn serve(mut db: Db, mut inbox: mpsc::Receiver<Message>) {
 
 impl Store for Sqlite {
     async fn add(&self, ticket: Ticket, is_submitted: bool, by: By) -> Result<Job, Error> {
-        self.write(move |db| work::add(db, &ticket, is_submitted, &by)).await
+        self.write(move |db| sql::add(db, &ticket, is_submitted, &by)).await
     }
 
     async fn add_all(&self, tickets: Vec<Ticket>, is_submitted: bool, by: By) -> Result<Vec<Job>, Error> {
-        self.write(move |db| tickets.iter().map(|ticket| work::add(db, ticket, is_submitted, &by)).collect())
+        self.write(move |db| tickets.iter().map(|ticket| sql::add(db, ticket, is_submitted, &by)).collect())
             .await
     }
 
     async fn change(&self, job: JobId, request: Request) -> Result<Job, Error> {
-        self.write(move |db| work::change(db, job, &request)).await
+        self.write(move |db| sql::change(db, job, &request)).await
     }
 
     async fn place(
@@ -141,51 +139,51 @@ impl Store for Sqlite {
         why: Reason,
         now: Timestamp,
     ) -> Result<Job, Error> {
-        self.write(move |db| work::place(db, job, place, actor, why, now)).await
+        self.write(move |db| sql::place(db, job, place, actor, why, now)).await
     }
 
     async fn claim(&self, claimant: Claimant, now: Timestamp) -> Result<Option<Claimed>, Error> {
-        self.write(move |db| work::claim(db, &claimant, now)).await
+        self.write(move |db| sql::take(db, &claimant, now)).await
     }
 
     async fn renew(&self, claim: Claim, now: Timestamp) -> Result<Claim, Error> {
-        self.write(move |db| work::renew(db, &claim, now)).await
+        self.write(move |db| sql::renew(db, &claim, now)).await
     }
 
     async fn adopt(&self, holder: Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
-        self.write(move |db| work::adopt(db, &holder, now)).await
+        self.write(move |db| sql::adopt(db, &holder, now)).await
     }
 
     async fn sweep(&self, now: Timestamp) -> Result<Vec<Job>, Error> {
-        self.write(move |db| work::sweep(db, now)).await
+        self.write(move |db| sql::sweep(db, now)).await
     }
 
     async fn say(&self, printer: Name, said: Said, by: By) -> Result<Printer, Error> {
-        self.write(move |db| work::say(db, &printer, &said, &by)).await
+        self.write(move |db| sql::say(db, &printer, &said, &by)).await
     }
 
     async fn printers(&self) -> Result<Vec<Printer>, Error> {
-        self.read(work::printers).await
+        self.read(|db| sql::printers(db)).await
     }
 
     async fn job(&self, id: JobId) -> Result<(Job, Option<Claim>), Error> {
-        self.read(move |db| Ok((rows::job(db, id)?, rows::claim(db, id)?))).await
+        self.read(move |db| Ok((sql::job(db, id)?, sql::claim(db, id)?))).await
     }
 
     async fn list(&self, which: Which, behind: Option<JobId>, most: u32) -> Result<Vec<Job>, Error> {
-        self.read(move |db| work::list(db, which, behind, most)).await
+        self.read(move |db| sql::list(db, which, behind, most)).await
     }
 
     async fn spec(&self, id: JobId) -> Result<Spec, Error> {
-        self.read(move |db| Ok(rows::spec(db, id)?.ok_or(Refusal::NoJob { id })?)).await
+        self.read(move |db| Ok(sql::spec(db, id)?.ok_or(Refusal::NoJob { id })?)).await
     }
 
     async fn history(&self, of: Option<Subject>, after: u64, most: u32) -> Result<Vec<Sealed>, Error> {
-        self.read(move |db| work::history(db, of.as_ref(), after, most)).await
+        self.read(move |db| sql::history(db, of.as_ref(), after, most)).await
     }
 
     async fn head(&self) -> Result<Head, Error> {
-        self.read(rows::head).await
+        self.read(|db| sql::head(db)).await
     }
 
     async fn verify(&self) -> Result<(), Error> {
@@ -193,7 +191,7 @@ impl Store for Sqlite {
             db.check_pages("integrity_check")?;
             let mut next = Some(Progress::default());
             while let Some(from) = next {
-                next = db.read(|tx| check::part(tx, from))?;
+                next = db.read(|tx| sql::part(tx, from))?;
             }
             Ok(())
         })
@@ -201,6 +199,6 @@ impl Store for Sqlite {
     }
 
     async fn verify_part(&self, from: Progress) -> Result<Option<Progress>, Error> {
-        self.apart(|db| db.read(|tx| check::part(tx, from))).await
+        self.apart(|db| db.read(|tx| sql::part(tx, from))).await
     }
 }

@@ -9,6 +9,7 @@ use super::*;
 use crate::queue::tests::{at, id, name, operator, ticket};
 use crate::queue::{Change, State};
 use crate::store::suite::{self, Site, run};
+use rusqlite::Connection;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
