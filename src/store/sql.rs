@@ -8,11 +8,14 @@ mod rows;
 mod work;
 
 pub(super) use check::part;
-pub(super) use rows::{Error, claim, head, job, last, spec};
+pub use rows::Error;
+pub(super) use rows::{claim, head, job, last, spec};
 pub(super) use work::{add, adopt, change, claim as take, history, list, place, printers, renew, say, sweep};
 
+use jiff::Timestamp;
+
 /// A transaction.
-pub(super) trait Sql {
+pub trait Sql {
     /// The rows of a query. Parameters are `?1`, `?2`, ... in the text.
     ///
     /// # Errors
@@ -24,6 +27,14 @@ pub(super) trait Sql {
     /// # Errors
     /// [`Error::Store`].
     fn run(&self, sql: &'static str, params: &[Param<'_>]) -> Result<u64, Error>;
+
+    /// The time that counts: the caller's, or that of a database that several machines share.
+    ///
+    /// # Errors
+    /// [`Error::Store`].
+    fn now(&self, callers: Timestamp) -> Result<Timestamp, Error> {
+        Ok(callers)
+    }
 
     /// That tables, indices and triggers are those that were made.
     ///
@@ -42,7 +53,7 @@ pub(super) trait Sql {
 
 /// What a statement is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Param<'a> {
+pub enum Param<'a> {
     /// Nothing.
     Null,
     /// A whole number.
@@ -85,7 +96,7 @@ impl<'a, T: Into<Self>> From<Option<T>> for Param<'a> {
 
 /// What a column holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Value {
+pub enum Value {
     /// Nothing.
     Null,
     /// A whole number.
@@ -98,7 +109,7 @@ pub(super) enum Value {
 
 /// A row: its columns, from which each is taken once.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Row(pub(super) Vec<Value>);
+pub struct Row(pub(super) Vec<Value>);
 
 impl Row {
     fn take(&mut self, column: usize) -> Result<Value, Error> {
@@ -107,7 +118,7 @@ impl Row {
     }
 
     /// A whole number.
-    fn int(&mut self, column: usize) -> Result<i64, Error> {
+    pub(super) fn int(&mut self, column: usize) -> Result<i64, Error> {
         match self.take(column)? {
             Value::Int(number) => Ok(number),
             other => Err(Error::Row(format!("found {other:?}, expected a number"))),
@@ -115,7 +126,7 @@ impl Row {
     }
 
     /// A whole number, or nothing.
-    fn maybe_int(&mut self, column: usize) -> Result<Option<i64>, Error> {
+    pub(super) fn maybe_int(&mut self, column: usize) -> Result<Option<i64>, Error> {
         match self.take(column)? {
             Value::Null => Ok(None),
             Value::Int(number) => Ok(Some(number)),
@@ -124,13 +135,13 @@ impl Row {
     }
 
     /// A text.
-    fn text(&mut self, column: usize) -> Result<String, Error> {
+    pub(super) fn text(&mut self, column: usize) -> Result<String, Error> {
         let found = self.maybe_text(column)?;
         found.ok_or_else(|| Error::Row("found nothing, expected a text".into()))
     }
 
     /// A text, or nothing.
-    fn maybe_text(&mut self, column: usize) -> Result<Option<String>, Error> {
+    pub(super) fn maybe_text(&mut self, column: usize) -> Result<Option<String>, Error> {
         match self.take(column)? {
             Value::Null => Ok(None),
             Value::Text(text) => Ok(Some(text)),
@@ -139,7 +150,7 @@ impl Row {
     }
 
     /// Bytes.
-    fn bytes(&mut self, column: usize) -> Result<Vec<u8>, Error> {
+    pub(super) fn bytes(&mut self, column: usize) -> Result<Vec<u8>, Error> {
         match self.take(column)? {
             Value::Bytes(bytes) => Ok(bytes),
             other => Err(Error::Row(format!("found {other:?}, expected bytes"))),

@@ -18,7 +18,7 @@ const TABLES: [&str; 4] = [
 ];
 
 /// One part, within one transaction: the chain of records, then every job and printer against its own records, then whatever has none.
-pub(in crate::store) fn part(db: &impl Sql, Progress(stage): Progress) -> Result<Option<Progress>, Error> {
+pub(in crate::store) fn part(db: &dyn Sql, Progress(stage): Progress) -> Result<Option<Progress>, Error> {
     let next = match stage {
         Stage::Chain(head) => chain(db, head)?,
         Stage::Subjects { from } => subjects(db, from)?,
@@ -34,7 +34,7 @@ fn behind(key: &str) -> String {
     format!("{key}\u{1}")
 }
 
-fn chain(db: &impl Sql, head: Head) -> Result<Stage, Error> {
+fn chain(db: &dyn Sql, head: Head) -> Result<Stage, Error> {
     check_anchor(db, head)?;
     let sql = "SELECT seq, body, digest, subject FROM history WHERE seq > ?1 ORDER BY seq LIMIT ?2";
     let (mut end, mut n_found) = (head, 0);
@@ -54,7 +54,7 @@ fn chain(db: &impl Sql, head: Head) -> Result<Stage, Error> {
 }
 
 /// That the chain is still what it was up to a head, and has nothing before its first record.
-fn check_anchor(db: &impl Sql, head: Head) -> Result<(), Error> {
+fn check_anchor(db: &dyn Sql, head: Head) -> Result<(), Error> {
     if head == Head::EMPTY {
         let sql = "SELECT seq FROM history WHERE seq < 1 ORDER BY seq LIMIT 1";
         return db.row(sql, &[])?.map_or(Ok(()), |mut row| {
@@ -70,7 +70,7 @@ fn check_anchor(db: &impl Sql, head: Head) -> Result<(), Error> {
     }
 }
 
-fn subjects(db: &impl Sql, mut from: String) -> Result<Stage, Error> {
+fn subjects(db: &dyn Sql, mut from: String) -> Result<Stage, Error> {
     let sql = "SELECT subject FROM history WHERE subject >= ?1 ORDER BY subject LIMIT 1";
     let mut n_left = MOST;
     while n_left > 0 {
@@ -90,7 +90,7 @@ fn subjects(db: &impl Sql, mut from: String) -> Result<Stage, Error> {
     Ok(Stage::Subjects { from })
 }
 
-fn within(db: &impl Sql, mut replay: Replay) -> Result<Stage, Error> {
+fn within(db: &dyn Sql, mut replay: Replay) -> Result<Stage, Error> {
     if go_on(db, &mut replay, MOST)? == MOST {
         return Ok(Stage::Within(Box::new(replay)));
     }
@@ -107,7 +107,7 @@ fn subject(text: &str) -> Result<Subject, Error> {
 }
 
 /// Replays some more records; gives how many were there.
-fn go_on(db: &impl Sql, replay: &mut Replay, most: i64) -> Result<i64, Error> {
+fn go_on(db: &dyn Sql, replay: &mut Replay, most: i64) -> Result<i64, Error> {
     let sql = "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
     let subject = replay.subject.to_string();
     let mut n_found = 0;
@@ -131,7 +131,7 @@ fn take(replay: &mut Replay, record: &Record) -> Result<(), Error> {
 }
 
 /// What is kept is what its records come to.
-fn check_kept(db: &impl Sql, replay: &Replay) -> Result<(), Error> {
+fn check_kept(db: &dyn Sql, replay: &Replay) -> Result<(), Error> {
     let is_same = match &replay.subject {
         Subject::Job(id) => is_job_kept(db, *id, replay)?,
         Subject::Printer(name) => rows::printer(db, name)? == replay.printer,
@@ -139,7 +139,7 @@ fn check_kept(db: &impl Sql, replay: &Replay) -> Result<(), Error> {
     if is_same { Ok(()) } else { Err(Break::Differs { subject: replay.subject.clone() }.into()) }
 }
 
-fn is_job_kept(db: &impl Sql, id: JobId, replay: &Replay) -> Result<bool, Error> {
+fn is_job_kept(db: &dyn Sql, id: JobId, replay: &Replay) -> Result<bool, Error> {
     let Some(job) = &replay.job else { return Ok(false) };
     Ok(rows::find(db, id)?.as_ref() == Some(job)
         && is_found_rightly(db, job, replay.seq)?
@@ -148,7 +148,7 @@ fn is_job_kept(db: &impl Sql, id: JobId, replay: &Replay) -> Result<bool, Error>
 }
 
 /// The columns by which a job is found are those that it was written with by its last record.
-fn is_found_rightly(db: &impl Sql, job: &Job, seq: u64) -> Result<bool, Error> {
+fn is_found_rightly(db: &dyn Sql, job: &Job, seq: u64) -> Result<bool, Error> {
     let sql = "SELECT urgency, rank, filament_mm3, waits, over_seq, n.body, due_ms
                FROM jobs j LEFT JOIN needs n ON n.id = j.needs WHERE j.id = ?1";
     let Some(mut row) = db.row(sql, &[(&job.id.to_string()).into()])? else { return Ok(false) };
@@ -168,13 +168,13 @@ fn is_found_rightly(db: &impl Sql, job: &Job, seq: u64) -> Result<bool, Error> {
     Ok(columns == Columns::of(job, seq) && is_due_rightly)
 }
 
-fn is_claimed_rightly(db: &impl Sql, job: &Job, token: u64) -> Result<bool, Error> {
+fn is_claimed_rightly(db: &dyn Sql, job: &Job, token: u64) -> Result<bool, Error> {
     let found = rows::claim(db, job.id)?.map(|claim| (claim.holder, claim.token));
     let holder = job.holder.clone().filter(|_| job.state.is_claimed());
     Ok(found == holder.map(|holder| (holder, token)))
 }
 
-fn rows_of(db: &impl Sql, table: usize, from: String) -> Result<Stage, Error> {
+fn rows_of(db: &dyn Sql, table: usize, from: String) -> Result<Stage, Error> {
     let Some(sql) = TABLES.get(table) else { return Ok(Stage::Rest) };
     let recorded = "SELECT seq FROM history WHERE subject = ?1 LIMIT 1";
     let found = db.rows(sql, &[(&from).into(), MOST.into()])?;
@@ -196,7 +196,7 @@ fn rows_of(db: &impl Sql, table: usize, from: String) -> Result<Stage, Error> {
 }
 
 /// What jobs need can be read, and tables, indices and triggers are those that were made.
-fn rest(db: &impl Sql) -> Result<(), Error> {
+fn rest(db: &dyn Sql) -> Result<(), Error> {
     for mut row in db.rows("SELECT body FROM needs", &[])? {
         let body = row.text(0)?;
         if rows::json(&parsed::<Needs>("what a job needs", &body)?) != body {

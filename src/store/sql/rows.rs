@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// Why something was not done within a transaction.
 #[derive(Debug)]
-pub(in crate::store) enum Error {
+pub enum Error {
     /// The database says so.
     Store(store::Error),
     /// A row is not what this program writes.
@@ -108,12 +108,12 @@ pub(in crate::store) fn due_ms(job: &Job) -> Option<i64> {
 }
 
 /// Where the history was left.
-pub(in crate::store) fn head(db: &impl Sql) -> Result<Head, Error> {
+pub(in crate::store) fn head(db: &dyn Sql) -> Result<Head, Error> {
     head_in(db.row("SELECT seq, digest FROM head WHERE id = 1", &[])?)
 }
 
 /// Where it really ends.
-pub(in crate::store) fn last(db: &impl Sql) -> Result<Head, Error> {
+pub(in crate::store) fn last(db: &dyn Sql) -> Result<Head, Error> {
     head_in(db.row("SELECT seq, digest FROM history ORDER BY seq DESC LIMIT 1", &[])?)
 }
 
@@ -123,14 +123,17 @@ fn head_in(row: Option<Row>) -> Result<Head, Error> {
 }
 
 /// Adds records; gives the end of the history.
-pub(in crate::store) fn record(db: &impl Sql, facts: Vec<Fact>) -> Result<Head, Error> {
+pub(in crate::store) fn record(db: &dyn Sql, facts: Vec<Fact>) -> Result<Head, Error> {
     let mut head = head(db)?;
     let insert = "INSERT INTO history (seq, subject, body, digest) VALUES (?1, ?2, ?3, ?4)";
     for fact in facts {
         let subject = fact.subject().to_string();
         let sealed = head.seal(fact);
         let digest = sealed.digest.to_string();
-        db.run(insert, &[signed(sealed.seq).into(), (&subject).into(), (&sealed.body).into(), (&digest).into()])?;
+        db.run(
+            insert,
+            &[signed(sealed.seq).into(), (&subject).into(), (&sealed.body).into(), (&digest).into()],
+        )?;
         head = sealed.head();
     }
     let sql = "INSERT INTO head (id, seq, digest) VALUES (1, ?1, ?2)
@@ -145,17 +148,17 @@ pub(in crate::store) fn sealed(row: &mut Row) -> Result<Sealed, Error> {
 }
 
 /// A job, where it is there.
-pub(in crate::store) fn find(db: &impl Sql, id: JobId) -> Result<Option<Job>, Error> {
+pub(in crate::store) fn find(db: &dyn Sql, id: JobId) -> Result<Option<Job>, Error> {
     let found = db.row("SELECT body FROM jobs WHERE id = ?1", &[(&id.to_string()).into()])?;
     found.map(|mut row| parsed("a job", &row.text(0)?)).transpose()
 }
 
-pub(in crate::store) fn job(db: &impl Sql, id: JobId) -> Result<Job, Error> {
+pub(in crate::store) fn job(db: &dyn Sql, id: JobId) -> Result<Job, Error> {
     find(db, id)?.ok_or_else(|| Refusal::NoJob { id }.into())
 }
 
 /// What jobs ask of a printer, by number.
-fn needs_id(db: &impl Sql, needs: &Needs) -> Result<i64, Error> {
+fn needs_id(db: &dyn Sql, needs: &Needs) -> Result<i64, Error> {
     let body = json(needs);
     if let Some(mut row) = db.row("SELECT id FROM needs WHERE body = ?1", &[(&body).into()])? {
         return row.int(0);
@@ -165,7 +168,7 @@ fn needs_id(db: &impl Sql, needs: &Needs) -> Result<i64, Error> {
 }
 
 /// Writes a job that was last changed by record `seq`, its own.
-pub(in crate::store) fn put_job(db: &impl Sql, job: &Job, seq: u64) -> Result<(), Error> {
+pub(in crate::store) fn put_job(db: &dyn Sql, job: &Job, seq: u64) -> Result<(), Error> {
     let needs = needs_id(db, job.needs())?;
     let columns = Columns::of(job, seq);
     let (id, body) = (job.id.to_string(), json(job));
@@ -190,7 +193,7 @@ pub(in crate::store) fn put_job(db: &impl Sql, job: &Job, seq: u64) -> Result<()
 }
 
 /// Who has a job.
-pub(in crate::store) fn claim(db: &impl Sql, job: JobId) -> Result<Option<Claim>, Error> {
+pub(in crate::store) fn claim(db: &dyn Sql, job: JobId) -> Result<Option<Claim>, Error> {
     let sql = "SELECT holder, token, until_ms FROM claims WHERE job = ?1";
     let Some(mut row) = db.row(sql, &[(&job.to_string()).into()])? else { return Ok(None) };
     let until = Timestamp::from_millisecond(row.int(2)?).map_err(|e| Error::Row(e.to_string()))?;
@@ -198,7 +201,7 @@ pub(in crate::store) fn claim(db: &impl Sql, job: JobId) -> Result<Option<Claim>
     Ok(Some(Claim { job, holder, token: unsigned(row.int(1)?)?, until }))
 }
 
-pub(in crate::store) fn put_claim(db: &impl Sql, job: JobId, claim: Option<&Claim>) -> Result<(), Error> {
+pub(in crate::store) fn put_claim(db: &dyn Sql, job: JobId, claim: Option<&Claim>) -> Result<(), Error> {
     let job = job.to_string();
     let Some(claim) = claim else {
         db.run("DELETE FROM claims WHERE job = ?1", &[(&job).into()])?;
@@ -212,19 +215,19 @@ pub(in crate::store) fn put_claim(db: &impl Sql, job: JobId, claim: Option<&Clai
 }
 
 /// A printer, where it is known.
-pub(in crate::store) fn printer(db: &impl Sql, name: &Name) -> Result<Option<Printer>, Error> {
+pub(in crate::store) fn printer(db: &dyn Sql, name: &Name) -> Result<Option<Printer>, Error> {
     let found = db.row("SELECT body FROM printers WHERE name = ?1", &[name.as_str().into()])?;
     found.map(|mut row| parsed("a printer", &row.text(0)?)).transpose()
 }
 
-pub(in crate::store) fn put_printer(db: &impl Sql, printer: &Printer) -> Result<(), Error> {
+pub(in crate::store) fn put_printer(db: &dyn Sql, printer: &Printer) -> Result<(), Error> {
     let sql = "INSERT INTO printers (name, body) VALUES (?1, ?2) ON CONFLICT (name) DO UPDATE SET body = excluded.body";
     db.run(sql, &[printer.name.as_str().into(), (&json(printer)).into()])?;
     Ok(())
 }
 
 /// What a change of a job touches. `at`: the printer that is about to take it.
-pub(in crate::store) fn scene(db: &impl Sql, id: JobId, at: Option<&Name>) -> Result<Scene, Error> {
+pub(in crate::store) fn scene(db: &dyn Sql, id: JobId, at: Option<&Name>) -> Result<Scene, Error> {
     let job = job(db, id)?;
     let holder = job.holder.as_ref().filter(|_| job.state.is_at_printer());
     let printer = at.or(holder).map(|name| printer(db, name)).transpose()?.flatten();
@@ -232,7 +235,7 @@ pub(in crate::store) fn scene(db: &impl Sql, id: JobId, at: Option<&Name>) -> Re
 }
 
 /// Writes what was decided, with its records.
-pub(in crate::store) fn put(db: &impl Sql, Outcome { scene, facts }: Outcome) -> Result<Scene, Error> {
+pub(in crate::store) fn put(db: &dyn Sql, Outcome { scene, facts }: Outcome) -> Result<Scene, Error> {
     let is_printers = |fact: &&Fact| matches!(fact.what, What::Printer { .. });
     let n_behind: u64 = facts.iter().rev().take_while(is_printers).map(|_| 1).sum();
     let head = record(db, facts)?;
@@ -244,13 +247,13 @@ pub(in crate::store) fn put(db: &impl Sql, Outcome { scene, facts }: Outcome) ->
     Ok(scene)
 }
 
-pub(in crate::store) fn put_spec(db: &impl Sql, job: JobId, spec: &Spec) -> Result<(), Error> {
+pub(in crate::store) fn put_spec(db: &dyn Sql, job: JobId, spec: &Spec) -> Result<(), Error> {
     let sql = "INSERT INTO specs (job, kind, bytes) VALUES (?1, ?2, ?3)";
     db.run(sql, &[(&job.to_string()).into(), (&json(&spec.kind())).into(), spec.bytes().into()])?;
     Ok(())
 }
 
-pub(in crate::store) fn spec(db: &impl Sql, id: JobId) -> Result<Option<Spec>, Error> {
+pub(in crate::store) fn spec(db: &dyn Sql, id: JobId) -> Result<Option<Spec>, Error> {
     let sql = "SELECT kind, bytes FROM specs WHERE job = ?1";
     let Some(mut row) = db.row(sql, &[(&id.to_string()).into()])? else { return Ok(None) };
     let kind = parsed::<SpecKind>("a specification", &row.text(0)?)?;
@@ -260,7 +263,7 @@ pub(in crate::store) fn spec(db: &impl Sql, id: JobId) -> Result<Option<Spec>, E
 
 /// The place before or behind another, or at an end, of all jobs; `None` where there is none.
 pub(in crate::store) fn neighbour(
-    db: &impl Sql,
+    db: &dyn Sql,
     sql: &'static str,
     rank: Option<&Rank>,
 ) -> Result<Option<Rank>, Error> {

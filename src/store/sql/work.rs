@@ -10,7 +10,12 @@ use crate::queue::{
 use crate::store::{Claimed, Place, Which};
 use jiff::Timestamp;
 
-pub(in crate::store) fn add(db: &impl Sql, ticket: &Ticket, is_submitted: bool, by: &By) -> Result<Job, Error> {
+pub(in crate::store) fn add(
+    db: &dyn Sql,
+    ticket: &Ticket,
+    is_submitted: bool,
+    by: &By,
+) -> Result<Job, Error> {
     if let Some(known) = rows::find(db, ticket.id)? {
         return same(known, ticket);
     }
@@ -25,13 +30,13 @@ fn same(known: Job, ticket: &Ticket) -> Result<Job, Error> {
     if known.spec == ticket.spec.mark() { Ok(known) } else { Err(Refusal::IdTaken { id: ticket.id }.into()) }
 }
 
-pub(in crate::store) fn change(db: &impl Sql, job: JobId, request: &Request) -> Result<Job, Error> {
+pub(in crate::store) fn change(db: &dyn Sql, job: JobId, request: &Request) -> Result<Job, Error> {
     let outcome = act::change(&rows::scene(db, job, None)?, request)?;
     Ok(rows::put(db, outcome)?.job)
 }
 
 pub(in crate::store) fn place(
-    db: &impl Sql,
+    db: &dyn Sql,
     job: JobId,
     place: Place,
     actor: Actor,
@@ -48,7 +53,7 @@ pub(in crate::store) fn place(
 }
 
 /// A new place.
-fn rank(db: &impl Sql, place: Place) -> Result<Rank, Error> {
+fn rank(db: &dyn Sql, place: Place) -> Result<Rank, Error> {
     const FIRST: &str = "SELECT rank FROM jobs ORDER BY rank LIMIT 1";
     const LAST: &str = "SELECT rank FROM jobs ORDER BY rank DESC LIMIT 1";
     const BEFORE: &str = "SELECT rank FROM jobs WHERE rank < ?1 ORDER BY rank DESC LIMIT 1";
@@ -69,7 +74,11 @@ fn rank(db: &impl Sql, place: Place) -> Result<Rank, Error> {
     Ok(Rank::between(before.as_ref(), behind.as_ref()))
 }
 
-pub(in crate::store) fn claim(db: &impl Sql, claimant: &Claimant, now: Timestamp) -> Result<Option<Claimed>, Error> {
+pub(in crate::store) fn claim(
+    db: &dyn Sql,
+    claimant: &Claimant,
+    now: Timestamp,
+) -> Result<Option<Claimed>, Error> {
     let token = rows::head(db)?.seq + 1;
     match claimant {
         Claimant::Worker(_) => match first_to_prepare(db)? {
@@ -81,7 +90,7 @@ pub(in crate::store) fn claim(db: &impl Sql, claimant: &Claimant, now: Timestamp
 }
 
 fn claim_print(
-    db: &impl Sql,
+    db: &dyn Sql,
     claimant: &Claimant,
     name: &Name,
     token: u64,
@@ -103,14 +112,14 @@ fn claim_print(
     Ok(None)
 }
 
-fn wait_again(db: &impl Sql, id: JobId, until: Timestamp) -> Result<(), Error> {
+fn wait_again(db: &dyn Sql, id: JobId, until: Timestamp) -> Result<(), Error> {
     // A part of a millisecond is waited for whole, lest it be due and not due at once.
     let until_ms = until.as_millisecond() + 1;
     db.run("UPDATE jobs SET due_ms = ?2 WHERE id = ?1", &[(&id.to_string()).into(), until_ms.into()])?;
     Ok(())
 }
 
-fn taken(db: &impl Sql, outcome: Outcome) -> Result<Claimed, Error> {
+fn taken(db: &dyn Sql, outcome: Outcome) -> Result<Claimed, Error> {
     let Scene { job, claim, .. } = rows::put(db, outcome)?;
     let claim = claim.ok_or_else(|| Error::Row("a job was taken without a claim".into()))?;
     Ok(Claimed { job, claim })
@@ -120,28 +129,29 @@ fn id_of(text: String) -> Result<JobId, Error> {
     JobId::try_from(text).map_err(|e| Error::Row(format!("a job's name cannot be read: {e}")))
 }
 
-fn first_to_prepare(db: &impl Sql) -> Result<Option<JobId>, Error> {
+fn first_to_prepare(db: &dyn Sql) -> Result<Option<JobId>, Error> {
     let sql = "SELECT id FROM jobs WHERE waits = 'prepare' ORDER BY urgency, rank LIMIT 1";
     db.row(sql, &[])?.map(|mut row| id_of(row.text(0)?)).transpose()
 }
 
 /// The first job that fits. What jobs need is kept once for all that need the same, so that those that do not fit are not looked at
 /// one by one.
-fn first_to_print(db: &impl Sql, printer: &Printer) -> Result<Option<JobId>, Error> {
+fn first_to_print(db: &dyn Sql, printer: &Printer) -> Result<Option<JobId>, Error> {
     let sql = "SELECT urgency, rank, id FROM jobs WHERE waits = 'print' AND due_ms IS NULL AND needs = ?1
                AND filament_mm3 <= ?2 ORDER BY urgency, rank LIMIT 1";
     let left_mm3 = printer.loaded.as_ref().and_then(|loaded| loaded.left_mm3).map_or(i64::MAX, signed);
     let mut first: Option<(i64, String, String)> = None;
     for needs in fitting(db, printer)? {
         let found = db.row(sql, &[needs.into(), left_mm3.into()])?;
-        let found = found.map(|mut row| Ok::<_, Error>((row.int(0)?, row.text(1)?, row.text(2)?))).transpose()?;
+        let found =
+            found.map(|mut row| Ok::<_, Error>((row.int(0)?, row.text(1)?, row.text(2)?))).transpose()?;
         first = first.into_iter().chain(found).min();
     }
     first.map(|(_, _, id)| id_of(id)).transpose()
 }
 
 /// All kinds of needs that a printer meets.
-fn fitting(db: &impl Sql, printer: &Printer) -> Result<Vec<i64>, Error> {
+fn fitting(db: &dyn Sql, printer: &Printer) -> Result<Vec<i64>, Error> {
     let mut fitting = Vec::new();
     for mut row in db.rows("SELECT id, body FROM needs", &[])? {
         let needs: Needs = parsed("what a job needs", &row.text(1)?)?;
@@ -152,7 +162,7 @@ fn fitting(db: &impl Sql, printer: &Printer) -> Result<Vec<i64>, Error> {
     Ok(fitting)
 }
 
-pub(in crate::store) fn renew(db: &impl Sql, claim: &Claim, now: Timestamp) -> Result<Claim, Error> {
+pub(in crate::store) fn renew(db: &dyn Sql, claim: &Claim, now: Timestamp) -> Result<Claim, Error> {
     let until = Claim::until(now);
     let sql = "UPDATE claims SET until_ms = ?4 WHERE job = ?1 AND holder = ?2 AND token = ?3";
     let (job, holder, token) = (claim.job.to_string(), claim.holder.as_str(), signed(claim.token));
@@ -161,7 +171,7 @@ pub(in crate::store) fn renew(db: &impl Sql, claim: &Claim, now: Timestamp) -> R
     if n_renewed == 0 { Err(Refusal::ClaimLost.into()) } else { Ok(Claim { until, ..claim.clone() }) }
 }
 
-pub(in crate::store) fn adopt(db: &impl Sql, holder: &Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
+pub(in crate::store) fn adopt(db: &dyn Sql, holder: &Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
     let ids = ids(db, "SELECT job FROM claims WHERE holder = ?1 ORDER BY job", holder.as_str().into())?;
     let mut adopted = Vec::new();
     for id in ids {
@@ -173,7 +183,7 @@ pub(in crate::store) fn adopt(db: &impl Sql, holder: &Name, now: Timestamp) -> R
     Ok(adopted)
 }
 
-pub(in crate::store) fn sweep(db: &impl Sql, now: Timestamp) -> Result<Vec<Job>, Error> {
+pub(in crate::store) fn sweep(db: &dyn Sql, now: Timestamp) -> Result<Vec<Job>, Error> {
     // Claims that only a clock which was set back since could have made are believed no longer than ones made now.
     let most_ms = Claim::until(now).as_millisecond();
     db.run("UPDATE claims SET until_ms = ?1 WHERE until_ms > ?1", &[most_ms.into()])?;
@@ -188,11 +198,11 @@ pub(in crate::store) fn sweep(db: &impl Sql, now: Timestamp) -> Result<Vec<Job>,
     Ok(changed)
 }
 
-fn ids(db: &impl Sql, sql: &'static str, by: Param<'_>) -> Result<Vec<JobId>, Error> {
+fn ids(db: &dyn Sql, sql: &'static str, by: Param<'_>) -> Result<Vec<JobId>, Error> {
     db.rows(sql, &[by])?.into_iter().map(|mut row| id_of(row.text(0)?)).collect()
 }
 
-pub(in crate::store) fn say(db: &impl Sql, name: &Name, said: &Said, by: &By) -> Result<Printer, Error> {
+pub(in crate::store) fn say(db: &dyn Sql, name: &Name, said: &Said, by: &By) -> Result<Printer, Error> {
     let printer = rows::printer(db, name)?.unwrap_or_else(|| Printer::new(name.clone()));
     let job = match printer.bed {
         Bed::Taken(id) => Some(rows::job(db, id)?),
@@ -208,13 +218,13 @@ pub(in crate::store) fn say(db: &impl Sql, name: &Name, said: &Said, by: &By) ->
     Ok(after.printer)
 }
 
-pub(in crate::store) fn printers(db: &impl Sql) -> Result<Vec<Printer>, Error> {
+pub(in crate::store) fn printers(db: &dyn Sql) -> Result<Vec<Printer>, Error> {
     let found = db.rows("SELECT body FROM printers ORDER BY name", &[])?;
     found.into_iter().map(|mut row| parsed("a printer", &row.text(0)?)).collect()
 }
 
 pub(in crate::store) fn list(
-    db: &impl Sql,
+    db: &dyn Sql,
     which: Which,
     behind: Option<JobId>,
     most: u32,
@@ -236,7 +246,7 @@ pub(in crate::store) fn list(
 }
 
 /// Where a listing goes on: urgency and rank, or the record.
-fn listed_behind(db: &impl Sql, which: Which, behind: Option<JobId>) -> Result<(i64, String), Error> {
+fn listed_behind(db: &dyn Sql, which: Which, behind: Option<JobId>) -> Result<(i64, String), Error> {
     let Some(id) = behind else {
         let from = if which == Which::Live { i64::MIN } else { i64::MAX };
         return Ok((from, String::new()));
@@ -250,7 +260,7 @@ fn listed_behind(db: &impl Sql, which: Which, behind: Option<JobId>) -> Result<(
 }
 
 pub(in crate::store) fn history(
-    db: &impl Sql,
+    db: &dyn Sql,
     of: Option<&Subject>,
     after: u64,
     most: u32,
@@ -258,7 +268,8 @@ pub(in crate::store) fn history(
     let (after, most) = (signed(after).into(), i64::from(most).into());
     let found = match of {
         Some(subject) => {
-            let sql = "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+            let sql =
+                "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
             db.rows(sql, &[(&subject.to_string()).into(), after, most])?
         }
         None => {

@@ -1,8 +1,8 @@
 //! A database file: opened with care, brought to the newest format, trusted only after a look.
 
 use super::Tx;
-use crate::store::sql;
 use crate::store::Error;
+use crate::store::sql;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Transaction, TransactionBehavior};
 use rustix::fs::{Access, access};
 use std::fs::OpenOptions;
@@ -24,7 +24,7 @@ const MOST_CHECKED_BYTES: u64 = 1 << 23;
 
 /// An open database.
 #[derive(Debug)]
-pub(super) struct Db {
+pub struct Db {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
     /// The version that this program reads and writes.

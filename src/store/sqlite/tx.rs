@@ -43,10 +43,8 @@ impl Sql for Tx<'_> {
     fn check_made(&self) -> Result<(), Error> {
         let schemas = schema(self.connection).and_then(|found| Ok((found, schema(&as_made()?)?)));
         let (found, expected) = schemas.map_err(|e| self.told(&e))?;
-        let differs = found
-            .iter()
-            .find(|it| !expected.contains(it))
-            .or(expected.iter().find(|it| !found.contains(it)));
+        let differs =
+            found.iter().find(|it| !expected.contains(it)).or(expected.iter().find(|it| !found.contains(it)));
         differs.map_or(Ok(()), |(name, _)| Err(Error::Row(format!("{name} is not as it was made"))))
     }
 }

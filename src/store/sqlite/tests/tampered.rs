@@ -74,7 +74,7 @@ fn guards() -> &'static str {
 
 /// A file in which one of everything has happened, and job 2 is in print.
 fn busy() -> Folder {
-    let folder = Folder::fresh();
+    let folder = Folder::new();
     run(async {
         let store = Folder::open(folder.dir());
         let left = name("left");
