@@ -8,7 +8,7 @@ mod rows;
 mod work;
 
 pub(super) use check::part;
-pub use rows::Error;
+pub(super) use rows::Error;
 pub(super) use rows::{claim, head, job, last, spec};
 pub(super) use work::{add, adopt, change, claim as take, history, list, place, printers, renew, say, sweep};
 
@@ -96,7 +96,7 @@ impl<'a, T: Into<Self>> From<Option<T>> for Param<'a> {
 
 /// What a column holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Value {
+pub(super) enum Value {
     /// Nothing.
     Null,
     /// A whole number.

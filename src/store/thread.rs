@@ -15,7 +15,7 @@ use tokio::sync::{mpsc, oneshot};
 const MOST_WAITING: usize = 64;
 
 /// How another connection is made.
-pub type Again<D> = Box<dyn FnOnce() -> Result<D, Error> + Send>;
+pub(super) type Again<D> = Box<dyn FnOnce() -> Result<D, Error> + Send>;
 
 /// A connection that does one thing after the other.
 pub trait Database: Send + Sized + 'static {

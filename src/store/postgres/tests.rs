@@ -4,10 +4,10 @@ mod server;
 
 use super::open::Clock;
 use super::*;
-use crate::queue::tests::{at, because, id, loaded, name, operator, ticket};
+use crate::queue::tests::{because, id, loaded, name, operator, ticket};
 use crate::queue::{Actor, Break, By, Change, Claimant, Evidence, Request, Said, Subject, Who};
 use crate::store::suite::{self, Site, run};
-use crate::store::{Place, Store, Which};
+use crate::store::{Store, Which};
 use jiff::Timestamp;
 use server::Database as Fresh;
 use std::path::Path;
@@ -169,17 +169,12 @@ fn claims_live_by_the_servers_clock() {
         store.say(name("left"), Said::BedClear(Evidence::Word), by(fast)).await.unwrap();
         store.add(ticket(1), true, by(slow)).await.unwrap();
         let taken = store.claim(Claimant::Printer(name("left")), slow).await.unwrap().unwrap();
-        assert!((Timestamp::now() - slow).get_hours() >= 0 && taken.claim.until > Timestamp::now());
-        assert!(taken.claim.until < fast);
+        assert!(taken.claim.until > Timestamp::now() && taken.claim.until < fast);
         // Nobody whose clock is fast takes it away.
         assert_eq!(store.sweep(fast).await.unwrap(), []);
         let actor = Actor::Holder { claim: taken.claim.clone(), asked_by: None };
         let lay = Request { change: Change::Lay, actor, why: because("so"), now: fast };
         store.change(taken.job.id, lay).await.unwrap();
-        let saw = store.job(taken.job.id).await.unwrap().0.state;
-        let actor = Actor::Operator { name: name("Ada"), saw };
-        store.place(id(1), Place::Last, actor, because("so"), slow).await.ok();
         store.verify().await.unwrap();
     });
-    let _unused = at(0);
 }
