@@ -80,6 +80,19 @@ pub enum Error {
         /// What the system says.
         problem: String,
     },
+    /// The address of a database server cannot be read.
+    #[error(
+        "the address of the queue's database cannot be read: expected postgresql://USER@HOST/DATABASE or host=HOST dbname=DATABASE user=USER"
+    )]
+    Address,
+    /// A database server does not do it.
+    #[error("{}: {problem}; check that the server runs, and that address and user are right", path.display())]
+    Server {
+        /// Server and database.
+        path: PathBuf,
+        /// What it says.
+        problem: String,
+    },
     /// The store has been closed.
     #[error("the store of the queue has ended; start lumenfab again")]
     Gone,
@@ -101,6 +114,8 @@ impl Error {
             Self::Damaged { .. } => "store.damaged",
             Self::NoWal { .. } => "store.no_wal",
             Self::Io { .. } => "store.io",
+            Self::Address => "store.address",
+            Self::Server { .. } => "store.server",
             Self::Gone => "store.gone",
         }
     }

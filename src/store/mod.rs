@@ -1,6 +1,7 @@
 //! Where the queue is kept (IO): jobs, claims, printers and their history, each change in one transaction.
 //!
-//! [`Store`] is what the appliance asks of it; [`sqlite`] keeps it in one file, with nothing to set up. What is decided is decided by
+//! [`Store`] is what the appliance asks of it; [`sqlite`] keeps it in one file, with nothing to set up, [`mod@postgres`] on a server
+//! for several appliances. What is decided is decided by
 //! [`crate::queue::act`]; a store reads what a decision needs, asks, and writes the outcome with its records, all or
 //! nothing. So all stores behave alike, and one suite of tests holds for each of them.
 //!
@@ -10,14 +11,19 @@
 //! acts upon. Clocks are the callers': wrong ones delay, but never let a job be printed twice.
 
 mod error;
+pub mod postgres;
 mod progress;
+mod sql;
 pub mod sqlite;
 #[cfg(test)]
 mod suite;
+mod thread;
 
 pub use error::Error;
+pub use postgres::Postgres;
 pub use progress::Progress;
 pub use sqlite::Sqlite;
+pub use thread::OnThread;
 
 use crate::queue::{
     Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Request, Said, Sealed, Spec,

@@ -1,7 +1,6 @@
 //! The queue in one SQLite file: nothing to set up, safe against whatever ends the program.
 //!
-//! A thread of its own has the connection; calls reach it over a bounded channel, so that nothing that waits for a disk holds up
-//! the task that talks to a printer. Write-ahead log, flushed at every commit: what a call has answered survives a power cut. Other
+//! A thread of its own has the connection ([`super::thread`]). Write-ahead log, flushed at every commit: what a call has answered survives a power cut. Other
 //! processes may use the same file (`lumenfab work`, backups); whoever writes waits for the others, five seconds at most.
 //!
 //! Cost: one transaction a change. Taking, listing and changing jobs goes by indices, so that none depends on the length of
@@ -10,41 +9,19 @@
 //! much it is, over a connection of its own that holds up nobody: pages and indices in one go, then records and rows some thousand
 //! at a time, each time at another moment of the file, so that the log can be taken in between. A face asks for it from time to time.
 
-mod check;
 mod open;
-mod rows;
 #[cfg(test)]
 mod tests;
-mod work;
+mod tx;
 
-use super::{Claimed, Error, Place, Progress, Store, Which};
-use crate::queue::{
-    Actor, By, Claim, Claimant, Head, Job, JobId, Name, Printer, Reason, Refusal, Request, Said, Sealed,
-    Spec, Subject, Ticket,
-};
-use jiff::Timestamp;
-use open::Db;
-use rusqlite::Connection;
-use std::path::{Path, PathBuf};
-use tokio::sync::{mpsc, oneshot};
+use super::thread::{Again, Database, OnThread};
+use super::{Error, sql};
+pub use open::Db;
+use std::path::Path;
+use tx::Tx;
 
-/// Calls that may wait for the thread.
-const MOST_WAITING: usize = 64;
-
-type Work = Box<dyn FnOnce(&mut Db) + Send>;
-
-/// What the thread is told.
-enum Message {
-    Work(Work),
-    Close(oneshot::Sender<()>),
-}
-
-/// The queue in a SQLite file. Clones are the same; the file is closed when the last one is dropped.
-#[derive(Debug, Clone)]
-pub struct Sqlite {
-    messages: mpsc::Sender<Message>,
-    path: PathBuf,
-}
+/// The queue in a SQLite file.
+pub type Sqlite = OnThread<Db>;
 
 impl Sqlite {
     /// Opens the file, or makes it; brings it to the newest format. Blocks as long as that takes.
@@ -52,155 +29,26 @@ impl Sqlite {
     /// # Errors
     /// [`Error`]: it cannot be opened or written, is another program's, a later version's, or damaged.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let db = Db::open(path, open::STEPS)?;
-        let (messages, inbox) = mpsc::channel(MOST_WAITING);
-        let failed = |e: std::io::Error| Error::Io { path: path.to_owned(), problem: e.to_string() };
-        std::thread::Builder::new().name("queue".into()).spawn(move || serve(db, inbox)).map_err(failed)?;
-        Ok(Self { messages, path: path.to_owned() })
+        let file = path.to_owned();
+        Self::start(path, move || Db::open(&file, open::STEPS))
+    }
+}
+
+impl Database for Db {
+    fn read<T>(&mut self, look: impl FnOnce(&dyn sql::Sql) -> Result<T, sql::Error>) -> Result<T, Error> {
+        Self::read(self, |tx| look(tx))
     }
 
-    /// Ends the thread once everything that was asked for is done, and closes the file. Other clones are refused from then on.
-    pub async fn close(self) {
-        let (done, closed) = oneshot::channel();
-        if self.messages.send(Message::Close(done)).await.is_ok() {
-            // Where the thread is gone already, the file is closed, too.
-            closed.await.ok();
-        }
+    fn write<T>(&mut self, work: impl FnOnce(&dyn sql::Sql) -> Result<T, sql::Error>) -> Result<T, Error> {
+        Self::write(self, |tx| work(tx))
     }
 
-    /// Does something on the thread.
-    async fn on_thread<T: Send + 'static>(
-        &self,
-        work: impl FnOnce(&mut Db) -> Result<T, Error> + Send + 'static,
-    ) -> Result<T, Error> {
-        let (answer, answered) = oneshot::channel();
-        // Whoever asked may have left: what was done is done.
-        let work: Work = Box::new(move |db| drop(answer.send(work(db))));
-        self.messages.send(Message::Work(work)).await.map_err(|_closed| Error::Gone)?;
-        answered.await.map_err(|_ended| Error::Gone)?
-    }
-
-    async fn write<T: Send + 'static>(
-        &self,
-        work: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
-    ) -> Result<T, Error> {
-        self.on_thread(|db| db.write(work)).await
-    }
-
-    /// Reads over a connection of its own, so that it may take long.
-    async fn apart<T: Send + 'static>(
-        &self,
-        look: impl FnOnce(&mut Db) -> Result<T, Error> + Send + 'static,
-    ) -> Result<T, Error> {
+    fn again(&self) -> Again<Self> {
         let path = self.path.clone();
-        let looked = tokio::task::spawn_blocking(move || look(&mut Db::open_to_read(&path)?));
-        looked.await.map_err(|_panicked| Error::Gone)?
+        Box::new(move || Self::open_to_read(&path))
     }
 
-    async fn read<T: Send + 'static>(
-        &self,
-        look: impl FnOnce(&Connection) -> Result<T, rows::Error> + Send + 'static,
-    ) -> Result<T, Error> {
-        self.on_thread(|db| db.read(look)).await
-    }
-}
-
-/// The thread: one thing after the other, until nobody is left who could ask.
-fn serve(mut db: Db, mut inbox: mpsc::Receiver<Message>) {
-    while let Some(message) = inbox.blocking_recv() {
-        match message {
-            Message::Work(work) => work(&mut db),
-            Message::Close(done) => {
-                drop(db);
-                done.send(()).ok();
-                return;
-            }
-        }
-    }
-}
-
-impl Store for Sqlite {
-    async fn add(&self, ticket: Ticket, is_submitted: bool, by: By) -> Result<Job, Error> {
-        self.write(move |db| work::add(db, &ticket, is_submitted, &by)).await
-    }
-
-    async fn add_all(&self, tickets: Vec<Ticket>, is_submitted: bool, by: By) -> Result<Vec<Job>, Error> {
-        self.write(move |db| tickets.iter().map(|ticket| work::add(db, ticket, is_submitted, &by)).collect())
-            .await
-    }
-
-    async fn change(&self, job: JobId, request: Request) -> Result<Job, Error> {
-        self.write(move |db| work::change(db, job, &request)).await
-    }
-
-    async fn place(
-        &self,
-        job: JobId,
-        place: Place,
-        actor: Actor,
-        why: Reason,
-        now: Timestamp,
-    ) -> Result<Job, Error> {
-        self.write(move |db| work::place(db, job, place, actor, why, now)).await
-    }
-
-    async fn claim(&self, claimant: Claimant, now: Timestamp) -> Result<Option<Claimed>, Error> {
-        self.write(move |db| work::claim(db, &claimant, now)).await
-    }
-
-    async fn renew(&self, claim: Claim, now: Timestamp) -> Result<Claim, Error> {
-        self.write(move |db| work::renew(db, &claim, now)).await
-    }
-
-    async fn adopt(&self, holder: Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
-        self.write(move |db| work::adopt(db, &holder, now)).await
-    }
-
-    async fn sweep(&self, now: Timestamp) -> Result<Vec<Job>, Error> {
-        self.write(move |db| work::sweep(db, now)).await
-    }
-
-    async fn say(&self, printer: Name, said: Said, by: By) -> Result<Printer, Error> {
-        self.write(move |db| work::say(db, &printer, &said, &by)).await
-    }
-
-    async fn printers(&self) -> Result<Vec<Printer>, Error> {
-        self.read(work::printers).await
-    }
-
-    async fn job(&self, id: JobId) -> Result<(Job, Option<Claim>), Error> {
-        self.read(move |db| Ok((rows::job(db, id)?, rows::claim(db, id)?))).await
-    }
-
-    async fn list(&self, which: Which, behind: Option<JobId>, most: u32) -> Result<Vec<Job>, Error> {
-        self.read(move |db| work::list(db, which, behind, most)).await
-    }
-
-    async fn spec(&self, id: JobId) -> Result<Spec, Error> {
-        self.read(move |db| Ok(rows::spec(db, id)?.ok_or(Refusal::NoJob { id })?)).await
-    }
-
-    async fn history(&self, of: Option<Subject>, after: u64, most: u32) -> Result<Vec<Sealed>, Error> {
-        self.read(move |db| work::history(db, of.as_ref(), after, most)).await
-    }
-
-    async fn head(&self) -> Result<Head, Error> {
-        self.read(rows::head).await
-    }
-
-    async fn verify(&self) -> Result<(), Error> {
-        self.apart(|db| {
-            db.check_pages("integrity_check")?;
-            let mut next = Some(Progress::default());
-            while let Some(from) = next {
-                next = db.read(|tx| check::part(tx, from))?;
-            }
-            Ok(())
-        })
-        .await
-    }
-
-    async fn verify_part(&self, from: Progress) -> Result<Option<Progress>, Error> {
-        self.apart(|db| db.read(|tx| check::part(tx, from))).await
+    fn check_sound(&mut self) -> Result<(), Error> {
+        self.check_pages("integrity_check")
     }
 }

@@ -1,7 +1,8 @@
 //! A database file: opened with care, brought to the newest format, trusted only after a look.
 
-use super::rows;
+use super::Tx;
 use crate::store::Error;
+use crate::store::sql;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Transaction, TransactionBehavior};
 use rustix::fs::{Access, access};
 use std::fs::OpenOptions;
@@ -23,7 +24,7 @@ const MOST_CHECKED_BYTES: u64 = 1 << 23;
 
 /// An open database.
 #[derive(Debug)]
-pub(super) struct Db {
+pub struct Db {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
     /// The version that this program reads and writes.
@@ -139,11 +140,11 @@ impl Db {
     }
 
     /// Does a step, unless it is done.
-    fn step(&mut self, before: i64, sql: &str) -> rusqlite::Result<()> {
+    fn step(&mut self, before: i64, statements: &str) -> rusqlite::Result<()> {
         let tx = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let found: i64 = tx.pragma_query_value(None, "user_version", |row| row.get(0))?;
         if found == before {
-            tx.execute_batch(sql)?;
+            tx.execute_batch(statements)?;
             tx.pragma_update(None, "user_version", before + 1)?;
             tx.pragma_update(None, "application_id", APPLICATION_ID)?;
         }
@@ -155,7 +156,7 @@ impl Db {
         if std::fs::metadata(&self.path).is_ok_and(|file| file.len() <= MOST_CHECKED_BYTES) {
             self.check_pages("quick_check")?;
         }
-        self.read(|tx| Ok(rows::last(tx)?.check_end(rows::head(tx)?)?))
+        self.read(|tx| Ok(sql::last(tx)?.check_end(sql::head(tx)?)?))
     }
 
     /// Whether pages are sound (`quick_check`), and also what indices say (`integrity_check`): reads the whole file.
@@ -170,22 +171,22 @@ impl Db {
     /// Looks at one moment of the database.
     pub(super) fn read<T>(
         &mut self,
-        look: impl FnOnce(&Connection) -> Result<T, rows::Error>,
+        look: impl FnOnce(&Tx<'_>) -> Result<T, sql::Error>,
     ) -> Result<T, Error> {
         let tx = self.connection.unchecked_transaction().map_err(|e| told(&self.path, &e))?;
         self.check_still(&tx)?;
-        look(&tx).map_err(|e| e.at(&self.path))
+        look(&Tx::of(&tx, &self.path)).map_err(|e| e.at(&self.path))
     }
 
     /// Does something as a whole or not at all; it is on the disk when this returns.
     pub(super) fn write<T>(
         &mut self,
-        work: impl FnOnce(&Connection) -> Result<T, rows::Error>,
+        work: impl FnOnce(&Tx<'_>) -> Result<T, sql::Error>,
     ) -> Result<T, Error> {
         let begun = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate);
         let tx = begun.map_err(|e| told(&self.path, &e))?;
         self.check_still(&tx)?;
-        let done = work(&tx).map_err(|e| e.at(&self.path))?;
+        let done = work(&Tx::of(&tx, &self.path)).map_err(|e| e.at(&self.path))?;
         tx.commit().map_err(|e| told(&self.path, &e))?;
         Ok(done)
     }

@@ -38,7 +38,7 @@ fn prepared(wrapper: &[&str], preparation: &str, command: &Command) -> Option<Co
 
 #[test]
 fn a_full_disk_is_said_and_loses_nothing() {
-    let folder = Folder::fresh();
+    let folder = Folder::new();
     let fill = again::<Folder>(folder.dir(), "fill");
     let mount = format!("mount -t tmpfs -o size=600k none '{}'", folder.dir().display());
     if let Some(mut command) = prepared(&["unshare", "-m"], &mount, &fill) {

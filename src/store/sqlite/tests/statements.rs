@@ -61,7 +61,7 @@ async fn one_of_everything(store: &Sqlite, mut before: impl AsyncFnMut()) {
 
 #[test]
 fn a_crash_between_any_two_statements_leaves_all_of_a_change_or_nothing() {
-    let folder = Folder::fresh();
+    let folder = Folder::new();
     let images = tempfile::tempdir().unwrap();
     let n_images = Arc::new(Mutex::new(0));
     run(async {
@@ -103,7 +103,7 @@ async fn assert_whole(image: &Path, heads: &[Head]) {
 
 #[test]
 fn no_statement_looks_at_all_jobs_or_sorts_them() {
-    let folder = Folder::fresh();
+    let folder = Folder::new();
     let seen = Arc::new(Mutex::new(Vec::new()));
     let heard = Arc::clone(&seen);
     run(async {

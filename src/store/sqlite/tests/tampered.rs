@@ -74,7 +74,7 @@ fn guards() -> &'static str {
 
 /// A file in which one of everything has happened, and job 2 is in print.
 fn busy() -> Folder {
-    let folder = Folder::fresh();
+    let folder = Folder::new();
     run(async {
         let store = Folder::open(folder.dir());
         let left = name("left");
@@ -211,7 +211,7 @@ fn a_long_history_is_checked_in_parts_of_bounded_length() {
     let mut db = Db::open(&folder.db(), STEPS).unwrap();
     let said = db.write(|tx| {
         for _ in 0..N_WORDS {
-            work::say(tx, &name("left"), &Said::BedInDoubt, &operator(9))?;
+            sql::say(tx, &name("left"), &Said::BedInDoubt, &operator(9))?;
         }
         Ok(())
     });

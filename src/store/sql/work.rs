@@ -1,6 +1,7 @@
 //! What is asked of the store, each within one transaction.
 
 use super::rows::{self, Error, parsed, signed};
+use super::{Param, Sql};
 use crate::queue::act::{self, Bedside, Outcome, Scene};
 use crate::queue::{
     Actor, Bed, By, Change, Claim, Claimant, Edit, Job, JobId, Name, Needs, Printer, Rank, Reason, Refusal,
@@ -8,9 +9,13 @@ use crate::queue::{
 };
 use crate::store::{Claimed, Place, Which};
 use jiff::Timestamp;
-use rusqlite::{Connection, OptionalExtension, params};
 
-pub(super) fn add(db: &Connection, ticket: &Ticket, is_submitted: bool, by: &By) -> Result<Job, Error> {
+pub(in crate::store) fn add(
+    db: &dyn Sql,
+    ticket: &Ticket,
+    is_submitted: bool,
+    by: &By,
+) -> Result<Job, Error> {
     if let Some(known) = rows::find(db, ticket.id)? {
         return same(known, ticket);
     }
@@ -25,13 +30,13 @@ fn same(known: Job, ticket: &Ticket) -> Result<Job, Error> {
     if known.spec == ticket.spec.mark() { Ok(known) } else { Err(Refusal::IdTaken { id: ticket.id }.into()) }
 }
 
-pub(super) fn change(db: &Connection, job: JobId, request: &Request) -> Result<Job, Error> {
+pub(in crate::store) fn change(db: &dyn Sql, job: JobId, request: &Request) -> Result<Job, Error> {
     let outcome = act::change(&rows::scene(db, job, None)?, request)?;
     Ok(rows::put(db, outcome)?.job)
 }
 
-pub(super) fn place(
-    db: &Connection,
+pub(in crate::store) fn place(
+    db: &dyn Sql,
     job: JobId,
     place: Place,
     actor: Actor,
@@ -48,7 +53,7 @@ pub(super) fn place(
 }
 
 /// A new place.
-fn rank(db: &Connection, place: Place) -> Result<Rank, Error> {
+fn rank(db: &dyn Sql, place: Place) -> Result<Rank, Error> {
     const FIRST: &str = "SELECT rank FROM jobs ORDER BY rank LIMIT 1";
     const LAST: &str = "SELECT rank FROM jobs ORDER BY rank DESC LIMIT 1";
     const BEFORE: &str = "SELECT rank FROM jobs WHERE rank < ?1 ORDER BY rank DESC LIMIT 1";
@@ -69,7 +74,11 @@ fn rank(db: &Connection, place: Place) -> Result<Rank, Error> {
     Ok(Rank::between(before.as_ref(), behind.as_ref()))
 }
 
-pub(super) fn claim(db: &Connection, claimant: &Claimant, now: Timestamp) -> Result<Option<Claimed>, Error> {
+pub(in crate::store) fn claim(
+    db: &dyn Sql,
+    claimant: &Claimant,
+    now: Timestamp,
+) -> Result<Option<Claimed>, Error> {
     let token = rows::head(db)?.seq + 1;
     match claimant {
         Claimant::Worker(_) => match first_to_prepare(db)? {
@@ -81,7 +90,7 @@ pub(super) fn claim(db: &Connection, claimant: &Claimant, now: Timestamp) -> Res
 }
 
 fn claim_print(
-    db: &Connection,
+    db: &dyn Sql,
     claimant: &Claimant,
     name: &Name,
     token: u64,
@@ -91,8 +100,7 @@ fn claim_print(
     if printer.bed != Bed::Clear {
         return Err(Refusal::BedNotClear { printer: name.clone() }.into());
     }
-    let due = "UPDATE jobs SET due_ms = NULL WHERE due_ms <= ?1";
-    db.prepare_cached(due)?.execute([now.as_millisecond()])?;
+    db.run("UPDATE jobs SET due_ms = NULL WHERE due_ms <= ?1", &[now.as_millisecond().into()])?;
     while let Some(id) = first_to_print(db, &printer)? {
         match act::claim(&rows::scene(db, id, Some(name))?, claimant, token, now) {
             Ok(outcome) => return taken(db, outcome).map(Some),
@@ -104,15 +112,14 @@ fn claim_print(
     Ok(None)
 }
 
-fn wait_again(db: &Connection, id: JobId, until: Timestamp) -> Result<(), Error> {
+fn wait_again(db: &dyn Sql, id: JobId, until: Timestamp) -> Result<(), Error> {
     // A part of a millisecond is waited for whole, lest it be due and not due at once.
     let until_ms = until.as_millisecond() + 1;
-    db.prepare_cached("UPDATE jobs SET due_ms = ?2 WHERE id = ?1")?
-        .execute(params![id.to_string(), until_ms])?;
+    db.run("UPDATE jobs SET due_ms = ?2 WHERE id = ?1", &[(&id.to_string()).into(), until_ms.into()])?;
     Ok(())
 }
 
-fn taken(db: &Connection, outcome: Outcome) -> Result<Claimed, Error> {
+fn taken(db: &dyn Sql, outcome: Outcome) -> Result<Claimed, Error> {
     let Scene { job, claim, .. } = rows::put(db, outcome)?;
     let claim = claim.ok_or_else(|| Error::Row("a job was taken without a claim".into()))?;
     Ok(Claimed { job, claim })
@@ -122,53 +129,50 @@ fn id_of(text: String) -> Result<JobId, Error> {
     JobId::try_from(text).map_err(|e| Error::Row(format!("a job's name cannot be read: {e}")))
 }
 
-fn first_to_prepare(db: &Connection) -> Result<Option<JobId>, Error> {
+fn first_to_prepare(db: &dyn Sql) -> Result<Option<JobId>, Error> {
     let sql = "SELECT id FROM jobs WHERE waits = 'prepare' ORDER BY urgency, rank LIMIT 1";
-    let found: Option<String> = db.prepare_cached(sql)?.query_row([], |row| row.get(0)).optional()?;
-    found.map(id_of).transpose()
+    db.row(sql, &[])?.map(|mut row| id_of(row.text(0)?)).transpose()
 }
 
 /// The first job that fits. What jobs need is kept once for all that need the same, so that those that do not fit are not looked at
 /// one by one.
-fn first_to_print(db: &Connection, printer: &Printer) -> Result<Option<JobId>, Error> {
+fn first_to_print(db: &dyn Sql, printer: &Printer) -> Result<Option<JobId>, Error> {
     let sql = "SELECT urgency, rank, id FROM jobs WHERE waits = 'print' AND due_ms IS NULL AND needs = ?1
                AND filament_mm3 <= ?2 ORDER BY urgency, rank LIMIT 1";
     let left_mm3 = printer.loaded.as_ref().and_then(|loaded| loaded.left_mm3).map_or(i64::MAX, signed);
     let mut first: Option<(i64, String, String)> = None;
     for needs in fitting(db, printer)? {
-        let found = db
-            .prepare_cached(sql)?
-            .query_row([needs, left_mm3], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))
-            .optional()?;
+        let found = db.row(sql, &[needs.into(), left_mm3.into()])?;
+        let found =
+            found.map(|mut row| Ok::<_, Error>((row.int(0)?, row.text(1)?, row.text(2)?))).transpose()?;
         first = first.into_iter().chain(found).min();
     }
     first.map(|(_, _, id)| id_of(id)).transpose()
 }
 
 /// All kinds of needs that a printer meets.
-fn fitting(db: &Connection, printer: &Printer) -> Result<Vec<i64>, Error> {
-    let mut select = db.prepare_cached("SELECT id, body FROM needs")?;
-    let mut found = select.query([])?;
+fn fitting(db: &dyn Sql, printer: &Printer) -> Result<Vec<i64>, Error> {
     let mut fitting = Vec::new();
-    while let Some(row) = found.next()? {
-        let needs: Needs = parsed("what a job needs", &row.get::<_, String>(1)?)?;
+    for mut row in db.rows("SELECT id, body FROM needs", &[])? {
+        let needs: Needs = parsed("what a job needs", &row.text(1)?)?;
         if needs.check_kind(printer.loaded.as_ref()).is_ok() {
-            fitting.push(row.get(0)?);
+            fitting.push(row.int(0)?);
         }
     }
     Ok(fitting)
 }
 
-pub(super) fn renew(db: &Connection, claim: &Claim, now: Timestamp) -> Result<Claim, Error> {
+pub(in crate::store) fn renew(db: &dyn Sql, claim: &Claim, now: Timestamp) -> Result<Claim, Error> {
     let until = Claim::until(now);
     let sql = "UPDATE claims SET until_ms = ?4 WHERE job = ?1 AND holder = ?2 AND token = ?3";
     let (job, holder, token) = (claim.job.to_string(), claim.holder.as_str(), signed(claim.token));
-    let n_renewed = db.prepare_cached(sql)?.execute(params![job, holder, token, until.as_millisecond()])?;
+    let n_renewed =
+        db.run(sql, &[(&job).into(), holder.into(), token.into(), until.as_millisecond().into()])?;
     if n_renewed == 0 { Err(Refusal::ClaimLost.into()) } else { Ok(Claim { until, ..claim.clone() }) }
 }
 
-pub(super) fn adopt(db: &Connection, holder: &Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
-    let ids = ids(db, "SELECT job FROM claims WHERE holder = ?1 ORDER BY job", holder.as_str())?;
+pub(in crate::store) fn adopt(db: &dyn Sql, holder: &Name, now: Timestamp) -> Result<Vec<Claimed>, Error> {
+    let ids = ids(db, "SELECT job FROM claims WHERE holder = ?1 ORDER BY job", holder.as_str().into())?;
     let mut adopted = Vec::new();
     for id in ids {
         let token = rows::head(db)?.seq + 1;
@@ -179,12 +183,12 @@ pub(super) fn adopt(db: &Connection, holder: &Name, now: Timestamp) -> Result<Ve
     Ok(adopted)
 }
 
-pub(super) fn sweep(db: &Connection, now: Timestamp) -> Result<Vec<Job>, Error> {
+pub(in crate::store) fn sweep(db: &dyn Sql, now: Timestamp) -> Result<Vec<Job>, Error> {
     // Claims that only a clock which was set back since could have made are believed no longer than ones made now.
     let most_ms = Claim::until(now).as_millisecond();
-    db.prepare_cached("UPDATE claims SET until_ms = ?1 WHERE until_ms > ?1")?.execute([most_ms])?;
-    let lapsed =
-        ids(db, "SELECT job FROM claims WHERE until_ms <= ?1 ORDER BY until_ms, job", now.as_millisecond())?;
+    db.run("UPDATE claims SET until_ms = ?1 WHERE until_ms > ?1", &[most_ms.into()])?;
+    let sql = "SELECT job FROM claims WHERE until_ms <= ?1 ORDER BY until_ms, job";
+    let lapsed = ids(db, sql, now.as_millisecond().into())?;
     let mut changed = Vec::new();
     for id in lapsed {
         if let Some(outcome) = act::lost(&rows::scene(db, id, None)?, now)? {
@@ -194,17 +198,11 @@ pub(super) fn sweep(db: &Connection, now: Timestamp) -> Result<Vec<Job>, Error> 
     Ok(changed)
 }
 
-fn ids(db: &Connection, sql: &str, by: impl rusqlite::ToSql) -> Result<Vec<JobId>, Error> {
-    let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query([by])?;
-    let mut ids = Vec::new();
-    while let Some(row) = found.next()? {
-        ids.push(id_of(row.get(0)?)?);
-    }
-    Ok(ids)
+fn ids(db: &dyn Sql, sql: &'static str, by: Param<'_>) -> Result<Vec<JobId>, Error> {
+    db.rows(sql, &[by])?.into_iter().map(|mut row| id_of(row.text(0)?)).collect()
 }
 
-pub(super) fn say(db: &Connection, name: &Name, said: &Said, by: &By) -> Result<Printer, Error> {
+pub(in crate::store) fn say(db: &dyn Sql, name: &Name, said: &Said, by: &By) -> Result<Printer, Error> {
     let printer = rows::printer(db, name)?.unwrap_or_else(|| Printer::new(name.clone()));
     let job = match printer.bed {
         Bed::Taken(id) => Some(rows::job(db, id)?),
@@ -220,42 +218,35 @@ pub(super) fn say(db: &Connection, name: &Name, said: &Said, by: &By) -> Result<
     Ok(after.printer)
 }
 
-pub(super) fn printers(db: &Connection) -> Result<Vec<Printer>, Error> {
-    let mut select = db.prepare_cached("SELECT body FROM printers ORDER BY name")?;
-    let mut found = select.query([])?;
-    let mut printers = Vec::new();
-    while let Some(row) = found.next()? {
-        printers.push(parsed("a printer", &row.get::<_, String>(0)?)?);
-    }
-    Ok(printers)
+pub(in crate::store) fn printers(db: &dyn Sql) -> Result<Vec<Printer>, Error> {
+    let found = db.rows("SELECT body FROM printers ORDER BY name", &[])?;
+    found.into_iter().map(|mut row| parsed("a printer", &row.text(0)?)).collect()
 }
 
-pub(super) fn list(
-    db: &Connection,
+pub(in crate::store) fn list(
+    db: &dyn Sql,
     which: Which,
     behind: Option<JobId>,
     most: u32,
 ) -> Result<Vec<Job>, Error> {
-    let sql = match which {
+    let (number, rank) = listed_behind(db, which, behind)?;
+    let (number, most) = (number.into(), i64::from(most).into());
+    let found = match which {
         Which::Live => {
-            "SELECT body FROM jobs WHERE over_seq IS NULL AND (urgency, rank) > (?1, ?2) ORDER BY urgency, rank LIMIT ?3"
+            let sql = "SELECT body FROM jobs WHERE over_seq IS NULL AND (urgency, rank) > (?1, ?2)
+                       ORDER BY urgency, rank LIMIT ?3";
+            db.rows(sql, &[number, (&rank).into(), most])?
         }
         Which::Over => {
-            "SELECT body FROM jobs WHERE over_seq IS NOT NULL AND over_seq < ?1 AND ?2 = ?2 ORDER BY over_seq DESC LIMIT ?3"
+            let sql = "SELECT body FROM jobs WHERE over_seq IS NOT NULL AND over_seq < ?1 ORDER BY over_seq DESC LIMIT ?2";
+            db.rows(sql, &[number, most])?
         }
     };
-    let (number, rank) = listed_behind(db, which, behind)?;
-    let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![number, rank, most])?;
-    let mut jobs = Vec::new();
-    while let Some(row) = found.next()? {
-        jobs.push(parsed("a job", &row.get::<_, String>(0)?)?);
-    }
-    Ok(jobs)
+    found.into_iter().map(|mut row| parsed("a job", &row.text(0)?)).collect()
 }
 
 /// Where a listing goes on: urgency and rank, or the record.
-fn listed_behind(db: &Connection, which: Which, behind: Option<JobId>) -> Result<(i64, String), Error> {
+fn listed_behind(db: &dyn Sql, which: Which, behind: Option<JobId>) -> Result<(i64, String), Error> {
     let Some(id) = behind else {
         let from = if which == Which::Live { i64::MIN } else { i64::MAX };
         return Ok((from, String::new()));
@@ -264,27 +255,27 @@ fn listed_behind(db: &Connection, which: Which, behind: Option<JobId>) -> Result
         Which::Live => "SELECT urgency, rank FROM jobs WHERE id = ?1",
         Which::Over => "SELECT over_seq, rank FROM jobs WHERE id = ?1 AND over_seq IS NOT NULL",
     };
-    let found = db
-        .prepare_cached(sql)?
-        .query_row([id.to_string()], |row| Ok((row.get(0)?, row.get(1)?)))
-        .optional()?;
-    found.ok_or_else(|| Refusal::NoJob { id }.into())
+    let mut row = db.row(sql, &[(&id.to_string()).into()])?.ok_or(Refusal::NoJob { id })?;
+    Ok((row.int(0)?, row.text(1)?))
 }
 
-pub(super) fn history(
-    db: &Connection,
+pub(in crate::store) fn history(
+    db: &dyn Sql,
     of: Option<&Subject>,
     after: u64,
     most: u32,
 ) -> Result<Vec<Sealed>, Error> {
-    let of_one =
-        "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
-    let of_all = "SELECT seq, body, digest FROM history WHERE ?1 IS NULL AND seq > ?2 ORDER BY seq LIMIT ?3";
-    let mut select = db.prepare_cached(if of.is_some() { of_one } else { of_all })?;
-    let mut found = select.query(params![of.map(ToString::to_string), signed(after), most])?;
-    let mut records = Vec::new();
-    while let Some(row) = found.next()? {
-        records.push(rows::sealed(row)?);
-    }
-    Ok(records)
+    let (after, most) = (signed(after).into(), i64::from(most).into());
+    let found = match of {
+        Some(subject) => {
+            let sql =
+                "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+            db.rows(sql, &[(&subject.to_string()).into(), after, most])?
+        }
+        None => {
+            let sql = "SELECT seq, body, digest FROM history WHERE seq > ?1 ORDER BY seq LIMIT ?2";
+            db.rows(sql, &[after, most])?
+        }
+    };
+    found.into_iter().map(|mut row| rows::sealed(&mut row)).collect()
 }

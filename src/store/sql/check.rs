@@ -1,14 +1,13 @@
 //! Whether a database is what its history comes to, a part at a time.
 
-use super::open::STEPS;
+use super::Sql;
 use super::rows::{self, Columns, Error, parsed};
 use crate::queue::{Break, Head, Job, JobId, Kind, Name, Needs, Record, Subject, What, history};
 use crate::store::Progress;
 use crate::store::progress::{Replay, Stage};
-use rusqlite::{Connection, OptionalExtension, params};
 
 /// Records, or rows, of one part.
-const MOST: u32 = 4096;
+const MOST: i64 = 4096;
 
 /// Tables whose rows all have records: how rows and their subjects are found from a key on.
 const TABLES: [&str; 4] = [
@@ -19,7 +18,7 @@ const TABLES: [&str; 4] = [
 ];
 
 /// One part, within one transaction: the chain of records, then every job and printer against its own records, then whatever has none.
-pub(super) fn part(db: &Connection, Progress(stage): Progress) -> Result<Option<Progress>, Error> {
+pub(in crate::store) fn part(db: &dyn Sql, Progress(stage): Progress) -> Result<Option<Progress>, Error> {
     let next = match stage {
         Stage::Chain(head) => chain(db, head)?,
         Stage::Subjects { from } => subjects(db, from)?,
@@ -30,21 +29,19 @@ pub(super) fn part(db: &Connection, Progress(stage): Progress) -> Result<Option<
     Ok(Some(Progress(next)))
 }
 
-/// The key behind another one.
+/// The key behind another one: no key has a character below the space.
 fn behind(key: &str) -> String {
-    format!("{key}\0")
+    format!("{key}\u{1}")
 }
 
-fn chain(db: &Connection, head: Head) -> Result<Stage, Error> {
+fn chain(db: &dyn Sql, head: Head) -> Result<Stage, Error> {
     check_anchor(db, head)?;
     let sql = "SELECT seq, body, digest, subject FROM history WHERE seq > ?1 ORDER BY seq LIMIT ?2";
-    let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![rows::signed(head.seq), MOST])?;
     let (mut end, mut n_found) = (head, 0);
-    while let Some(row) = found.next()? {
-        let sealed = rows::sealed(row)?;
+    for mut row in db.rows(sql, &[rows::signed(head.seq).into(), MOST.into()])? {
+        let sealed = rows::sealed(&mut row)?;
         end = end.follow(&sealed)?;
-        if row.get::<_, String>(3)? != sealed.record()?.fact.subject().to_string() {
+        if row.text(3)? != sealed.record()?.fact.subject().to_string() {
             return Err(Break::Changed { seq: sealed.seq }.into());
         }
         n_found += 1;
@@ -57,33 +54,30 @@ fn chain(db: &Connection, head: Head) -> Result<Stage, Error> {
 }
 
 /// That the chain is still what it was up to a head, and has nothing before its first record.
-fn check_anchor(db: &Connection, head: Head) -> Result<(), Error> {
+fn check_anchor(db: &dyn Sql, head: Head) -> Result<(), Error> {
     if head == Head::EMPTY {
         let sql = "SELECT seq FROM history WHERE seq < 1 ORDER BY seq LIMIT 1";
-        let found: Option<i64> = db.prepare_cached(sql)?.query_row([], |row| row.get(0)).optional()?;
-        return found
-            .map_or(Ok(()), |seq| Err(Error::Row(format!("found a record {seq}, expected none below 1"))));
+        return db.row(sql, &[])?.map_or(Ok(()), |mut row| {
+            Err(Error::Row(format!("found a record {}, expected none below 1", row.int(0)?)))
+        });
     }
     let sql = "SELECT seq, body, digest FROM history WHERE seq = ?1";
-    let found = db
-        .prepare_cached(sql)?
-        .query_row([rows::signed(head.seq)], |row| Ok(rows::sealed(row)))
-        .optional()?
-        .transpose()?;
-    match found {
+    let found = db.row(sql, &[rows::signed(head.seq).into()])?;
+    match found.map(|mut row| rows::sealed(&mut row)).transpose()? {
         Some(sealed) if sealed.head() == head => Ok(()),
         Some(_) => Err(Break::Changed { seq: head.seq }.into()),
         None => Err(Break::End { found: rows::last(db)?.seq, expected: head.seq }.into()),
     }
 }
 
-fn subjects(db: &Connection, mut from: String) -> Result<Stage, Error> {
+fn subjects(db: &dyn Sql, mut from: String) -> Result<Stage, Error> {
     let sql = "SELECT subject FROM history WHERE subject >= ?1 ORDER BY subject LIMIT 1";
     let mut n_left = MOST;
     while n_left > 0 {
-        let found: Option<String> =
-            db.prepare_cached(sql)?.query_row([&from], |row| row.get(0)).optional()?;
-        let Some(text) = found else { return Ok(Stage::Rows { table: 0, from: String::new() }) };
+        let Some(mut row) = db.row(sql, &[(&from).into()])? else {
+            return Ok(Stage::Rows { table: 0, from: String::new() });
+        };
+        let text = row.text(0)?;
         let mut replay = Replay { subject: subject(&text)?, seq: 0, token: 0, job: None, printer: None };
         let n_found = go_on(db, &mut replay, n_left)?;
         if n_found == n_left {
@@ -96,7 +90,7 @@ fn subjects(db: &Connection, mut from: String) -> Result<Stage, Error> {
     Ok(Stage::Subjects { from })
 }
 
-fn within(db: &Connection, mut replay: Replay) -> Result<Stage, Error> {
+fn within(db: &dyn Sql, mut replay: Replay) -> Result<Stage, Error> {
     if go_on(db, &mut replay, MOST)? == MOST {
         return Ok(Stage::Within(Box::new(replay)));
     }
@@ -113,13 +107,12 @@ fn subject(text: &str) -> Result<Subject, Error> {
 }
 
 /// Replays some more records; gives how many were there.
-fn go_on(db: &Connection, replay: &mut Replay, most: u32) -> Result<u32, Error> {
+fn go_on(db: &dyn Sql, replay: &mut Replay, most: i64) -> Result<i64, Error> {
     let sql = "SELECT seq, body, digest FROM history WHERE subject = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
-    let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![replay.subject.to_string(), rows::signed(replay.seq), most])?;
+    let subject = replay.subject.to_string();
     let mut n_found = 0;
-    while let Some(row) = found.next()? {
-        take(replay, &rows::sealed(row)?.record()?)?;
+    for mut row in db.rows(sql, &[(&subject).into(), rows::signed(replay.seq).into(), most.into()])? {
+        take(replay, &rows::sealed(&mut row)?.record()?)?;
         n_found += 1;
     }
     Ok(n_found)
@@ -138,7 +131,7 @@ fn take(replay: &mut Replay, record: &Record) -> Result<(), Error> {
 }
 
 /// What is kept is what its records come to.
-fn check_kept(db: &Connection, replay: &Replay) -> Result<(), Error> {
+fn check_kept(db: &dyn Sql, replay: &Replay) -> Result<(), Error> {
     let is_same = match &replay.subject {
         Subject::Job(id) => is_job_kept(db, *id, replay)?,
         Subject::Printer(name) => rows::printer(db, name)? == replay.printer,
@@ -146,7 +139,7 @@ fn check_kept(db: &Connection, replay: &Replay) -> Result<(), Error> {
     if is_same { Ok(()) } else { Err(Break::Differs { subject: replay.subject.clone() }.into()) }
 }
 
-fn is_job_kept(db: &Connection, id: JobId, replay: &Replay) -> Result<bool, Error> {
+fn is_job_kept(db: &dyn Sql, id: JobId, replay: &Replay) -> Result<bool, Error> {
     let Some(job) = &replay.job else { return Ok(false) };
     Ok(rows::find(db, id)?.as_ref() == Some(job)
         && is_found_rightly(db, job, replay.seq)?
@@ -155,22 +148,19 @@ fn is_job_kept(db: &Connection, id: JobId, replay: &Replay) -> Result<bool, Erro
 }
 
 /// The columns by which a job is found are those that it was written with by its last record.
-fn is_found_rightly(db: &Connection, job: &Job, seq: u64) -> Result<bool, Error> {
-    let mut select = db.prepare_cached(
-        "SELECT urgency, rank, filament_mm3, waits, over_seq, n.body, due_ms
-         FROM jobs j LEFT JOIN needs n ON n.id = j.needs WHERE j.id = ?1",
-    )?;
-    let (columns, due_ms) = select.query_row([job.id.to_string()], |row| {
-        let columns = Columns {
-            urgency: row.get(0)?,
-            rank: row.get(1)?,
-            filament_mm3: row.get(2)?,
-            waits: row.get(3)?,
-            over_seq: row.get(4)?,
-            needs: row.get::<_, Option<String>>(5)?.unwrap_or_default(),
-        };
-        Ok((columns, row.get::<_, Option<i64>>(6)?))
-    })?;
+fn is_found_rightly(db: &dyn Sql, job: &Job, seq: u64) -> Result<bool, Error> {
+    let sql = "SELECT urgency, rank, filament_mm3, waits, over_seq, n.body, due_ms
+               FROM jobs j LEFT JOIN needs n ON n.id = j.needs WHERE j.id = ?1";
+    let Some(mut row) = db.row(sql, &[(&job.id.to_string()).into()])? else { return Ok(false) };
+    let columns = Columns {
+        urgency: row.int(0)?,
+        rank: row.text(1)?,
+        filament_mm3: row.int(2)?,
+        waits: row.maybe_text(3)?,
+        over_seq: row.maybe_int(4)?,
+        needs: row.maybe_text(5)?.unwrap_or_default(),
+    };
+    let due_ms = row.maybe_int(6)?;
     let is_due_rightly = match (rows::due_ms(job), due_ms) {
         (_, None) => true,
         (written, Some(found)) => written.is_some_and(|written| found == written || found == written + 1),
@@ -178,24 +168,23 @@ fn is_found_rightly(db: &Connection, job: &Job, seq: u64) -> Result<bool, Error>
     Ok(columns == Columns::of(job, seq) && is_due_rightly)
 }
 
-fn is_claimed_rightly(db: &Connection, job: &Job, token: u64) -> Result<bool, Error> {
+fn is_claimed_rightly(db: &dyn Sql, job: &Job, token: u64) -> Result<bool, Error> {
     let found = rows::claim(db, job.id)?.map(|claim| (claim.holder, claim.token));
     let holder = job.holder.clone().filter(|_| job.state.is_claimed());
     Ok(found == holder.map(|holder| (holder, token)))
 }
 
-fn rows_of(db: &Connection, table: usize, from: String) -> Result<Stage, Error> {
+fn rows_of(db: &dyn Sql, table: usize, from: String) -> Result<Stage, Error> {
     let Some(sql) = TABLES.get(table) else { return Ok(Stage::Rest) };
-    let mut recorded = db.prepare_cached("SELECT EXISTS (SELECT 1 FROM history WHERE subject = ?1)")?;
-    let mut select = db.prepare_cached(sql)?;
-    let mut found = select.query(params![from, MOST])?;
+    let recorded = "SELECT seq FROM history WHERE subject = ?1 LIMIT 1";
+    let found = db.rows(sql, &[(&from).into(), MOST.into()])?;
     let (mut last, mut n_found) = (from, 0);
-    while let Some(row) = found.next()? {
-        let text: String = row.get(1)?;
-        if !recorded.query_row([&text], |row| row.get(0))? {
+    for mut row in found {
+        let text = row.text(1)?;
+        if db.row(recorded, &[(&text).into()])?.is_none() {
             return Err(Break::Differs { subject: subject(&text)? }.into());
         }
-        last = behind(&row.get::<_, String>(0)?);
+        last = behind(&row.text(0)?);
         n_found += 1;
     }
     let is_all = n_found < MOST;
@@ -207,31 +196,12 @@ fn rows_of(db: &Connection, table: usize, from: String) -> Result<Stage, Error> 
 }
 
 /// What jobs need can be read, and tables, indices and triggers are those that were made.
-fn rest(db: &Connection) -> Result<(), Error> {
-    let mut select = db.prepare_cached("SELECT body FROM needs")?;
-    let mut found = select.query([])?;
-    while let Some(row) = found.next()? {
-        let body: String = row.get(0)?;
+fn rest(db: &dyn Sql) -> Result<(), Error> {
+    for mut row in db.rows("SELECT body FROM needs", &[])? {
+        let body = row.text(0)?;
         if rows::json(&parsed::<Needs>("what a job needs", &body)?) != body {
             return Err(Error::Row(format!("found {body}, which no job can need")));
         }
     }
-    let (found, expected) = (schema(db)?, schema(&as_made()?)?);
-    let differs =
-        found.iter().find(|it| !expected.contains(it)).or(expected.iter().find(|it| !found.contains(it)));
-    differs.map_or(Ok(()), |(name, _)| Err(Error::Row(format!("{name} is not as it was made"))))
-}
-
-fn as_made() -> rusqlite::Result<Connection> {
-    let db = Connection::open_in_memory()?;
-    for step in STEPS {
-        db.execute_batch(step)?;
-    }
-    Ok(db)
-}
-
-/// Names and definitions, but for SQLite's own.
-fn schema(db: &Connection) -> rusqlite::Result<Vec<(String, String)>> {
-    let sql = "SELECT type || ' ' || name, sql FROM sqlite_schema WHERE name NOT LIKE 'sqlite_%' ORDER BY 1";
-    db.prepare(sql)?.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+    db.check_made()
 }
