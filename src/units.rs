@@ -46,6 +46,22 @@ pub fn told_size_mm(size_mm: [f64; 3]) -> String {
     format!("{x} x {y} x {z} mm")
 }
 
+/// Steps of the grid in which places on the bed are written.
+const STEPS_PER_MM: f64 = 1e3;
+
+/// A place on the bed in the steps of 1 um in which it is written.
+#[must_use]
+#[expect(clippy::cast_possible_truncation, reason = "rounded to the grid on purpose; far below 2^63")]
+pub fn micrometres(mm: f64) -> i64 {
+    (mm * STEPS_PER_MM).round() as i64
+}
+
+/// A place on the bed as it is written.
+#[must_use]
+pub fn on_grid_mm(mm: f64) -> f64 {
+    (mm * STEPS_PER_MM).round() / STEPS_PER_MM
+}
+
 /// Millimetres per second to the millimetres per minute that G-code's `F` word wants.
 #[must_use]
 pub fn mm_min_from_mm_s(speed_mm_s: f64) -> f64 {

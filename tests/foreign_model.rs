@@ -140,7 +140,7 @@ fn what_cannot_be_printed_is_refused_in_one_line_and_nothing_is_written() {
         (vec!["a.stl", "--out", "x", "--layer-mm", "0.9"], 1, "layer height 0.9 mm is out of range"),
         (vec!["a.stl", "--out", "x", "--orient", "w,90"], 2, "AXIS,DEG: x, y or z"),
         (vec!["hole.stl", "--out", "x"], 1, "the mesh has a hole: in layer 0 at z 5.10 mm"),
-        (vec!["large.stl", "--out", "x"], 1, "the part is 320.0 x 320.0 x 160.0 mm, the build space"),
+        (vec!["large.stl", "--out", "x"], 1, "the part is 320 x 320 x 160 mm, the build space"),
         (vec!["thin.stl", "--out", "x"], 1, "mm thin in layer 0 at z 5.10 mm"),
         (vec!["word.stl", "--out", "x"], 1, "word.stl: it is no STL"),
         (vec!["absent.stl", "--out", "x"], 1, "cannot read absent.stl"),

@@ -4,7 +4,7 @@ use crate::{
     Error,
     driver::{self, Config},
     printer::Options,
-    profile::Profile,
+    profile::{BeadShape, Profile},
     replay,
     scenario::{BAUD, NOISE_C, Scenario, Speed},
     spec::FaultSpec,
@@ -70,6 +70,8 @@ struct RunArgs {
     /// [default: marlin]
     #[arg(long, value_name = "NAME")]
     profile: Option<String>,
+    #[command(flatten)]
+    other: OtherArgs,
     /// Path that becomes a symbolic link to the terminal (removed in the end)
     #[arg(long, value_name = "PATH")]
     link: Option<PathBuf>,
@@ -104,6 +106,57 @@ struct RunArgs {
     /// Print the summary as one JSON document on stdout in the end
     #[arg(long)]
     json: bool,
+}
+
+/// What another machine with the profile's firmware has otherwise.
+#[derive(Debug, Args)]
+struct OtherArgs {
+    /// X,Y,Z travel of another machine with that firmware, mm [default: the profile's, as with the next four]
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',')]
+    bed_mm: Option<Vec<f64>>,
+    /// Its fastest X,Y,Z,E, mm/s
+    #[arg(long, value_name = "X,Y,Z,E", value_delimiter = ',')]
+    max_speed_mm_s: Option<Vec<f64>>,
+    /// Its strongest X,Y,Z,E, mm/s2
+    #[arg(long, value_name = "X,Y,Z,E", value_delimiter = ',')]
+    max_acceleration_mm_s2: Option<Vec<f64>>,
+    /// Its filament's diameter, mm
+    #[arg(long, value_name = "MM")]
+    filament_mm: Option<f64>,
+    /// Cross-section of its beads
+    #[arg(long, value_name = "SHAPE", value_parser = ["rectangle", "stadium"])]
+    bead_shape: Option<String>,
+}
+
+impl OtherArgs {
+    fn apply(self, profile: &mut Profile) -> Result<(), Error> {
+        figures("--bed-mm", self.bed_mm, &mut profile.bed_mm)?;
+        figures("--max-speed-mm-s", self.max_speed_mm_s, &mut profile.max_speed_mm_s)?;
+        figures(
+            "--max-acceleration-mm-s2",
+            self.max_acceleration_mm_s2,
+            &mut profile.max_acceleration_mm_s2,
+        )?;
+        let mut filament_mm = [profile.filament_mm];
+        figures("--filament-mm", self.filament_mm.map(|mm| vec![mm]), &mut filament_mm)?;
+        [profile.filament_mm] = filament_mm;
+        match self.bead_shape.as_deref() {
+            Some("rectangle") => profile.bead_shape = BeadShape::Rectangle,
+            Some(_) => profile.bead_shape = BeadShape::Stadium,
+            None => {}
+        }
+        Ok(())
+    }
+}
+
+/// The figures of an option in place of the profile's.
+fn figures<const N: usize>(option: &str, given: Option<Vec<f64>>, own: &mut [f64; N]) -> Result<(), Error> {
+    let Some(given) = given else { return Ok(()) };
+    let is_good = |v: &f64| v.is_finite() && *v > 0.0;
+    *own = <[f64; N]>::try_from(given).ok().filter(|all| all.iter().all(is_good)).ok_or_else(|| {
+        Error::Option { option: option.to_owned(), problem: format!("{N} numbers above 0 are expected") }
+    })?;
+    Ok(())
 }
 
 /// Runs the program with `args` (the program's name first).
@@ -168,6 +221,7 @@ fn configure(args: RunArgs) -> Result<Config, Error> {
     }
     let name = args.profile.or(scenario.profile).unwrap_or_else(|| "marlin".to_owned());
     let mut profile = Profile::by_name(&name)?;
+    args.other.apply(&mut profile)?;
     profile.sensor_noise_c = args.sensor_noise_c.or(scenario.sensor_noise_c).unwrap_or(0.0);
     if !NOISE_C.contains(&profile.sensor_noise_c) {
         let problem =
@@ -234,11 +288,32 @@ mod tests {
     }
 
     #[test]
+    fn another_machine_has_its_own_sizes_and_limits() {
+        let built_in = configured(&["--link", "x", "--profile", "klipper"]).unwrap().options.profile;
+        let other =
+            ["--bed-mm", "235,230,280.5", "--max-speed-mm-s", "400,400,20,80", "--filament-mm", "2.85"];
+        let more = ["--max-acceleration-mm-s2", "4000,4000,200,5000", "--bead-shape", "rectangle"];
+        let args = [&["--link", "x", "--profile", "klipper"], &other[..], &more[..]].concat();
+        let profile = configured(&args).unwrap().options.profile;
+        let expected = Profile {
+            bed_mm: [235.0, 230.0, 280.5],
+            max_speed_mm_s: [400.0, 400.0, 20.0, 80.0],
+            max_acceleration_mm_s2: [4000.0, 4000.0, 200.0, 5000.0],
+            filament_mm: 2.85,
+            bead_shape: BeadShape::Rectangle,
+            ..built_in
+        };
+        assert_eq!(profile, expected);
+    }
+
+    #[test]
     fn wrong_usage_has_code_2_and_names_what_is_wrong() {
         for (args, part) in [
             (&["--profile", "marlin"][..], "--link"),
             (&["--link", "x", "--profile", "no"], "unknown profile `no`"),
             (&["--link", "x", "--speed", "0"], "--speed"),
+            (&["--link", "x", "--bed-mm", "200,0,200"], "--bed-mm"),
+            (&["--link", "x", "--bed-mm", "200,200"], "3 numbers above 0"),
             (&["--link", "x", "--sensor-noise-c", "70"], "70 found, 0 to 5 is expected"),
             (&["--link", "x", "--fault", "explode"], "unknown kind `explode`"),
         ] {

@@ -4,6 +4,7 @@
 //! it how long it takes; [`reader`] takes any line of G-code apart. Only words of one letter and a number are understood
 //! (NIST RS-274 as printers use it); expressions and macros are not.
 
+mod cool;
 mod head;
 mod label;
 mod limits;

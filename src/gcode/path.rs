@@ -17,6 +17,7 @@
 use crate::geom::Point2;
 use crate::profile::Profile;
 use crate::toolpath::{BeadModel, BeadPoint};
+use crate::units::on_grid_mm;
 use std::f64::consts::PI;
 
 /// A move along a bead.
@@ -32,6 +33,13 @@ pub(super) struct Piece {
     pub(super) arc: Option<Arc>,
     /// How fast it is driven, mm/s.
     pub(super) speed_mm_s: f64,
+}
+
+impl Piece {
+    /// How long it takes, accelerations left out, s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.length_mm / self.speed_mm_s
+    }
 }
 
 /// An arc.
@@ -92,10 +100,9 @@ pub(super) fn pieces(points: &[BeadPoint], model: BeadModel, pace: Pace, profile
 }
 
 fn piece(run: &[BeadPoint], arc: Option<Arc>, model: BeadModel, speed_mm_s: f64) -> Piece {
-    let segment = |pair: &[BeadPoint]| (pair[1].at - pair[0].at).norm() * model.area_mm2(pair[0].width_mm);
     let (begin, to) = (run[0].at, run[run.len() - 1].at);
     let length_mm = arc.map_or((to - begin).norm(), |arc| (begin - arc.centre).norm() * turn(begin, to, arc));
-    Piece { to, mm3: run.windows(2).map(segment).sum(), length_mm, arc, speed_mm_s }
+    Piece { to, mm3: run.windows(2).map(|pair| model.volume_mm3(pair)).sum(), length_mm, arc, speed_mm_s }
 }
 
 /// By how much an arc turns, rad.
@@ -187,7 +194,7 @@ fn fit(run: &[BeadPoint], profile: &Profile) -> Option<Arc> {
         (ab, bb) = (ab + a * b, bb + b * b);
     }
     // On a straight line there is no centre.
-    let centre = on_grid(middle + normal * (ab / bb.max(1e-18)));
+    let centre = (middle + normal * (ab / bb.max(1e-18))).map(on_grid_mm);
     let radius = (begin - centre).norm();
     let by_width_mm = width_spread_mm(&run[..run.len() - 1]) / 2.0;
     let room_mm = profile.print.tolerance_mm - firmware_deviation_mm(radius, profile) - by_width_mm;
@@ -212,11 +219,6 @@ fn fit(run: &[BeadPoint], profile: &Profile) -> Option<Arc> {
 /// How far the firmware's chords leave an arc, mm.
 fn firmware_deviation_mm(radius_mm: f64, profile: &Profile) -> f64 {
     profile.firmware.arc_chord_mm(radius_mm).powi(2) / (8.0 * radius_mm)
-}
-
-/// As it is written.
-fn on_grid(p: Point2) -> Point2 {
-    Point2::new((p.x * 1e3).round() / 1e3, (p.y * 1e3).round() / 1e3)
 }
 
 /// Slows moves down so that no run of them, wherever it begins, asks the planner for more a second than it takes. Half of its

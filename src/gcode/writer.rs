@@ -10,14 +10,17 @@
 //! Before a travel through air the filament is drawn back, where the profile says so while the nozzle goes back along its bead
 //! and forth again (a wipe): it leaves from where the travel was planned to.
 //!
+//! A layer that is done too soon even at the slowest speed is waited for, as the module `cool` says: the filament drawn back, the
+//! nozzle lifted and beside all that is printed; then it comes back to where it was, and goes on from there.
+//!
 //! How long the job takes is not known here: [`timed`](super::timed) adds it.
 
 use super::path::{self, Arc, Pace, Piece};
-use super::{Thumbnail, label, limits};
-use crate::geom::{Point2, Point3};
+use super::{Thumbnail, cool, label, limits};
+use crate::geom::{Bounds2, Point2, Point3};
 use crate::profile::Profile;
 use crate::toolpath::{Bead, BeadKind, BeadModel, BeadPoint, LayerPaths, Toolpaths, Travel};
-use crate::units::mm_min_from_mm_s;
+use crate::units::{micrometres, mm_min_from_mm_s};
 use std::f64::consts::FRAC_PI_4;
 use std::fmt::Write;
 
@@ -41,6 +44,8 @@ const FILAMENT_DECIMALS: usize = 5;
 const APPROACH_MM: f64 = 5.0;
 /// A wipe shorter than this moves nothing away, mm.
 const SHORTEST_WIPE_MM: f64 = 0.1;
+/// So far above the layer the nozzle goes aside to wait, mm.
+const ASIDE_LIFT_MM: f64 = 3.0;
 
 /// The text of the job.
 #[must_use]
@@ -53,8 +58,15 @@ pub fn write(paths: &Toolpaths, profile: &Profile, header: &Header) -> String {
     ["G90", "M83", "M107"].iter().for_each(|line| job.line(line));
     limits::lines(profile).iter().for_each(|line| job.line(line));
     label::defined(profile.firmware.object_labels, paths).iter().for_each(|line| job.line(line));
+    let points = paths.layers.iter().flat_map(|l| &l.beads).flat_map(|b| &b.points);
+    let printed = Bounds2::of(points.map(|p| p.at));
     for (idx, layer) in paths.layers.iter().enumerate() {
-        job.layer(idx, layer);
+        job.layer(idx, paths.layers.len(), layer);
+        // The end script parks the nozzle by itself.
+        if let Some(printed) = printed.filter(|_| idx + 1 < paths.layers.len()) {
+            job.wait(layer, printed);
+        }
+        job.label(false);
     }
     job.line(";TYPE:Custom");
     let top_mm = paths.layers.last().map_or(0.0, |l| l.z_mm);
@@ -80,6 +92,8 @@ struct Job<'a> {
     fan_percent: f64,
     layer_fan_percent: f64,
     retracted: bool,
+    /// Time of the layer so far, accelerations left out, s.
+    elapsed_s: f64,
     /// The last bead's way back from its end, as far as a wipe may go.
     back: Vec<[i64; 2]>,
     is_labelled: bool,
@@ -101,6 +115,7 @@ impl<'a> Job<'a> {
             fan_percent: 0.0,
             layer_fan_percent: 0.0,
             retracted: false,
+            elapsed_s: 0.0,
             back: Vec::new(),
             is_labelled: false,
         }
@@ -144,10 +159,11 @@ impl<'a> Job<'a> {
         self.line(";TYPE:Custom");
     }
 
-    fn layer(&mut self, idx: usize, layer: &LayerPaths) {
+    fn layer(&mut self, idx: usize, n_layers: usize, layer: &LayerPaths) {
         let z = micrometres(layer.z_mm);
         self.model = BeadModel::new(self.profile.print.bead_shape, layer.slot.height_mm);
         self.kind = None;
+        self.elapsed_s = 0.0;
         let _infallible = writeln!(self.text, ";LAYER:{idx}");
         self.comment(";Z:", z);
         self.comment(";HEIGHT:", micrometres(layer.slot.height_mm));
@@ -158,8 +174,10 @@ impl<'a> Job<'a> {
             self.after_first_layer();
         }
         let moves = self.moves(layer, idx == 0);
-        let time_s = moves.iter().flatten().map(|piece| piece.length_mm / piece.speed_mm_s).sum();
-        self.layer_fan_percent = fan_percent(idx, time_s, self.profile);
+        let driven_s: f64 = moves.iter().flatten().map(Piece::time_s).sum();
+        let is_last = idx + 1 == n_layers;
+        let time_s = cool::layer_time_s(driven_s + travel_s(layer, self.profile), is_last, self.profile);
+        self.layer_fan_percent = cool::fan_percent(idx, time_s, self.profile);
         self.fan(self.layer_fan_percent);
         let straight = Travel::default();
         for (i, (bead, moves)) in layer.beads.iter().zip(moves).enumerate() {
@@ -169,12 +187,33 @@ impl<'a> Job<'a> {
             self.travel(bead.points[0].at, travel, z);
             self.bead(bead, moves);
         }
-        self.label(false);
+    }
+
+    /// Waits for what a layer lacks of its least time, beside all that is printed; comes back to where it was, lifted and drawn back.
+    fn wait(&mut self, layer: &LayerPaths, printed: Bounds2) {
+        let print = &self.profile.print;
+        if layer.beads.is_empty() || !cool::is_too_short(self.elapsed_s, print) {
+            return;
+        }
+        self.retract();
+        let Some(from) = self.at else { return };
+        let bed_mm = self.profile.machine.bed_mm;
+        self.lift((self.z + micrometres(ASIDE_LIFT_MM)).min(micrometres(bed_mm[2])).max(self.z));
+        let aside = steps(cool::aside(place(from), printed, &layer.lumen, bed_mm));
+        self.go(aside, None, print.travel_mm_s);
+        let back_s = distance_mm(aside, from) / print.travel_mm_s;
+        let missing_ms = (1e3 * (print.min_layer_time_s - self.elapsed_s - back_s)).ceil();
+        if missing_ms > 0.0 {
+            // All firmwares know milliseconds, not all of them seconds.
+            self.line(&format!("G4 P{missing_ms}"));
+        }
+        self.go(from, None, print.travel_mm_s);
     }
 
     /// The moves of a layer's beads, as fast as they are driven.
     fn moves(&self, layer: &LayerPaths, is_first_layer: bool) -> Vec<Vec<Piece>> {
-        let slow_down = slow_down(layer, self.profile, is_first_layer);
+        let slow_down =
+            cool::slow_down(layer, self.profile, |bead| speed(bead, self.profile, is_first_layer));
         let least_mm_s = self.profile.print.min_speed_mm_s;
         let of_bead = |bead: &Bead| {
             let pace = Pace { speed_mm_s: speed(bead, self.profile, is_first_layer), slow_down, least_mm_s };
@@ -232,10 +271,10 @@ impl<'a> Job<'a> {
         if retract {
             self.retract();
         }
-        let hop = match (self.at, retract) {
-            (None, _) => micrometres(APPROACH_MM),
-            (Some(_), true) => micrometres(print.z_hop_mm),
-            (Some(_), false) => 0,
+        let hop = match self.at {
+            None => micrometres(APPROACH_MM),
+            Some(_) if retract || self.retracted => micrometres(print.z_hop_mm),
+            Some(_) => 0,
         };
         self.lift((z + hop).min(micrometres(self.profile.machine.bed_mm[2])).max(z));
         for point in way {
@@ -280,6 +319,7 @@ impl<'a> Job<'a> {
     }
 
     fn draw_back(&mut self, to: [i64; 2], filament: i64, speed_mm_s: f64) {
+        self.elapsed_s += self.at.map_or(0.0, |at| distance_mm(at, to)) / speed_mm_s;
         self.text.push_str("G1");
         self.place(to);
         self.text.push_str(" E");
@@ -294,6 +334,7 @@ impl<'a> Job<'a> {
     }
 
     fn filament_only(&mut self, mm: f64) {
+        self.elapsed_s += mm.abs() / self.profile.print.retract_mm_s;
         self.text.push_str("G1 E");
         number(&mut self.text, filament_steps(mm), FILAMENT_DECIMALS);
         self.feedrate(self.profile.print.retract_mm_s);
@@ -301,10 +342,13 @@ impl<'a> Job<'a> {
 
     fn lift(&mut self, z: i64) {
         if z != self.z {
+            let speed = self.profile.machine.max_speed_mm_s[2].min(self.profile.print.travel_mm_s);
+            if self.z != i64::MIN {
+                self.elapsed_s += (z - self.z).unsigned_abs() as f64 / 1e3 / speed;
+            }
             self.z = z;
             self.text.push_str("G0 Z");
             number(&mut self.text, z, COORDINATE_DECIMALS);
-            let speed = self.profile.machine.max_speed_mm_s[2].min(self.profile.print.travel_mm_s);
             self.feedrate(speed);
         }
     }
@@ -318,6 +362,7 @@ impl<'a> Job<'a> {
         }
         for piece in moves {
             self.owed_mm += piece.mm3 * self.filament_per_mm3;
+            self.elapsed_s += piece.time_s();
             match piece.arc {
                 Some(arc) => self.arc(steps(piece.to), arc, piece.speed_mm_s),
                 None => self.go(steps(piece.to), Some(()), piece.speed_mm_s),
@@ -349,6 +394,9 @@ impl<'a> Job<'a> {
     fn go(&mut self, to: [i64; 2], filament: Option<()>, speed_mm_s: f64) {
         if self.at == Some(to) {
             return;
+        }
+        if let (Some(at), None) = (self.at, filament) {
+            self.elapsed_s += distance_mm(at, to) / speed_mm_s;
         }
         self.text.push_str(if filament.is_some() { "G1" } else { "G0" });
         self.place(to);
@@ -391,17 +439,16 @@ impl<'a> Job<'a> {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the grid on purpose; far below 2^63")]
-fn micrometres(mm: f64) -> i64 {
-    (mm * 1e3).round() as i64
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounded to the grid on purpose; far below 2^63")]
 fn filament_steps(mm: f64) -> i64 {
     (mm * 1e5).round() as i64
 }
 
 fn steps(p: Point2) -> [i64; 2] {
     [micrometres(p.x), micrometres(p.y)]
+}
+
+fn place([x, y]: [i64; 2]) -> Point2 {
+    Point2::new(x as f64, y as f64) / 1e3
 }
 
 fn distance_mm(a: [i64; 2], b: [i64; 2]) -> f64 {
@@ -436,16 +483,24 @@ fn number(text: &mut String, steps: i64, decimals: usize) {
     text.extend(reversed[..n].iter().rev().map(|&b| char::from(b)));
 }
 
-fn segment_mm3(pair: &[BeadPoint], model: BeadModel) -> f64 {
-    (pair[1].at - pair[0].at).norm() * model.area_mm2(pair[0].width_mm)
-}
-
 /// Volume of a layer's beads by the profile's bead model, mm³; the flow correction is not in it.
 #[must_use]
 pub fn volume_mm3(layer: &LayerPaths, profile: &Profile) -> f64 {
     let model = BeadModel::new(profile.print.bead_shape, layer.slot.height_mm);
     let segments = layer.beads.iter().flat_map(|b| b.points.windows(2));
-    segments.map(|pair| segment_mm3(pair, model)).sum()
+    segments.map(|pair| model.volume_mm3(pair)).sum()
+}
+
+/// Time of the ways between a layer's beads, accelerations left out, s.
+fn travel_s(layer: &LayerPaths, profile: &Profile) -> f64 {
+    let end = |bead: &Bead| bead.points[bead.points.len() - 1].at;
+    let way_mm = |(pair, travel): (&[Bead], &Travel)| {
+        let way = [end(&pair[0])].into_iter().chain(travel.via.iter().copied()).chain([pair[1].points[0].at]);
+        let way: Vec<Point2> = way.collect();
+        way.windows(2).map(|p| (p[1] - p[0]).norm()).sum::<f64>()
+    };
+    let travels = layer.travels.iter().skip(1);
+    layer.beads.windows(2).zip(travels).map(way_mm).sum::<f64>() / profile.print.travel_mm_s
 }
 
 fn speed(bead: &Bead, profile: &Profile, is_first_layer: bool) -> f64 {
@@ -488,38 +543,6 @@ fn way_back(points: &[BeadPoint], length_mm: f64) -> Vec<[i64; 2]> {
         left_mm -= step;
     }
     way
-}
-
-/// Time of a layer's beads as fast as profile and hotend allow, accelerations left out, s.
-fn full_speed_s(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
-    let model = BeadModel::new(profile.print.bead_shape, layer.slot.height_mm);
-    let time = |b: &Bead| {
-        let speed = speed(b, profile, is_first_layer);
-        let segment = |p: &[BeadPoint]| {
-            let area_mm2 = model.area_mm2(p[0].width_mm);
-            (p[1].at - p[0].at).norm() / profile.filament.speed_within_flow_mm_s(speed, area_mm2)
-        };
-        b.points.windows(2).map(segment).sum::<f64>()
-    };
-    layer.beads.iter().map(time).sum()
-}
-
-/// The factor on speeds that makes a layer take its minimum time (accelerations left out: it errs to the
-/// slow side).
-fn slow_down(layer: &LayerPaths, profile: &Profile, is_first_layer: bool) -> f64 {
-    let total = full_speed_s(layer, profile, is_first_layer);
-    (total / profile.print.min_layer_time_s.max(1e-9)).min(1.0)
-}
-
-/// The fan for a layer of a duration: most in short ones, least in long ones, in proportion between.
-fn fan_percent(idx: usize, time_s: f64, profile: &Profile) -> f64 {
-    let filament = &profile.filament;
-    if idx < filament.fan_from_layer as usize {
-        return 0.0;
-    }
-    let [short, long] = filament.fan_layer_time_s;
-    let share = ((time_s - short) / (long - short).max(1e-9)).clamp(0.0, 1.0);
-    filament.fan_percent + (filament.fan_least_percent - filament.fan_percent) * share
 }
 
 #[cfg(test)]

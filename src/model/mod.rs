@@ -6,10 +6,12 @@
 //!
 //! Corners are one vertex where their bits are (-0.0 and 0.0 are one), and at open edges where they all but coincide
 //! (`seams`); both that and edges that stay open are told. Nothing is rotated, scaled or moved. Triangles that face the other
-//! way than their neighbours are turned (`orient`), and so is a mesh that faces inward; both is said.
+//! way than their neighbours are turned (`orient`), and so is a mesh that faces inward; both is said. So are copies of triangles,
+//! which are dropped (`doubles`).
 //!
 //! Cost: O(n log n), by parallel sorting.
 
+mod doubles;
 mod orient;
 mod package;
 mod seams;
@@ -21,6 +23,7 @@ pub use package::PackageError;
 use crate::ct::Warning;
 use crate::geom::Point3;
 use crate::mesh::TriMesh;
+use crate::units::counted;
 use orient::Turned;
 use rayon::prelude::*;
 use seams::Seams;
@@ -72,12 +75,25 @@ pub struct Model {
     pub warnings: Vec<Warning>,
 }
 
+/// What a file holds.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Contents {
+    /// The triangles of all that is to be printed.
+    pub facets: Vec<Facet>,
+    /// What was left out.
+    pub warnings: Vec<Warning>,
+}
+
 /// The triangles of a file, STL or 3MF by how it begins.
 ///
 /// # Errors
 /// [`Error`] where it is neither.
-pub fn read(bytes: &[u8]) -> Result<Vec<Facet>, Error> {
-    if threemf::is_package(bytes) { Ok(threemf::read(bytes)?) } else { Ok(stl::read(bytes)?) }
+pub fn read(bytes: &[u8]) -> Result<Contents, Error> {
+    if threemf::is_package(bytes) {
+        Ok(threemf::read(bytes)?)
+    } else {
+        Ok(Contents { facets: stl::read(bytes)?, warnings: Vec::new() })
+    }
 }
 
 impl Model {
@@ -93,6 +109,15 @@ impl Model {
         if n_flat > 0 {
             let text = format!("{n_flat} triangle(s) without area were left out");
             warnings.push(Warning::new("model.flat_triangles", text));
+        }
+        let n_doubled = doubles::dropped(&mut mesh);
+        if n_doubled > 0 {
+            let text = format!(
+                "{} that the file holds more than once {} dropped",
+                counted(n_doubled, "triangle"),
+                if n_doubled == 1 { "was" } else { "were" }
+            );
+            warnings.push(Warning::new("model.doubled", text));
         }
         let Seams { n_joined, n_open, n_torn } = seams::joined(&mut mesh);
         if n_joined > 0 {

@@ -171,3 +171,35 @@ fn all_surfaces_are_said_to_face_inward_only_where_they_do() {
     let most = told(&[large, small].concat());
     assert_eq!(most, "most of the surface faced inward: the model was turned inside out");
 }
+
+#[test]
+fn triangles_that_the_file_holds_twice_are_dropped_and_told() {
+    let facets = tube(3.0, 4.0, 20.0, 64);
+    let once = Model::of(&facets).unwrap();
+    let mut doubled = facets.clone();
+    // Some twice, one three times, one of them with its corners in another order.
+    doubled.extend(facets.iter().skip(3).step_by(13));
+    doubled.extend([facets[3], [facets[5][1], facets[5][2], facets[5][0]]]);
+    let model = Model::of(&doubled).unwrap();
+    assert_eq!(model.mesh, once.mesh);
+    let n = doubled.len() - facets.len();
+    let told: Vec<_> = model.warnings.iter().map(|w| (w.code.as_str(), w.text.clone())).collect();
+    assert_eq!(
+        told,
+        [("model.doubled", format!("{n} triangles that the file holds more than once were dropped"))]
+    );
+}
+
+#[test]
+fn a_body_that_the_file_holds_twice_is_one_body() {
+    let cube = cuboid([2.0; 3]);
+    let twice = [cube.clone(), cube.clone()].concat();
+    assert_eq!(Model::of(&twice).unwrap().mesh, Model::of(&cube).unwrap().mesh);
+    // A wall that two bodies share is no double: both have its triangles, facing one way.
+    let longer = cuboid([2.0, 2.0, 5.0]);
+    let both = Model::of(&[cube.clone(), longer].concat()).unwrap();
+    assert!(both.warnings.is_empty() && both.mesh.triangles.len() == 24, "{:?}", both.warnings);
+    // Back to back they enclose nothing between them, and are no double.
+    let lidded = [cube.clone(), inverted(&cube)].concat();
+    assert_eq!(Model::of(&lidded), Err(Error::Flat));
+}

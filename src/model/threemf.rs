@@ -3,14 +3,18 @@
 //! The package's relationships name the model part. Its objects are meshes, or put together of others; its build items say
 //! which of them are wanted and where. Transforms are applied and units converted to mm.
 //!
+//! Items that are marked as not to be printed (`printable="0"`, as slicers write it), and objects that are no part of the model
+//! (supports and surfaces, by their type) are left out, and told.
+//!
 //! What it does not do: parts besides the model (*Production Extension*), materials, slices, beam lattices, what is said
 //! about printing; none of it changes the surfaces, but for the first, which is refused, as is every other extension that the
 //! model says it needs.
 
-use super::Facet;
 use super::package::{self, PackageError};
+use super::{Contents, Facet};
+use crate::ct::Warning;
 use quick_xml::events::{BytesStart, Event};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 const RELATIONSHIPS: &str = "_rels/.rels";
 const MODEL_TYPE: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel";
@@ -72,6 +76,12 @@ pub enum ThreeMfError {
         "object {0} is to be built but not there, part of itself, or more than {DEEPEST} objects deep: export the model again"
     )]
     Object(u32),
+    /// All of it was left out.
+    #[error(
+        "nothing in it is to be printed: its objects are marked as not printable, or are supports or surfaces: change that in \
+         the program that made it, and export it again"
+    )]
+    NothingToPrint,
     /// Parts of the production extension.
     #[error("it keeps objects in parts of their own: export it as plain 3MF or as STL")]
     OtherPart,
@@ -89,11 +99,11 @@ pub fn is_package(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
-/// The triangles of all build items, mm.
+/// The triangles of all build items, mm, and what was left out of them.
 ///
 /// # Errors
 /// [`ThreeMfError`].
-pub fn read(bytes: &[u8]) -> Result<Vec<Facet>, ThreeMfError> {
+pub fn read(bytes: &[u8]) -> Result<Contents, ThreeMfError> {
     let relationships =
         package::part(bytes, RELATIONSHIPS)?.ok_or(ThreeMfError::Missing("relationships (_rels/.rels)"))?;
     let path = model_path(&relationships)?.ok_or(ThreeMfError::Missing("relationship to a 3D model"))?;
@@ -104,7 +114,11 @@ pub fn read(bytes: &[u8]) -> Result<Vec<Facet>, ThreeMfError> {
     for (object, placed) in &document.items {
         document.place(*object, placed.then(&scaled), DEEPEST, &mut built)?;
     }
-    Ok(built.facets)
+    let warnings: Vec<Warning> = [document.not_printable(), built.no_part()].into_iter().flatten().collect();
+    if built.facets.is_empty() && !warnings.is_empty() {
+        return Err(ThreeMfError::NothingToPrint);
+    }
+    Ok(Contents { facets: built.facets, warnings })
 }
 
 fn model_path(part: &[u8]) -> Result<Option<String>, ThreeMfError> {
@@ -206,6 +220,20 @@ impl Element<'_> {
         Ok(())
     }
 
+    /// Whether an item is to be printed.
+    fn is_printable(&self) -> Result<bool, ThreeMfError> {
+        Ok(!matches!(self.text("printable")?.as_deref(), Some("0" | "false")))
+    }
+
+    /// The type of an object.
+    fn role(&self) -> Result<Role, ThreeMfError> {
+        let text = self.text("type")?.unwrap_or_else(|| "model".to_owned());
+        match ROLES.iter().find(|(word, _)| *word == text) {
+            Some((_, role)) => Ok(*role),
+            None => self.fault("type", text, "model, solidsupport, support, surface or other"),
+        }
+    }
+
     /// The object that is to be put somewhere, and where.
     fn placed(&self) -> Result<(u32, Transform), ThreeMfError> {
         if self.text("path")?.is_some() {
@@ -256,9 +284,29 @@ impl Transform {
     }
 }
 
+/// What an object is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Role {
+    /// To be printed.
+    #[default]
+    Model,
+    /// All else, by its word.
+    NoPart(&'static str),
+}
+
+/// The types that an object may have.
+const ROLES: [(&str, Role); 5] = [
+    ("model", Role::Model),
+    ("solidsupport", Role::NoPart("solidsupport")),
+    ("support", Role::NoPart("support")),
+    ("surface", Role::NoPart("surface")),
+    ("other", Role::NoPart("other")),
+];
+
 /// A mesh and what else the object is made of.
 #[derive(Debug, Default)]
 struct Object {
+    role: Role,
     vertices: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     components: Vec<(u32, Transform)>,
@@ -269,6 +317,21 @@ struct Object {
 struct Built {
     facets: Vec<Facet>,
     n_objects: usize,
+    /// Objects that are no part, and their types.
+    n_no_part: usize,
+    no_part: BTreeSet<&'static str>,
+}
+
+impl Built {
+    fn no_part(&self) -> Option<Warning> {
+        let types = self.no_part.iter().copied().collect::<Vec<_>>().join(", ");
+        let text = match self.n_no_part {
+            0 => return None,
+            1 => format!("1 object of another type than model ({types}) was left out: it is no part"),
+            n => format!("{n} objects of other types than model ({types}) were left out: they are no part"),
+        };
+        Some(Warning::new("model.no_part", text))
+    }
 }
 
 #[derive(Debug, Default)]
@@ -276,6 +339,8 @@ struct Document {
     unit_mm: f64,
     objects: BTreeMap<u32, Object>,
     items: Vec<(u32, Transform)>,
+    /// Items that are not to be printed.
+    n_not_printable: usize,
 }
 
 impl Document {
@@ -307,15 +372,26 @@ impl Document {
                 element("model").extensions()?;
             }
             (b"object", _) => {
-                *current = Some((element("object").parsed("id", "a number")?, Object::default()));
+                let object = Object { role: element("object").role()?, ..Object::default() };
+                *current = Some((element("object").parsed("id", "a number")?, object));
             }
             (b"vertex", Some((_, object))) => object.vertices.push(vertex(&element("vertex"))?),
             (b"triangle", Some((_, object))) => object.triangles.push(triangle(&element("triangle"))?),
             (b"component", Some((_, object))) => object.components.push(element("component").placed()?),
-            (b"item", _) => self.items.push(element("item").placed()?),
+            (b"item", _) if element("item").is_printable()? => self.items.push(element("item").placed()?),
+            (b"item", _) => self.n_not_printable += 1,
             _ => {}
         }
         self.check(current.as_ref().map(|(_, object)| object))
+    }
+
+    fn not_printable(&self) -> Option<Warning> {
+        let text = match self.n_not_printable {
+            0 => return None,
+            1 => "1 object that the file marks as not to be printed was left out".to_owned(),
+            n => format!("{n} objects that the file marks as not to be printed were left out"),
+        };
+        Some(Warning::new("model.not_printable", text))
     }
 
     /// Refuses what is larger than any model while it is read.
@@ -341,6 +417,11 @@ impl Document {
     ) -> Result<(), ThreeMfError> {
         let object = self.objects.get(&number).filter(|_| depth > 0).ok_or(ThreeMfError::Object(number))?;
         built.n_objects += 1;
+        if let Role::NoPart(word) = object.role {
+            built.n_no_part += 1;
+            built.no_part.insert(word);
+            return if built.n_objects > MOST_OBJECTS { Err(ThreeMfError::TooLarge) } else { Ok(()) };
+        }
         let n_triangles = built.facets.len() + object.triangles.len();
         if n_triangles > MOST_TRIANGLES || built.n_objects > MOST_OBJECTS {
             return Err(ThreeMfError::TooLarge);

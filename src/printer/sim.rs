@@ -4,7 +4,7 @@
 //! it ends when the port is closed. What it says on stderr is kept for the error message. If this is dropped, so is the process.
 
 use super::Error;
-use crate::profile::Profile;
+use crate::profile::{BeadShape, Dialect, Profile};
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -27,6 +27,68 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Lines of its stderr that are kept.
 const KEPT_LINES: usize = 5;
 
+/// A machine to simulate.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Machine {
+    /// One that the simulator knows, by its name: it has figures of its own, which nobody copied from the profile's.
+    Known(String),
+    /// Any other: one that it knows with the same firmware, but of this size and with these limits. What firmware says of the
+    /// rest, the job sets.
+    Other(Box<Profile>),
+}
+
+impl Machine {
+    /// That of a profile, by the name or the file that it was asked for.
+    #[must_use]
+    pub fn of(profile: &Profile, named: &str) -> Self {
+        if profile.name == named {
+            Self::Known(named.to_owned())
+        } else {
+            Self::Other(Box::new(profile.clone()))
+        }
+    }
+
+    fn args(&self) -> Vec<String> {
+        let profile = match self {
+            Self::Known(name) => return vec!["--profile".to_owned(), name.clone()],
+            Self::Other(profile) => profile,
+        };
+        let machine = &profile.machine;
+        let listed = |figures: &[f64]| figures.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        let shape = match profile.print.bead_shape {
+            BeadShape::Rectangle => "rectangle",
+            BeadShape::Stadium => "stadium",
+        };
+        let pairs = [
+            ("--profile", known_with(profile.firmware.dialect).to_owned()),
+            ("--bed-mm", listed(&machine.bed_mm)),
+            ("--max-speed-mm-s", listed(&machine.max_speed_mm_s)),
+            ("--max-acceleration-mm-s2", listed(&machine.max_acceleration_mm_s2)),
+            ("--filament-mm", machine.filament_mm.to_string()),
+            ("--bead-shape", shape.to_owned()),
+        ];
+        pairs.into_iter().flat_map(|(option, value)| [option.to_owned(), value]).collect()
+    }
+}
+
+/// The machine that the simulator knows with a firmware.
+const fn known_with(dialect: Dialect) -> &'static str {
+    match dialect {
+        Dialect::Marlin => "marlin",
+        Dialect::Marlin1 => "marlin1",
+        Dialect::Klipper => "klipper",
+        Dialect::RepRapFirmware => "reprapfirmware",
+        Dialect::Repetier => "repetier",
+        Dialect::Smoothie => "smoothie",
+    }
+}
+
+impl Default for Machine {
+    fn default() -> Self {
+        Self::Known(known_with(Dialect::Marlin).to_owned())
+    }
+}
+
 /// What to run, and how.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
@@ -34,8 +96,8 @@ pub struct Options {
     pub program: PathBuf,
     /// What comes before the simulator's own arguments (`hil-sim`, where the program is `lumenfab`).
     pub leading_args: Vec<OsString>,
-    /// Its machine.
-    pub profile: String,
+    /// What it is to be.
+    pub machine: Machine,
     /// Where it records what it deposits.
     pub record_dir: Option<PathBuf>,
     /// `realtime`, a factor, or `max`; `max` if none is given.
@@ -66,8 +128,8 @@ impl Options {
 
     fn args(&self, link: &Path) -> Vec<OsString> {
         let mut args = self.leading_args.clone();
+        args.extend(self.machine.args().into_iter().map(OsString::from));
         let mut option = |name: &str, value: OsString| args.extend([name.into(), value]);
-        option("--profile", self.profile.clone().into());
         option("--link", link.into());
         option("--speed", self.speed.clone().unwrap_or_else(|| "max".to_owned()).into());
         if let Some(dir) = &self.record_dir {
@@ -188,7 +250,6 @@ mod tests {
         Options {
             program: "/bin/sh".into(),
             leading_args: vec!["-c".into(), script.into()],
-            profile: "marlin".to_owned(),
             ..Options::default()
         }
     }
@@ -209,6 +270,19 @@ mod tests {
             args.join(" "),
             "hil-sim --profile marlin --link /l --speed max --record /r --baud 250000 --seed 7 \
              --fault bit-error:rate=0.01 --once"
+        );
+    }
+
+    #[test]
+    fn a_profile_of_ones_own_is_a_machine_of_its_firmware_with_its_sizes_and_limits() {
+        let mut profile = crate::profile::builtin("klipper").unwrap();
+        assert_eq!(Machine::of(&profile, "klipper"), Machine::Known("klipper".to_owned()));
+        profile.machine.bed_mm = [235.0, 235.5, 250.0];
+        let machine = Machine::of(&profile, "lab/mine.toml");
+        assert_eq!(
+            machine.args().join(" "),
+            "--profile klipper --bed-mm 235,235.5,250 --max-speed-mm-s 300,300,15,75 \
+             --max-acceleration-mm-s2 3000,3000,100,5000 --filament-mm 1.75 --bead-shape stadium"
         );
     }
 

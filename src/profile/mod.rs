@@ -527,8 +527,10 @@ pub struct PrintSettings {
     pub retract_min_travel_mm: f64,
     /// Lift of the nozzle while it travels retracted, mm.
     pub z_hop_mm: f64,
-    /// A layer takes at least this long, s: slower where it would not.
+    /// A layer takes at least this long, s: driven slower where it would not.
     pub min_layer_time_s: f64,
+    /// Whether what it lacks at the slowest speed is waited for, the nozzle beside the part.
+    pub min_layer_time_wait: bool,
     /// Slowest speed that the minimum layer time may ask for.
     pub min_speed_mm_s: f64,
     /// Way that the nozzle goes back along its bead while it retracts, mm; 0: none.

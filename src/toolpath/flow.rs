@@ -4,6 +4,7 @@
 //! (stadium) holds (w - h) h + pi h² / 4; laid w - h (1 - pi / 4) apart, neighbours press together into a
 //! solid sheet of the right volume. That spacing is called the pitch.
 
+use super::BeadPoint;
 use crate::profile::BeadShape;
 use std::f64::consts::FRAC_PI_4;
 
@@ -47,6 +48,12 @@ impl BeadModel {
                 (width_mm - self.height_mm) * self.height_mm + FRAC_PI_4 * self.height_mm * self.height_mm
             }
         }
+    }
+
+    /// What a segment from the first of two vertices to the second lays down, mm³.
+    #[must_use]
+    pub fn volume_mm3(self, pair: &[BeadPoint]) -> f64 {
+        (pair[1].at - pair[0].at).norm() * self.area_mm2(pair[0].width_mm)
     }
 }
 

@@ -26,7 +26,7 @@ const MOST_OUTER_GAP: f64 = 0.5;
 
 /// The loop in printing order, with lead-in and lead-out. `around` begins at the seam and does not repeat it; of the `others`,
 /// not yet laid, the one behind may be opened.
-pub(super) fn led(mut around: Vec<Vertex>, others: &mut [(usize, Path)], params: &FillParams) -> Vec<Vertex> {
+pub(super) fn led(mut around: Vec<Vertex>, others: &mut [Path], params: &FillParams) -> Vec<Vertex> {
     let begin = around[0];
     let Some(lead) = Lead::of(begin, params) else {
         around.push(begin);
@@ -98,8 +98,8 @@ struct Behind<'a> {
 }
 
 /// The closed loop in whose place a lead-in begins, but no lumen's.
-fn behind(start: Point2, others: &mut [(usize, Path)]) -> Option<Behind<'_>> {
-    let loops = others.iter_mut().map(|(_, p)| p).filter(|p| p.closed && p.role != Role::Lumen);
+fn behind(start: Point2, others: &mut [Path]) -> Option<Behind<'_>> {
+    let loops = others.iter_mut().filter(|p| p.closed && p.role != Role::Lumen);
     let near = loops.filter_map(|path| {
         let (at, distance_mm) = ring::nearest(&path.vertices, start);
         let width_mm = path.vertices[at.edge].width_mm;

@@ -52,6 +52,7 @@ use crate::geom::{Point2, Region, RigidTransform};
 use crate::profile::{BeadShape, Profile, SupportStyle};
 use crate::progress::{Cancelled, Task};
 use crate::slice::{Layer, LayerSlot};
+use crate::units::on_grid_mm;
 use fill::{FillParams, Path, Thin};
 use held::Unheld;
 use interior::{Interior, Stack};
@@ -203,8 +204,9 @@ pub enum Error {
     Empty,
     /// The part does not fit the machine.
     #[error(
-        "the part is {:.1} x {:.1} x {:.1} mm, the build space {:.1} x {:.1} x {:.1} mm; it needs a larger machine, or less of it is \
-         to be printed", part_mm[0], part_mm[1], part_mm[2], bed_mm[0], bed_mm[1], bed_mm[2]
+        "the part is {} mm, the build space {} mm; it needs a larger machine, or less of it is to be printed",
+        written(part_mm),
+        written(bed_mm)
     )]
     LargerThanBed {
         /// Size of the part, mm.
@@ -240,30 +242,22 @@ pub enum Error {
         /// Thinnest bead of the profile, mm.
         thinnest_mm: f64,
     },
-    /// A setting of the profile makes no sense here.
-    #[error("profile `{profile}`: {field} is {found}; expected {expected}")]
-    Profile {
-        /// Name of the profile.
-        profile: String,
-        /// The setting.
-        field: &'static str,
-        /// Its value.
-        found: String,
-        /// What was expected.
-        expected: String,
-    },
     /// Asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+/// A size to the step of 1 um: one that is hardly too large shows it.
+fn written(size_mm: &[f64; 3]) -> String {
+    size_mm.map(|mm| on_grid_mm(mm).to_string()).join(" x ")
 }
 
 /// Plans the beads of a job on the profile's machine.
 ///
 /// # Errors
 /// Nothing to print, a part larger than the bed (both sizes are told), a wall thinner than the thinnest
-/// bead, no room for any bead, settings that make no sense, cancellation.
+/// bead, no room for any bead, cancellation.
 pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Planned, Error> {
-    check(profile)?;
     let left_out = foot::bare(layers, profile)?;
     let (below, layers) = layers.split_at(left_out.len());
     let placement = place::place(layers, profile)?;
@@ -477,44 +471,6 @@ fn fill_params(profile: &Profile, height_mm: f64) -> FillParams {
 fn without_dust(region: Region, width_mm: f64) -> Region {
     let least = DUST_SHARE * width_mm * width_mm;
     Region::new(region.contours.into_iter().filter(|c| c.signed_area_mm2().abs() > least).collect())
-}
-
-/// Refuses settings that would make nonsense of the plan.
-fn check(profile: &Profile) -> Result<(), Error> {
-    let fault = |field, found: String, expected: &str| {
-        Err(Error::Profile { profile: profile.name.clone(), field, found, expected: expected.to_owned() })
-    };
-    let (machine, print) = (&profile.machine, &profile.print);
-    let [narrowest, widest] = machine.extrusion_width_mm;
-    if !(narrowest > 0.05 && narrowest <= widest && widest < 10.0) {
-        return fault(
-            "machine.extrusion_width_mm",
-            format!("{:?}", [narrowest, widest]),
-            "0.05 < narrowest <= widest < 10",
-        );
-    }
-    if !(narrowest..=widest).contains(&print.extrusion_width_mm) {
-        let limits = format!("a width within machine.extrusion_width_mm, {narrowest} to {widest} mm");
-        return fault("print.extrusion_width_mm", print.extrusion_width_mm.to_string(), &limits);
-    }
-    if !(0.0..=100.0).contains(&print.infill_percent) {
-        return fault("print.infill_percent", print.infill_percent.to_string(), "0 to 100");
-    }
-    if !(0.0..10.0).contains(&profile.filament.shrinkage_percent) {
-        return fault(
-            "filament.shrinkage_percent",
-            profile.filament.shrinkage_percent.to_string(),
-            "0 to 10",
-        );
-    }
-    for (field, value) in
-        [("print.brim_mm", print.brim_mm), ("print.skirt_distance_mm", print.skirt_distance_mm)]
-    {
-        if !(0.0..=100.0).contains(&value) {
-            return fault(field, value.to_string(), "0 to 100 mm");
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

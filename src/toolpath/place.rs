@@ -10,6 +10,7 @@ use super::raft::Raft;
 use crate::geom::{Bounds2, Contour, Point2, Point3, Region, RigidTransform, SegmentIndex, Vector3};
 use crate::profile::Profile;
 use crate::slice::Layer;
+use crate::units::on_grid_mm;
 
 /// Chord tolerance of compensated outlines, mm.
 const TOLERANCE_MM: f64 = 1e-3;
@@ -98,8 +99,8 @@ pub(super) fn place(layers: &[Layer], profile: &Profile) -> Result<Placement, Er
         .into_iter()
         .fold(0.0, f64::max);
     let part_mm = [size.x + 2.0 * outward_mm, size.y + 2.0 * outward_mm, height];
-    // Written so that NaN is refused too.
-    if !part_mm.iter().zip(bed).all(|(part, bed)| *part <= bed) {
+    // In the steps in which places are written: heights that add up to a breath more are none. Written so that NaN is refused too.
+    if !part_mm.iter().zip(bed).all(|(part, bed)| on_grid_mm(*part) <= bed) {
         return Err(Error::LargerThanBed { part_mm, bed_mm: bed });
     }
     let centre = Point2::new(bed[0] / 2.0, bed[1] / 2.0);
@@ -160,6 +161,21 @@ mod tests {
     use super::*;
     use crate::profile;
     use crate::slice::LayerSlot;
+
+    #[test]
+    fn a_part_as_high_as_the_machine_fits_whatever_its_layers_add_up_to() {
+        // In binary fractions 5000 times 0.05 mm is more than 250 mm.
+        let slot =
+            |i: u32| LayerSlot { z_mid_mm: 0.05 * (f64::from(i) + 0.5), height_mm: 0.05, ct_plane: None };
+        let material = Region::new(vec![Contour::circle(Point2::origin(), 5.0, 60)]);
+        let layer = |i| Layer { slot: slot(i), material: material.clone(), lumen: Region::default() };
+        let layers = |n: u32| (0..n).map(layer).collect::<Vec<_>>();
+        let profile = profile::builtin("marlin").unwrap();
+        assert!(layers(5000).iter().map(|l| l.slot.height_mm).sum::<f64>() > profile.machine.bed_mm[2]);
+        assert!(place(&layers(5000), &profile).is_ok());
+        let refused = place(&layers(5001), &profile).unwrap_err().to_string();
+        assert!(refused.contains("10 x 10 x 250.05 mm, the build space 220 x 220 x 250 mm"), "{refused}");
+    }
 
     #[test]
     fn outlines_that_are_moved_outward_need_room_on_the_bed() {

@@ -421,7 +421,7 @@ fn each_fault_is_named() {
     let mut small = reference();
     small.machine.bed_mm = [5.0, 200.0, 250.0];
     let text = fault(&small).to_string();
-    assert!(text.contains("8.0 x 8.0 x 1.0") && text.contains("5.0 x 200.0 x 250.0"), "{text}");
+    assert!(text.contains("the part is 8 x 8") && text.contains("5 x 200 x 250 mm"), "{text}");
     let thin = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 0.12, [0.0, 1.0]));
     let text = plan(&thin, &reference(), &Task::quiet()).unwrap_err().to_string();
     assert!(text.contains("0.119 mm thin in layer 0 at z 0.10"), "{text}");
@@ -435,25 +435,27 @@ fn each_fault_is_named() {
     let layers: Vec<Layer> = thin.iter().take(1).chain(&wide[1..]).cloned().collect();
     let told = plan(&layers, &reference(), &Task::quiet()).unwrap().warnings;
     assert_eq!(told[0].code, "toolpath.thin_wall");
-    let mut profile = reference();
-    profile.print.extrusion_width_mm = 2.0;
-    assert!(fault(&profile).to_string().contains("print.extrusion_width_mm is 2"));
-    let mut profile = reference();
-    profile.machine.extrusion_width_mm = [0.5, 0.3];
-    assert!(fault(&profile).to_string().contains("machine.extrusion_width_mm"));
-    let mut profile = reference();
-    profile.print.infill_percent = f64::NAN;
-    assert!(fault(&profile).to_string().contains("print.infill_percent"));
-    let mut profile = reference();
-    profile.print.brim_mm = -1.0;
-    assert!(fault(&profile).to_string().contains("print.brim_mm"));
-    let mut profile = reference();
-    profile.filament.shrinkage_percent = 100.0;
-    assert!(fault(&profile).to_string().contains("filament.shrinkage_percent"));
     let token = CancelToken::default();
     token.cancel();
     let stopped = plan(&layers, &reference(), &Task::new(&|_, _| {}, token));
     assert_eq!(stopped, Err(Error::Cancelled(Cancelled)));
+}
+
+/// The least and the greatest of every range that a profile may have and a plan depends on.
+#[test]
+fn whatever_a_profile_may_say_can_be_planned() {
+    let layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 1.0]));
+    for keys in [
+        "[filament]\nshrinkage_percent = -2",
+        "[filament]\nshrinkage_percent = 5",
+        "[machine]\nextrusion_width_mm = [0.05, 6]\n[print]\nextrusion_width_mm = 0.05",
+        "[machine]\nextrusion_width_mm = [0.05, 6]\n[print]\nextrusion_width_mm = 6",
+    ] {
+        let profile = profile::parse(&format!("inherits = \"marlin\"\n{keys}\n"), "x.toml").unwrap();
+        let planned = plan(&layers, &profile, &Task::quiet()).unwrap_or_else(|e| panic!("{keys}: {e}"));
+        let part = planned.paths.layers.iter().flat_map(|l| &l.beads).filter(|b| b.kind.is_part());
+        assert!(part.count() >= layers.len(), "{keys}");
+    }
 }
 
 #[test]

@@ -48,7 +48,7 @@ pub fn safe_off(printer: Printer<'_>, after: Duration, cancel: &CancelToken) -> 
     check_real(port)?;
     runtime()?.block_on(async {
         wait(after, cancel).await;
-        check_printer(&profile, printer.profile_name, port, printer.baud)?;
+        check_printer(port, printer.baud)?;
         let firmware = paper::undisturbed(&profile);
         let link = match serial::open(Path::new(port), &firmware, printer.baud).await {
             Err(printer::Error::Open { problem: PortProblem::Busy(_), .. }) if !after.is_zero() => {
@@ -77,7 +77,7 @@ async fn wait(after: Duration, cancel: &CancelToken) {
 pub fn detect(port: &str, baud: Option<u32>) -> Result<Found, Error> {
     let profile = profile::builtin(DEFAULT_PROFILE)?;
     check_real(port)?;
-    check_printer(&profile, DEFAULT_PROFILE, port, baud)?;
+    check_printer(port, baud)?;
     let rates = baud.map_or(COMMON_RATES.to_vec(), |baud| vec![baud]);
     runtime()?.block_on(async {
         let mut last = None;

@@ -6,12 +6,14 @@ use crate::app::atomic;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::Context;
-use crate::model::{self, Axis, Model};
+use crate::ct::Warning;
+use crate::model::{self, Axis, Contents, Model};
+use crate::motion;
 use crate::printer::paper;
 use crate::profile::{self, Profile};
 use crate::progress::Task;
 use crate::slice::{self, GridParams};
-use crate::toolpath;
+use crate::toolpath::{self, Toolpaths};
 use crate::units::{counted, told_size_mm};
 use serde::Serialize;
 use std::path::Path;
@@ -102,43 +104,74 @@ pub fn slice_model(
     let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Slice));
-    let bytes = std::fs::read(path).map_err(atomic::failed("read", path))?;
-    let bad = |source: model::Error| Error::Model { path: path.to_owned(), source };
-    let facets = model::read(&bytes).map_err(bad)?;
-    drop(bytes);
-    let n_triangles = facets.len();
-    let mut model = Model::of(&facets).map_err(bad)?;
-    drop(facets);
-    if let Some((axis, angle_deg)) = job.turn {
-        model = model.turned(axis, angle_deg);
-    }
-    let params = GridParams { layer_mm: job.layer_mm, height_limits_mm: profile.machine.layer_height_mm };
-    let sliced = slice::slice_mesh(&model.mesh, &params, &task).map_err(|e| Error::from(e).of_model(path))?;
-    let size_mm = model.mesh.extent_mm().map(|[low, high]| high - low);
-    drop(model.mesh);
-    let planned =
-        toolpath::plan(&sliced.layers, &profile, &task).map_err(|e| Error::from(e).of_model(path))?;
-    drop(sliced.layers);
-    let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
-    let settings = format!("{:?}", (layer_mm, perimeters, infill_percent, turn));
-    let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings, &task)?;
+    let planned = OnBed::of(path, job, &profile, &task)?;
+    let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings(job), &task)?;
     paper::refuse_replacing(out, job.gives_up_print)?;
     atomic::write_export(out, text.as_bytes())?;
     job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
-    for warning in model.warnings.into_iter().chain(sliced.warnings).chain(planned.warnings) {
+    let told = planned.told(&text, &estimate);
+    for warning in planned.warnings {
         events(Event::Warned { stage: Stage::Slice, warning });
     }
-    let by = planned.paths.bed_from_stack.apply(crate::geom::Point3::origin());
-    Ok(SlicedModel {
-        n_triangles,
-        size_mm,
-        n_layers: planned.paths.layers.len(),
-        n_lines: text.lines().count(),
-        print_time_s: estimate.total_s,
-        filament_mm: estimate.filament_mm,
-        filament_g: estimate.filament_g,
-        bed_from_model_mm: [by.x, by.y, by.z],
-    })
+    Ok(told)
+}
+
+/// A model's toolpaths, and what is told of it.
+struct OnBed {
+    n_triangles: usize,
+    size_mm: [f64; 3],
+    paths: Toolpaths,
+    warnings: Vec<Warning>,
+}
+
+impl OnBed {
+    /// Reads, cuts and plans; what the next step does not need is let go before it.
+    fn of(path: &Path, job: &ModelJob<'_>, profile: &Profile, task: &Task<'_>) -> Result<Self, Error> {
+        let (n_triangles, Model { mesh, mut warnings }) = model_of(path, job)?;
+        let params = GridParams { layer_mm: job.layer_mm, height_limits_mm: profile.machine.layer_height_mm };
+        let sliced = slice::slice_mesh(&mesh, &params, task).map_err(|e| Error::from(e).of_model(path))?;
+        let size_mm = mesh.extent_mm().map(|[low, high]| high - low);
+        drop(mesh);
+        let planned =
+            toolpath::plan(&sliced.layers, profile, task).map_err(|e| Error::from(e).of_model(path))?;
+        warnings.extend(sliced.warnings);
+        warnings.extend(planned.warnings);
+        Ok(Self { n_triangles, size_mm, paths: planned.paths, warnings })
+    }
+
+    fn told(&self, text: &str, estimate: &motion::Estimate) -> SlicedModel {
+        let by = self.paths.bed_from_stack.apply(crate::geom::Point3::origin());
+        SlicedModel {
+            n_triangles: self.n_triangles,
+            size_mm: self.size_mm,
+            n_layers: self.paths.layers.len(),
+            n_lines: text.lines().count(),
+            print_time_s: estimate.total_s,
+            filament_mm: estimate.filament_mm,
+            filament_g: estimate.filament_g,
+            bed_from_model_mm: [by.x, by.y, by.z],
+        }
+    }
+}
+
+/// The model of a file, turned as it is asked for, and how many triangles the file has.
+fn model_of(path: &Path, job: &ModelJob<'_>) -> Result<(usize, Model), Error> {
+    let bytes = std::fs::read(path).map_err(atomic::failed("read", path))?;
+    let bad = |source: model::Error| Error::Model { path: path.to_owned(), source };
+    let Contents { facets, warnings } = model::read(&bytes).map_err(bad)?;
+    drop(bytes);
+    let mut model = Model::of(&facets).map_err(bad)?;
+    model.warnings.splice(0..0, warnings);
+    if let Some((axis, angle_deg)) = job.turn {
+        model = model.turned(axis, angle_deg);
+    }
+    Ok((facets.len(), model))
+}
+
+/// What goes into the job's hash besides the profile.
+fn settings(job: &ModelJob<'_>) -> String {
+    let ModelJob { layer_mm, perimeters, infill_percent, turn, .. } = job;
+    format!("{:?}", (layer_mm, perimeters, infill_percent, turn))
 }
 
 fn wanted(mut profile: Profile, job: &ModelJob<'_>) -> Profile {

@@ -20,7 +20,7 @@ use crate::printer::journal::Ending;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::Stats;
 use crate::printer::session::Start;
-use crate::printer::sim::{Options, Simulator};
+use crate::printer::sim::{Machine, Options, Simulator};
 use crate::printer::{self, PortProblem, serial};
 use crate::profile::{self, Profile};
 use crate::progress::{Cancelled, Task};
@@ -111,7 +111,7 @@ impl Session<'_> {
     /// As [`Session::print`]; also where there cannot be such a printer.
     pub fn print_again(&mut self, baud: Option<u32>, anew: bool) -> Result<(), Error> {
         let settings = self.settings();
-        check_printer(&self.profile()?, &settings.profile, &settings.port, baud)?;
+        check_printer(&settings.port, baud)?;
         if self.is_simulated() {
             self.give_up_broken_off_print(anew);
             return self.print();
@@ -127,13 +127,13 @@ impl Session<'_> {
 
     /// Refuses a printer that cannot be there before hours of work are put into a job for it.
     pub(crate) fn check_printer(&self) -> Result<(), Error> {
-        let profile = self.profile()?;
+        self.profile()?;
         let known = self.case.made_from(Stage::Print).and_then(|m| m.get("port"));
         let printed_there = known == Some(&crate::app::session::hash_of(&self.settings().port));
         if printed_there && !self.is_simulated() {
             return Ok(());
         }
-        check_printer(&profile, &self.settings().profile, &self.settings().port, None)
+        check_printer(&self.settings().port, None)
     }
 
     pub(crate) fn print_made_from(&self) -> Result<MadeFrom, Error> {
@@ -282,7 +282,7 @@ pub fn print_file(
         None => paper::refuse_replacing(job, anew).map(|()| SIMULATED_PORT)?,
     };
     let profile = profile::load::by_name(profile_name)?;
-    check_printer(&profile, profile_name, port, baud)?;
+    check_printer(port, baud)?;
     let events = context.events;
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
@@ -308,7 +308,7 @@ pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>
     let port = printer.port.unwrap_or(known_port);
     let profile = profile::load::by_name(profile_name)?;
     check_real(port)?;
-    check_printer(&profile, profile_name, port, printer.baud)?;
+    check_printer(port, printer.baud)?;
     let events = context.events;
     let sink = move |done, total| events(Event::Progress { stage: Stage::Print, done, total });
     let task = Task::new(&sink, context.cancel.clone());
@@ -349,14 +349,9 @@ pub(super) fn check_real(port: &str) -> Result<(), SettingError> {
 }
 
 /// Says early what starting the print would say late.
-pub(super) fn check_printer(
-    profile: &Profile,
-    named: &str,
-    port: &str,
-    baud: Option<u32>,
-) -> Result<(), Error> {
+pub(super) fn check_printer(port: &str, baud: Option<u32>) -> Result<(), Error> {
     if port == SIMULATED_PORT {
-        return check_simulated(profile, named, baud).map_err(Error::from);
+        return check_simulated(baud).map_err(Error::from);
     }
     let problem = match Device::named(port) {
         Some(device) => device::path_of(&device).err(),
@@ -367,26 +362,16 @@ pub(super) fn check_printer(
     problem.map_or(Ok(()), |problem| Err(printer::Error::Open { port: port.to_owned(), problem }.into()))
 }
 
-/// The simulated printer has its own copies of the built-in profiles, knows no others, and has no wire.
-fn check_simulated(profile: &Profile, named: &str, baud: Option<u32>) -> Result<(), SettingError> {
-    let refused = |name, found, expected: &str| {
-        Err(SettingError {
-            name: std::borrow::Cow::Borrowed(name),
-            fault: Fault { found, expected: expected.into() },
-        })
+/// The simulated printer has no wire.
+fn check_simulated(baud: Option<u32>) -> Result<(), SettingError> {
+    let refused = |rate| SettingError {
+        name: std::borrow::Cow::Borrowed("baud"),
+        fault: Fault {
+            found: format!("{rate} with the simulated printer"),
+            expected: "it together with the --port of a real printer".into(),
+        },
     };
-    if profile.name != named {
-        let found = format!("the file {named} with the simulated printer");
-        let expected = "a name of `lumenfab profiles list`, or the --port of a real printer";
-        return refused("profile", found, expected);
-    }
-    match baud {
-        None => Ok(()),
-        Some(rate) => {
-            let found = format!("{rate} with the simulated printer");
-            refused("baud", found, "it together with the --port of a real printer")
-        }
-    }
+    baud.map_or(Ok(()), |rate| Err(refused(rate)))
 }
 
 /// How a print is begun.
@@ -452,7 +437,7 @@ impl Order<'_> {
         let options = Options {
             program: std::env::current_exe().map_err(Error::Runtime)?,
             leading_args: vec!["hil-sim".into()],
-            profile: self.profile.name.clone(),
+            machine: Machine::of(self.profile, self.profile_name),
             record_dir: self.record.map(Path::to_owned),
             ..Options::default()
         };

@@ -20,7 +20,7 @@ fn at_speed(speed_mm_s: f64) -> Pace {
 }
 
 fn bead(points: impl Iterator<Item = (f64, f64)>) -> Vec<BeadPoint> {
-    points.map(|(x, y)| BeadPoint { at: on_grid(Point2::new(x, y)), width_mm: 0.4 }).collect()
+    points.map(|(x, y)| BeadPoint { at: Point2::new(x, y).map(on_grid_mm), width_mm: 0.4 }).collect()
 }
 
 /// An ellipse from angle to angle, in n segments.

@@ -32,8 +32,15 @@ fn job() -> Toolpaths {
     Toolpaths { bed_from_stack, compensation: Compensation::default(), layers }
 }
 
+/// Layers so small that each would be waited for are not, here.
+fn hurried() -> Profile {
+    let mut profile = profile::builtin("reference").unwrap();
+    profile.print.min_layer_time_wait = false;
+    profile
+}
+
 fn text() -> String {
-    write(&job(), &profile::builtin("reference").unwrap(), &Header::default())
+    write(&job(), &hurried(), &Header::default())
 }
 
 #[test]
@@ -124,7 +131,7 @@ fn only_travels_through_air_are_retracted() {
 
 #[test]
 fn a_wipe_goes_back_and_forth_and_draws_back_all_of_the_filament() {
-    let mut profile = profile::builtin("reference").unwrap();
+    let mut profile = hurried();
     profile.print.wipe_mm = 2.0;
     let text = write(&job(), &profile, &Header::default());
     let back: Vec<_> = text
@@ -145,7 +152,7 @@ fn the_fan_follows_the_time_of_the_layer() {
     let filament = &mut profile.filament;
     (filament.fan_percent, filament.fan_least_percent) = (100.0, 20.0);
     (filament.fan_layer_time_s, filament.fan_from_layer) = ([10.0, 50.0], 2);
-    let fan = |idx, time_s| fan_percent(idx, time_s, &profile);
+    let fan = |idx, time_s| cool::fan_percent(idx, time_s, &profile);
     assert_eq!([fan(0, 5.0), fan(1, 5.0), fan(2, 5.0)], [0.0, 0.0, 100.0]);
     assert!((fan(9, 30.0) - 60.0).abs() < 1e-9 && (fan(9, 400.0) - 20.0).abs() < 1e-9);
 }
@@ -237,8 +244,8 @@ fn the_fan_goes_by_the_time_that_the_layer_takes_at_the_slowest_speed() {
 #[test]
 fn other_settings_give_another_hash_and_the_same_ones_the_same_bytes() {
     assert_eq!(text(), text());
-    let profile = profile::builtin("reference").unwrap();
-    let other = write(&job(), &profile, &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
+    let other =
+        write(&job(), &hurried(), &Header { settings: "wall_mm = 2".to_owned(), ..Header::default() });
     assert_ne!(text().lines().nth(1), other.lines().nth(1));
 }
 
@@ -276,4 +283,87 @@ fn a_small_loop_is_driven_at_its_own_speed() {
     for (bead, expected_mm_s) in [(circle(1.2), 11.0), (circle(1.4), 30.0), (short_line, 30.0)] {
         assert!((speed(&bead, &profile, false) - expected_mm_s).abs() < 1e-9, "{expected_mm_s}");
     }
+}
+
+/// A small square ring in each of three layers, in a machine of 220 mm.
+fn rod(change: impl Fn(&mut Profile)) -> (String, Profile) {
+    let mut profile = profile::builtin("marlin").unwrap();
+    change(&mut profile);
+    let ring = |r: f64| [(-r, -r), (r, -r), (r, r), (-r, r), (-r, -r)].map(|(x, y)| (110.0 + x, 110.0 + y));
+    let square = bead(BeadKind::ExternalPerimeter, &ring(2.0));
+    let contour =
+        |r: f64| crate::geom::Contour::new(ring(r)[..4].iter().map(|&(x, y)| Point2::new(x, y)).collect());
+    let layers = (0..3).map(|idx| LayerPaths {
+        lumen: Region::new(vec![contour(1.5)]),
+        ..layer(idx, vec![square.clone()], vec![Travel::default()])
+    });
+    let layers = layers.collect();
+    (write(&Toolpaths { layers, ..job() }, &profile, &Header::default()), profile)
+}
+
+#[test]
+fn a_layer_that_is_too_short_at_the_slowest_speed_is_waited_for_beside_the_part() {
+    for (name, _) in [("marlin", ()), ("klipper", ()), ("reprapfirmware", ()), ("smoothie", ())] {
+        let (text, profile) = rod(|p| *p = profile::builtin(name).unwrap());
+        let task = crate::progress::Task::quiet();
+        let took = crate::motion::estimate(&text, &profile, &task).unwrap().layer_s;
+        let least_s = profile.print.min_layer_time_s;
+        // The nozzle comes back from its place within the next layer's time, and the last layer's end parks it.
+        assert!(took[..2].iter().all(|s| (least_s - 0.1..least_s + 3.0).contains(s)), "{name}: {took:?}");
+        assert_eq!(text.matches("\nG4 P").count(), 2, "{name}");
+        let wait = text.find("\nG4 P").unwrap();
+        let before: Vec<&str> = text[..wait].lines().rev().take(3).collect();
+        // Drawn back, lifted, moved off: along one axis, to 10 mm beside the ring.
+        assert!(before[0].starts_with("G0 ") && before[1].starts_with("G0 Z3.2"), "{before:?}");
+        let aside = reader::parse(before[0]).unwrap().command.unwrap();
+        assert!(!(aside.has('X') && aside.has('Y')), "{before:?}");
+        assert!(
+            aside.value('X').or(aside.value('Y')).is_some_and(|c| [98.0, 122.0].contains(&c)),
+            "{before:?}"
+        );
+        let all: f64 = text[..wait]
+            .lines()
+            .filter_map(|l| reader::parse(l).unwrap().command)
+            .filter(|c| c.is('G', 1))
+            .filter_map(|c| c.value('E'))
+            .filter(|&e| e < 0.0)
+            .sum();
+        assert!((all + profile.print.retract_mm).abs() < 1e-9, "{name}: {all}");
+    }
+}
+
+#[test]
+fn what_is_drawn_back_for_a_wait_is_pushed_forward_before_the_next_bead() {
+    let (text, profile) = rod(|p| p.print.wipe_mm = 0.0);
+    let waited = &text[text.find("\nG4 P").unwrap()..];
+    let next = waited.find(";TYPE:External").unwrap();
+    let forward = format!("G1 E{} ", profile.print.retract_mm);
+    assert_eq!(waited[..next].matches(&forward).count(), 1, "{}", &waited[..next]);
+}
+
+#[test]
+fn no_layer_is_waited_for_where_the_profile_says_so_or_where_it_is_long_enough() {
+    assert!(!rod(|p| p.print.min_layer_time_wait = false).0.contains("G4 P"));
+    assert!(!rod(|p| p.print.min_layer_time_s = 0.0).0.contains("G4 P"));
+    assert!(!rod(|p| p.print.min_speed_mm_s = 0.5).0.contains("G4 P"));
+}
+
+#[test]
+fn the_fan_goes_by_the_time_that_is_waited_too() {
+    // 16 mm at 10 mm/s and 6.4 s more; at the last layer nobody waits.
+    let (text, _) = rod(|p| {
+        (p.filament.fan_percent, p.filament.fan_least_percent) = (100.0, 0.0);
+        p.filament.fan_layer_time_s = [0.0, 16.0];
+    });
+    let fans: Vec<&str> = text.lines().filter(|l| l.starts_with("M106")).collect();
+    assert_eq!(fans, ["M106 S127", "M106 S229"]);
+}
+
+#[test]
+fn what_can_go_slower_does_before_anything_is_waited_for() {
+    // The loop is at its slowest at 8 mm/s, so the line takes all of the rest.
+    let text = slow_to_melt(1000.0, |p| (p.print.min_layer_time_s, p.print.min_speed_mm_s) = (11.0, 8.0));
+    let (speeds, time_s) = driven(&text, 1);
+    assert!((time_s - 11.0).abs() < 0.02, "{time_s} s, {speeds:?}");
+    assert!((speeds[1] - 8.0).abs() < 0.01 && (speeds[0] - 10.0).abs() < 0.02, "{speeds:?}");
 }

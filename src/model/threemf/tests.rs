@@ -40,7 +40,7 @@ const ITEM: &str = r#"<item objectid="1"/>"#;
 const CORNER: &str = r#"<object id="1" type="model"><mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/><vertex x="0" y="0" z="1"/></vertices><triangles><triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3"/><triangle v1="1" v2="2" v3="3"/><triangle v1="0" v2="3" v3="2"/></triangles></mesh></object>"#;
 
 fn volume_mm3(bytes: &[u8]) -> f64 {
-    let model = Model::of(&read(bytes).unwrap()).unwrap();
+    let model = Model::of(&read(bytes).unwrap().facets).unwrap();
     assert!(model.warnings.is_empty(), "{:?}", model.warnings);
     model.mesh.volume_mm3()
 }
@@ -50,7 +50,7 @@ fn what_is_written_is_read_again() {
     let model = Model::of(&cuboid([1.5, 2.0, 3.25])).unwrap();
     let bytes = to_bytes(&model.mesh, &[], &Description::default());
     assert!(is_package(&bytes));
-    assert_eq!(Model::of(&read(&bytes).unwrap()).unwrap(), model);
+    assert_eq!(Model::of(&read(&bytes).unwrap().facets).unwrap(), model);
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn packages_of_the_large_kind_and_names_in_other_letters_are_read() {
         // What lib3mf writes, however small it is.
         let large = SimpleFileOptions::default().compression_method(method).large_file(true);
         let bytes = packed(&[("_RELS/.rels", RELS), ("3d/A.model", &text)], large);
-        assert_eq!(read(&bytes).unwrap().len(), 4);
+        assert_eq!(read(&bytes).unwrap().facets.len(), 4);
     }
 }
 
@@ -90,7 +90,7 @@ fn components_and_items_are_placed_one_after_the_other_and_mirrored_ones_turned(
     let items = r#"<item objectid="2" transform="-1 0 0 0 1 0 0 0 1 0 0 5"/>"#;
     let bytes = model("millimeter", &resources, items);
     assert!((volume_mm3(&bytes) - 8.0 / 6.0).abs() < 1e-6);
-    let facets = read(&bytes).unwrap();
+    let facets = read(&bytes).unwrap().facets;
     let range = |k: usize| {
         let all = facets.iter().flatten().map(|p| p[k]);
         [all.clone().fold(f32::INFINITY, f32::min), all.fold(f32::NEG_INFINITY, f32::max)]
@@ -109,7 +109,7 @@ fn needing(prefix: &str, space: &str) -> Vec<u8> {
 #[test]
 fn a_model_that_needs_what_leaves_shapes_alone_is_read() {
     let materials = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02";
-    assert_eq!(read(&needing("m", materials)).unwrap().len(), 4);
+    assert_eq!(read(&needing("m", materials)).unwrap().facets.len(), 4);
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn only_what_is_to_be_built_is_read() {
     let other = CORNER.replace(r#"id="1""#, r#"id="7""#);
     let items = r#"<item objectid="1"/><item objectid="1" transform="1 0 0 0 1 0 0 0 1 9 0 0"/>"#;
     let bytes = model("millimeter", &format!("{CORNER}{other}"), items);
-    assert_eq!(read(&bytes).unwrap().len(), 8);
+    assert_eq!(read(&bytes).unwrap().facets.len(), 8);
 }
 
 #[test]
@@ -185,4 +185,56 @@ fn no_model_makes_it_panic() {
     }
     // Some damages are none: a digit for another.
     assert!((1..good.len() * 8).contains(&n_read), "{n_read}");
+}
+
+#[test]
+fn items_and_objects_that_are_not_to_be_printed_are_left_out_and_told() {
+    let object = |id: u32, kind: &str| {
+        CORNER.replacen("id=\"1\" type=\"model\"", &format!("id=\"{id}\" type=\"{kind}\""), 1)
+    };
+    let kinds = ["model", "solidsupport", "support", "surface", "other"];
+    let objects: String = (1..).zip(kinds).map(|(id, kind)| object(id, kind)).collect();
+    let items: String = (1..=5)
+        .map(|id| format!(r#"<item objectid="{id}" transform="1 0 0 0 1 0 0 0 1 {id}0 0 0"/>"#))
+        .collect();
+    let off = r#"<item objectid="1" printable="0" transform="1 0 0 0 1 0 0 0 1 90 0 0"/>"#;
+    let package = read(&model("millimeter", &objects, &format!("{items}{off}"))).unwrap();
+    assert_eq!(package.facets.len(), 4);
+    let told: Vec<_> = package.warnings.iter().map(|w| (w.code.as_str(), w.text.as_str())).collect();
+    assert_eq!(
+        told,
+        [
+            ("model.not_printable", "1 object that the file marks as not to be printed was left out"),
+            (
+                "model.no_part",
+                "4 objects of other types than model (other, solidsupport, support, surface) were left out: they are no part"
+            ),
+        ]
+    );
+}
+
+#[test]
+fn what_a_part_is_put_together_of_is_left_out_by_its_type_too() {
+    let support = CORNER.replacen("id=\"1\" type=\"model\"", "id=\"2\" type=\"support\"", 1);
+    let plain = CORNER.replacen(" type=\"model\"", "", 1);
+    let whole = r#"<object id="3"><components><component objectid="1"/><component objectid="2"/></components></object>"#;
+    let package = read(&model(
+        "millimeter",
+        &format!("{plain}{support}{whole}"),
+        r#"<item objectid="3" printable="1"/>"#,
+    ))
+    .unwrap();
+    assert_eq!((package.facets.len(), package.warnings.len()), (4, 1));
+    assert!(
+        package.warnings[0].text.starts_with("1 object of another type than model (support) was left out")
+    );
+}
+
+#[test]
+fn a_file_of_nothing_to_print_is_refused_with_the_reason() {
+    let off = read(&model("millimeter", CORNER, r#"<item objectid="1" printable="0"/>"#)).unwrap_err();
+    assert!(off.to_string().contains("nothing in it is to be printed"), "{off}");
+    let unknown = CORNER.replacen("type=\"model\"", "type=\"wood\"", 1);
+    let unknown = read(&model("millimeter", &unknown, ITEM)).unwrap_err();
+    assert!(unknown.to_string().contains("found type \"wood\", expected model, solidsupport"), "{unknown}");
 }
