@@ -14,6 +14,7 @@ use crate::printer::protocol::{Event, Temperatures};
 use crate::printer::{Error, paper};
 use crate::queue::{Change, Name, Reason, Refusal};
 use crate::store::{self, Store};
+use std::path::Path;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
@@ -102,7 +103,8 @@ impl<'a, S: Store> Attended<'a, S> {
     }
 
     fn facts_of(&mut self, manner: Manner, said: String) -> Facts {
-        let is_resumable = !self.station.machine.is_simulated() && can_go_on(&self.held.gcode);
+        let is_resumable =
+            !self.station.machine.is_simulated() && journal_of(&self.held.gcode) == Told::BrokeOff;
         Facts { manner, said, cause: self.cause.take(), is_laid: self.held.is_laid, is_resumable }
     }
 
@@ -281,9 +283,22 @@ impl<'a, S: Store> Attended<'a, S> {
     }
 }
 
-/// Whether the journal of a job's print knows how to go on.
-pub(super) fn can_go_on(gcode: &std::path::Path) -> bool {
-    paper::log_of(gcode).is_ok_and(|log| {
-        log.progress.n_sent > 0 && !matches!(log.end, Some(Ending::Finished | Ending::Cancelled))
-    })
+/// What the journal of a job's print tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Told {
+    /// The printer has said that all is done.
+    Finished,
+    /// It broke off, and may be gone on with.
+    BrokeOff,
+    /// It was given up, or had not begun, or nothing is known.
+    Nothing,
+}
+
+/// Asks the journal of a job of which material was laid: it is that of this print, for it was begun before.
+pub(super) fn journal_of(gcode: &Path) -> Told {
+    match paper::log_of(gcode) {
+        Ok(log) if log.end == Some(Ending::Finished) => Told::Finished,
+        Ok(log) if log.end != Some(Ending::Cancelled) && log.progress.n_sent > 0 => Told::BrokeOff,
+        _ => Told::Nothing,
+    }
 }

@@ -1,7 +1,7 @@
 //! One printer of a server.
 
 use super::Held;
-use super::attend::{Attended, can_go_on};
+use super::attend::{Attended, Told, journal_of};
 use super::outcome::Outcome;
 use super::press::{Ended, Machine, Press, Work};
 use super::waiting::Word;
@@ -196,23 +196,27 @@ impl<S: Store> Station<S> {
         }
         for claimed in adopted {
             let held = self.held(&claimed).await;
-            if !claimed.job.is_laid {
-                self.kit
-                    .insist(
-                        &held.claim,
-                        Change::GiveBack { lost: false },
-                        None,
-                        "the server ended before anything was laid",
-                    )
-                    .await
-                    .map_or_else(refused, |_| Ok(()))?;
-            } else if !self.machine.is_simulated() && can_go_on(&held.gcode) {
-                let why = "the server ended in the middle of the print".to_owned();
-                self.go_on(held, Outcome::Waits(why)).await?;
-            } else {
-                self.switch_off().await;
-                let why = "the server ended in the middle of the print, which cannot be gone on with";
-                self.settle(&held, Change::Fail { used_mm3: None }, None, why).await?;
+            let told = if self.machine.is_simulated() { Told::Nothing } else { journal_of(&held.gcode) };
+            match told {
+                _ if !claimed.job.is_laid => {
+                    let why = "the server ended before anything was laid";
+                    let given =
+                        self.kit.insist(&held.claim, Change::GiveBack { lost: false }, None, why).await;
+                    given.map_or_else(refused, |_| Ok(()))?;
+                }
+                Told::Finished => {
+                    let why = "the server ended before it was recorded";
+                    self.settle(&held, Change::Printed { used_mm3: None }, None, why).await?;
+                }
+                Told::BrokeOff => {
+                    let why = "the server ended in the middle of the print".to_owned();
+                    self.go_on(held, Outcome::Waits(why)).await?;
+                }
+                Told::Nothing => {
+                    self.switch_off().await;
+                    let why = "the server ended in the middle of the print, which cannot be gone on with";
+                    self.settle(&held, Change::Fail { used_mm3: None }, None, why).await?;
+                }
             }
         }
         Ok(())
