@@ -44,6 +44,7 @@
 //! | [`client`] | the other side of `http`: typed calls, events |
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
+//! | [`appliance`] | the server: printing, preparing, supervision, state directory, configuration |
 //! | [`cli`] | the command line, a face of `app` |
 //!
 //! # Invariants
@@ -51,7 +52,7 @@
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
 //!   `phantom::series`, `profile::load`, `printer::{ask, device, driver, job, journal::writer, paper, serial, sim}`,
-//!   `report::write`, `store`, `http::{files, keys, serve, upload}`, `client`, `app` and `cli`.
+//!   `report::write`, `store`, `http::{files, keys, metrics, serve, upload}`, `client`, `appliance`, `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.
@@ -59,6 +60,7 @@
 //! - Nothing that identifies a patient leaves [`ct`] and [`ready`]; names of structures are for the terminal alone.
 
 pub mod app;
+pub mod appliance;
 pub mod brep;
 pub mod cli;
 pub mod client;

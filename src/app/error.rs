@@ -249,6 +249,8 @@ impl Error {
             Self::Ready(e) => Some(e.code()),
             Self::Sections(e) => Some(e.code()),
             Self::Printer(e) => Some(e.code()),
+            // What prepares jobs of the queue does the stages that are missing.
+            Self::Case(CaseError::Stale { .. }) => Some("case.stale"),
             _ => None,
         }
     }

@@ -1,5 +1,6 @@
 //! What may be written on the command line. Each flag is checked here as far as it can be without its file.
 
+pub(super) mod queue;
 mod values;
 
 use crate::app::settings::{
@@ -14,6 +15,7 @@ use crate::sections::Boundary;
 use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::{ArgGroup, Args, Parser, Subcommand};
+use queue::{QueueArgs, ServeArgs};
 use std::path::PathBuf;
 use values::{
     colouring, deflection_mm, deflection_relative, help, infill_percent, layer_mm, named, noise_hu, orient,
@@ -96,6 +98,14 @@ pub(crate) enum Command {
     },
     /// Write the solid for other programs: STL, 3MF, STEP, or a table of triangles against deflections
     Export(ExportArgs),
+    /// The appliance: owns printers, queue and API until it is asked to stop
+    ///
+    /// Everything it keeps lies in its state directory, which one server has alone; config.toml there says what it does (`deploy/config.toml`
+    /// explains every key), without it there is one simulated printer. SIGTERM ends it as the configuration says, each further signal
+    /// more strictly; a print is never dropped cold. Clients: `lumenfab queue`, slicers, browsers.
+    Serve(ServeArgs),
+    /// The print queue of a running server
+    Queue(QueueArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),

@@ -6,7 +6,7 @@ use super::args::{
 };
 use super::face::{Face, error_document};
 use super::keys::{self, Keys};
-use super::signals;
+use super::{Answer, Failure, queue, serve, signals};
 use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
@@ -30,11 +30,16 @@ const INTERRUPTED: u8 = 130;
 /// Runs a command to its exit code.
 pub(super) fn run(cli: Cli) -> u8 {
     let face = Face::new(cli.json);
+    let command = match cli.command.unwrap_or_else(|| Command::Run(default_run())) {
+        // A server has signals of its own.
+        Command::Serve(args) => return answered(&face, serve::run(&args)),
+        Command::Queue(args) => return answered(&face, queue::run(&args)),
+        command => command,
+    };
     let events = |event: Event| face.event(event);
     let controls = Controls::default();
     let cancel = signals::cancel_on_signal(&controls);
     let context = Context { events: &events, cancel, controls, sources: Sources::of_user() };
-    let command = cli.command.unwrap_or_else(|| Command::Run(default_run()));
     let done = match command {
         Command::Run(args) => return run_cases(&args, &face, &context),
         Command::Phantom(args) => make_phantom(&args, &face, &context),
@@ -52,8 +57,19 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
+        Command::Serve(_) | Command::Queue(_) => unreachable!("they have returned above"),
     };
     done.unwrap_or_else(|e| face.failed(&e))
+}
+
+fn answered(face: &Face, answer: Result<Answer, Failure>) -> u8 {
+    match answer {
+        Ok(Answer { document, text }) => {
+            face.result(&document, &text);
+            0
+        }
+        Err(Failure { text, code, exit_code }) => face.failure(&text, &code, exit_code),
+    }
 }
 
 /// `lumenfab` alone.

@@ -159,6 +159,16 @@ impl Face {
         2
     }
 
+    /// The same of what is no case.
+    pub(super) fn failure(&self, text: &str, code: &str, exit_code: u8) -> u8 {
+        let line = one_line(text);
+        say_line(&format!("error: {line}"));
+        if self.json {
+            self.result(&json!({"error": line, "code": code, "exit_code": exit_code}), "");
+        }
+        exit_code
+    }
+
     /// An error as the whole result of a command.
     pub(super) fn failed(&self, error: &Error) -> u8 {
         self.error(error);

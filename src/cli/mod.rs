@@ -7,6 +7,8 @@ mod args;
 mod commands;
 mod face;
 mod keys;
+mod queue;
+mod serve;
 mod signals;
 
 use args::{Cli, usage_line};
@@ -34,8 +36,33 @@ pub fn main() -> ExitCode {
     panic::catch_unwind(|| run(args)).unwrap_or(ExitCode::FAILURE)
 }
 
+/// What a command of the appliance has to say.
+struct Answer {
+    document: serde_json::Value,
+    text: String,
+}
+
+/// Why one came to nothing.
+struct Failure {
+    text: String,
+    code: String,
+    exit_code: u8,
+}
+
+impl From<crate::appliance::Error> for Failure {
+    fn from(error: crate::appliance::Error) -> Self {
+        Self { text: error.to_string(), code: error.code().to_owned(), exit_code: error.exit_code() }
+    }
+}
+
+impl From<crate::client::Error> for Failure {
+    fn from(error: crate::client::Error) -> Self {
+        Self { text: error.to_string(), code: error.code().to_owned(), exit_code: 1 }
+    }
+}
+
 fn run(args: Vec<OsString>) -> ExitCode {
-    start_log();
+    start_log(&args);
     let json = args.iter().any(|a| a == "--json");
     match Cli::try_parse_from(args) {
         Ok(cli) => ExitCode::from(commands::run(cli)),
@@ -60,9 +87,11 @@ const NEVER_LOGGED: [&str; 7] = [
 
 /// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise. What
 /// reads patients' files logs nothing, whatever is asked for.
-fn start_log() {
+fn start_log(args: &[OsString]) {
+    // A server's log is all that tells afterwards what it did.
+    let usual = if args.iter().any(|arg| arg == "serve") { "info" } else { "warn" };
     let filter = tracing_subscriber::EnvFilter::try_from_env("LUMENFAB_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(usual));
     let filter = NEVER_LOGGED.iter().fold(filter, |filter, name| match format!("{name}=off").parse() {
         Ok(directive) => filter.add_directive(directive),
         Err(_) => filter,

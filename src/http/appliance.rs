@@ -6,6 +6,7 @@
 use super::events::Events;
 use super::files::Files;
 use super::keys::Keys;
+use super::metrics::Counters;
 use super::wire::Live;
 use crate::queue::{JobId, Name, Reason};
 use crate::store::Store;
@@ -144,6 +145,8 @@ pub struct Appliance<S> {
     pub keys: Keys,
     /// What happens.
     pub events: Events,
+    /// What was done since the start.
+    pub counters: Counters,
     /// The clock.
     pub clock: fn() -> Timestamp,
     started: Timestamp,
@@ -162,6 +165,7 @@ impl<S: Store> Appliance<S> {
             files,
             keys,
             events,
+            counters: Counters::default(),
             clock: Timestamp::now,
             started: Timestamp::now(),
             selected: Arc::default(),

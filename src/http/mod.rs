@@ -6,6 +6,7 @@
 //! - [`files`]: uploads, under generated names;
 //! - [`events`]: what happens, as server-sent events;
 //! - `octoprint`: the OctoPrint part; `openapi`: the description of the rest;
+//! - [`metrics`]: what the server does, in numbers;
 //! - [`mod@serve`]: sockets, limits, a graceful end.
 //!
 //! A handler asks the queue and answers; what is decided is decided by [`crate::queue`]. Errors have one shape,
@@ -21,6 +22,7 @@ mod extract;
 pub mod files;
 mod jobs;
 pub mod keys;
+pub mod metrics;
 mod octoprint;
 mod openapi;
 mod printers;
@@ -51,6 +53,7 @@ const MAX_BODY: usize = 1 << 17;
 fn router<S: Store>(app: Appliance<S>) -> Router {
     let own = routes().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods));
     own.merge(octoprint::router())
+        .route("/metrics", get(metrics::metrics::<S>))
         .fallback(nothing_here)
         .method_not_allowed_fallback(not_so)
         .layer(DefaultBodyLimit::max(MAX_BODY))

@@ -30,6 +30,7 @@ pub struct Controls(Arc<Shared>);
 struct Shared {
     waiting: Mutex<VecDeque<Control>>,
     is_heard: AtomicBool,
+    is_laying_held: AtomicBool,
 }
 
 /// Wishes are heard as long as this lives.
@@ -58,6 +59,23 @@ impl Controls {
     #[must_use]
     pub fn take(&self) -> Option<Control> {
         self.0.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
+    }
+
+    /// The next print stops before the first line that may lay material, and tells so, until [`Self::let_lay`]. A print that is gone
+    /// on with has laid some already, and does not.
+    pub fn hold_laying(&self) {
+        self.0.is_laying_held.store(true, Ordering::Release);
+    }
+
+    /// Material may be laid.
+    pub fn let_lay(&self) {
+        self.0.is_laying_held.store(false, Ordering::Release);
+    }
+
+    /// Whether no material may be laid yet.
+    #[must_use]
+    pub fn is_laying_held(&self) -> bool {
+        self.0.is_laying_held.load(Ordering::Acquire)
     }
 
     /// A print begins: what was asked for before is not meant for it.

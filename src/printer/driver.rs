@@ -99,7 +99,11 @@ pub async fn run<R: BufRead + Seek, L: Link>(
     let port = link.name().to_owned();
     let stream = link.open().await?;
     let clock = Clock::start();
-    let session = Session::new(order.job, profile, order.start, clock.now());
+    let is_fresh = matches!(order.start, Start::Fresh);
+    let mut session = Session::new(order.job, profile, order.start, clock.now());
+    if is_fresh && order.controls.is_laying_held() {
+        session.hold_laying();
+    }
     let _hearing = order.controls.hear();
     let mut driver = Driver::new(session, order.journal, clock, events, cancel);
     driver.controls = order.controls;
@@ -321,6 +325,9 @@ impl<'a, R: BufRead + Seek> Driver<'a, R> {
         }
         while let Some(control) = self.controls.take() {
             self.session.control(now, control);
+        }
+        if self.session.asks_to_lay() && !self.controls.is_laying_held() {
+            self.session.let_lay();
         }
         if self.n_ticks.is_multiple_of(TICKS_PER_PROGRESS) && self.session.is_printing() {
             let progress = self.session.progress();

@@ -12,7 +12,7 @@
 //! G-code before the first line of it is sent; [`journal`] keeps on disk how far a print is, [`replay`] what that means for
 //! the machine, [`resume`] whether and where it can go on, [`picture`] the layer where it does; [`paper`] is a job from a file
 //! with what is kept beside it; [`policy`] is what is done when something goes wrong, [`control`] what the operator asks for
-//! meanwhile; [`ask`] asks a printer that is not printing; [`sim`] runs the simulated printer as a process of its own. Nothing
+//! meanwhile, and whether material may be laid yet ([`laying`]); [`ask`] asks a printer that is not printing; [`sim`] runs the simulated printer as a process of its own. Nothing
 //! here knows of layers or meshes.
 
 pub mod ask;
@@ -24,6 +24,7 @@ pub mod holder;
 pub mod identity;
 pub mod job;
 pub mod journal;
+pub mod laying;
 pub mod link;
 pub mod paper;
 pub mod picture;

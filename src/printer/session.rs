@@ -44,6 +44,16 @@ enum Name {
     Known,
 }
 
+/// Whether the job may lay material.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Laying {
+    Free,
+    /// Not yet; it has laid none.
+    Held,
+    /// The next line may lay some, and waits.
+    Asked,
+}
+
 /// How many times the time for an answer the job waits for this one: on a bad wire it may come to be sent again.
 const NAME_PATIENCE: u32 = 2;
 
@@ -75,6 +85,8 @@ pub enum PrintEvent {
     NothingToDo(Control),
     /// The operator has asked again for a pause that begins when the printer has done what it has.
     StillPausing,
+    /// The next line may lay material, and waits until that is allowed.
+    AsksToLay,
     /// The journal cannot be written; the print goes on.
     JournalFailed(String),
     /// It can be written again.
@@ -184,6 +196,7 @@ pub struct Session<R> {
     is_cancelled: bool,
     disk: Disk,
     name: Name,
+    laying: Laying,
     /// The record given out last was none of `records`.
     is_polled: bool,
     /// How it ends once the heaters are seen to.
@@ -217,6 +230,7 @@ impl<R: BufRead + Seek> Session<R> {
             is_cancelled: false,
             disk: Disk::default(),
             name: Name::Known,
+            laying: Laying::Free,
             is_polled: false,
             pending: None,
             heat: Heat::default(),

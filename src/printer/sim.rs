@@ -3,8 +3,13 @@
 //! The program is started with `--link PATH`, which it turns into a link to its terminal once it is ready, and `--once`, by which
 //! it ends when the port is closed. What it says on stderr is kept for the error message. If this is dropped, so is the process.
 
-use super::Error;
+use super::control::Controls;
+use super::driver::{self, Order, PrintEvent, Printed};
+use super::job::Job;
+use super::session::Start;
+use super::{Error, serial};
 use crate::profile::{BeadShape, Dialect, Profile};
+use crate::progress::CancelToken;
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -13,6 +18,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt, BufReader};
 use tokio::process::{Child, ChildStderr, Command};
+use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 /// How long the simulator may take to start.
@@ -147,6 +153,31 @@ impl Options {
         args.push("--once".into());
         args
     }
+}
+
+/// Prints a file on a simulated printer that is started for it, and ends with it: nothing of this can be gone on with, so no journal
+/// is kept. Must be called within a tokio runtime.
+///
+/// # Errors
+/// As [`driver::run`]; [`Error::Job`]; [`Error::Simulator`].
+pub async fn print(
+    job: &Path,
+    options: &Options,
+    profile: &Profile,
+    controls: Controls,
+    events: &mpsc::Sender<PrintEvent>,
+    cancel: &CancelToken,
+) -> Result<Printed, Error> {
+    let job = Job::from_file(job, &profile.firmware)?;
+    let simulator = Simulator::start(options).await?;
+    let mut profile = options.profile_for(profile);
+    // A process that has ended never comes back.
+    profile.firmware.orphan_hold_s = 0.0;
+    let link = serial::open(simulator.port(), &profile.firmware, options.baud).await?;
+    let order = Order { job, start: Start::Fresh, journal: None, controls };
+    let printed = driver::run(order, link, &profile, events, cancel).await?;
+    simulator.finish().await?;
+    Ok(printed)
 }
 
 /// A running simulated printer.

@@ -15,13 +15,11 @@ use crate::app::settings::{Fault, SIMULATED_PORT, SettingError, Settings};
 use crate::ct::Warning;
 use crate::printer::device::{self, Device};
 use crate::printer::driver;
-use crate::printer::job::Job;
 use crate::printer::journal::Ending;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::Stats;
-use crate::printer::session::Start;
-use crate::printer::sim::{Machine, Options, Simulator};
-use crate::printer::{self, PortProblem, serial};
+use crate::printer::sim::{self, Machine, Options};
+use crate::printer::{self, PortProblem};
 use crate::profile::{self, Profile};
 use crate::progress::{Cancelled, Task};
 use serde::{Deserialize, Serialize};
@@ -433,7 +431,6 @@ impl Order<'_> {
 
     async fn print_simulated(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
         check_resumable(self.manner)?;
-        let job = Job::from_file(self.job, &self.profile.firmware).map_err(printer::Error::from)?;
         let options = Options {
             program: std::env::current_exe().map_err(Error::Runtime)?,
             leading_args: vec!["hil-sim".into()],
@@ -441,23 +438,15 @@ impl Order<'_> {
             record_dir: self.record.map(Path::to_owned),
             ..Options::default()
         };
-        let simulator = Simulator::start(&options).await?;
-        let mut profile = options.profile_for(self.profile);
-        // A process that has ended never comes back.
-        profile.firmware.orphan_hold_s = 0.0;
-        let link = serial::open(simulator.port(), &profile.firmware, self.baud).await?;
         let (sender, receiver) = mpsc::channel(EVENT_QUEUE);
         let printing = async {
             let sender = sender;
             let controls = context.controls.clone();
-            let order = driver::Order { job, start: Start::Fresh, journal: None, controls };
-            driver::run(order, link, &profile, &sender, &context.cancel).await
+            sim::print(self.job, &options, self.profile, controls, &sender, &context.cancel).await
         };
         let printed = self.printed(tokio::join!(printing, show(receiver, task, context)).0);
         // Ctrl-C reaches the simulator too: that its port then vanishes leaves nothing hot.
-        let printed = printed.map_err(|e| if task.check().is_err() { Cancelled.into() } else { e })?;
-        simulator.finish().await?;
-        Ok(printed)
+        printed.map_err(|e| if task.check().is_err() { Cancelled.into() } else { e })
     }
 
     fn printed(&self, printed: Result<driver::Printed, printer::Error>) -> Result<Printed, Error> {

@@ -1,8 +1,9 @@
 //! The job's lines on their way to the core, and which of them wait for the journal.
 
 use super::super::identity;
+use super::super::laying::may_lay;
 use super::super::protocol::{Command, Fault, Instant};
-use super::{NAME_PATIENCE, Name, PrintEvent, Session, Stage};
+use super::{Laying, NAME_PATIENCE, Name, PrintEvent, Session, Stage};
 use crate::profile;
 use std::io::{BufRead, Seek};
 use std::time::Duration;
@@ -10,7 +11,7 @@ use std::time::Duration;
 impl<R: BufRead + Seek> Session<R> {
     /// Gives the core the next lines of the job; false if it wants none, or may not have any yet.
     pub(super) fn feed(&mut self) -> bool {
-        if self.awaits_name() {
+        if self.awaits_name() || self.laying == Laying::Asked {
             return false;
         }
         let mut was_given = false;
@@ -19,6 +20,23 @@ impl<R: BufRead + Seek> Session<R> {
         }
         self.note_cancel();
         was_given
+    }
+
+    /// The job stops before its first line that may lay material ([`PrintEvent::AsksToLay`]) until [`Self::let_lay`]: the session does
+    /// not know what has to be written down elsewhere first.
+    pub fn hold_laying(&mut self) {
+        self.laying = Laying::Held;
+    }
+
+    /// It goes on, and lays what it likes.
+    pub fn let_lay(&mut self) {
+        self.laying = Laying::Free;
+    }
+
+    /// Whether it has stopped before such a line.
+    #[must_use]
+    pub const fn asks_to_lay(&self) -> bool {
+        matches!(self.laying, Laying::Asked)
     }
 
     /// The time for the answer begins when the question is sent: before it, the journal may be waited for.
@@ -64,6 +82,12 @@ impl<R: BufRead + Seek> Session<R> {
     fn give(&mut self) -> bool {
         self.guard_z();
         let given = match self.job.next_command() {
+            Ok(Some(line)) if self.laying == Laying::Held && may_lay(line) => {
+                self.job.put_back();
+                self.laying = Laying::Asked;
+                self.events.push_back(PrintEvent::AsksToLay);
+                return false;
+            }
             Ok(Some(line)) if self.recorder.needs_leave(line) => {
                 self.job.put_back();
                 if !self.core.has_unsent() {

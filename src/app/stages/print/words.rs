@@ -74,7 +74,7 @@ fn told(event: &PrintEvent) -> Option<(&'static str, String)> {
             return Some(("printer.still_pausing", text.to_owned()));
         }
         PrintEvent::Session(session) => session,
-        PrintEvent::Progress { .. } => return None,
+        PrintEvent::AsksToLay | PrintEvent::Progress { .. } => return None,
     };
     Some(match session {
         Said::NoAnswerYet => (

@@ -1,0 +1,46 @@
+//! Printing: a part of the server for each printer.
+//!
+//! A print goes in this order, and none of its steps before the one above:
+//!
+//! 1. the bed is known to be clear, and the printer takes a job ([`Store::claim`](crate::store::Store::claim));
+//! 2. the port is opened, the journal begun; the job homes and heats;
+//! 3. before the first line that may lay material the printer stands still until the queue has recorded that some is laid
+//!    ([`Change::Lay`](crate::queue::Change::Lay)), which it does only where the claim still holds and nobody doubts the bed;
+//! 4. the rest is printed; the end is recorded; the bed awaits somebody, or a program, that clears it.
+//!
+//! What was in print when a server died is taken up by the next one: of which nothing was laid goes back into the queue, the heaters
+//! are switched off; what can be gone on with waits for an operator's word, warm as long as its profile's `orphan_hold_s`; the
+//! rest has failed. Nothing is ever printed twice.
+//!
+//! - `press`: the thread that speaks to the printer;
+//! - `attend`: standing by it: claim, limits, wishes;
+//! - `outcome`: what becomes of the job then (pure);
+//! - `waiting`: a print that broke off, until somebody says what becomes of it;
+//! - `station`: all of it, for one printer.
+
+mod attend;
+mod outcome;
+mod press;
+mod station;
+mod waiting;
+
+pub(super) use press::Machine;
+pub(super) use station::{Station, Wishes, machine};
+
+use crate::queue::Claim;
+use std::path::PathBuf;
+
+/// A job that a printer has in hand.
+#[derive(Debug)]
+struct Held {
+    claim: Claim,
+    gcode: PathBuf,
+    /// Whether the queue knows that material was laid.
+    is_laid: bool,
+    /// Whether the queue knows it as paused.
+    is_paused: bool,
+    /// The printer could go on, but not exactly, and somebody has been told so.
+    needs_consent: bool,
+    print_s: u32,
+    n_first_layer: Option<u64>,
+}

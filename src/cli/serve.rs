@@ -1,0 +1,81 @@
+//! `lumenfab serve`: the appliance as a process.
+
+use super::args::queue::ServeArgs;
+use super::{Answer, Failure};
+use crate::appliance::config::OnStop;
+use crate::appliance::place::{self, Place};
+use crate::appliance::{self, Error, Setup};
+use jiff::Timestamp;
+use serde_json::json;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// Threads of the server; prints have their own.
+const THREADS: usize = 2;
+
+/// Serves until a signal asks it to stop.
+pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
+    let env = |name: &str| std::env::var_os(name);
+    let dir = match &args.state.state {
+        Some(dir) => std::path::absolute(dir).map_err(|source| Error::Io { path: dir.clone(), source })?,
+        None => place::default_dir(env)?,
+    };
+    let place = Place::open(&dir)?;
+    let config = place.config(env)?;
+    let program = std::env::current_exe().map_err(Error::Runtime)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build();
+    let runtime = runtime.map_err(Error::Runtime)?;
+    let first = config.on_stop;
+    runtime.block_on(async {
+        let (stop, stopping) = watch::channel(None);
+        let signals = tokio::spawn(heed_signals(first, stop));
+        let served =
+            appliance::serve(Setup { place, config, program, clock: Timestamp::now }, stopping).await;
+        signals.abort();
+        served
+    })?;
+    Ok(Answer { document: json!({ "ended": "asked to stop" }), text: String::new() })
+}
+
+/// The first signal ends the server as configured, each further one more strictly. A terminal that is gone ends nothing.
+async fn heed_signals(first: OnStop, stop: watch::Sender<Option<OnStop>>) -> std::io::Result<()> {
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut hangup = signal(SignalKind::hangup())?;
+    loop {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            _ = hangup.recv() => continue,
+        }
+        let wish = next(*stop.borrow(), first);
+        tracing::info!(?wish, "server: asked to stop");
+        stop.send_replace(Some(wish));
+    }
+}
+
+const fn next(now: Option<OnStop>, first: OnStop) -> OnStop {
+    match now {
+        None => first,
+        Some(OnStop::Finish) => OnStop::Park,
+        Some(OnStop::Park | OnStop::Cancel) => OnStop::Cancel,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_signal_is_stricter_than_the_one_before() {
+        let wishes = |first| {
+            let mut now = None;
+            std::array::from_fn::<_, 4, _>(|_| {
+                now = Some(next(now, first));
+                now.unwrap()
+            })
+        };
+        assert_eq!(wishes(OnStop::Finish), [OnStop::Finish, OnStop::Park, OnStop::Cancel, OnStop::Cancel]);
+        assert_eq!(wishes(OnStop::Cancel), [OnStop::Cancel; 4]);
+    }
+}
