@@ -126,67 +126,79 @@ pub struct Reference {
     pub diameter_mm: f64,
 }
 
-/// The lumina of one stage, plane by plane.
+/// The lumina of one stage: plane by plane, branch by branch.
 #[derive(Debug)]
-pub(super) struct StageLumina<'a> {
+pub(super) struct StageLumina {
     pub(super) stage: &'static str,
-    pub(super) planes: Vec<Option<&'a Region>>,
+    pub(super) planes: Vec<Vec<Option<Region>>>,
 }
 
-/// Measures every branch in every stage.
-pub(super) fn measure(sections: &SectionStack, stages: &[StageLumina<'_>]) -> Anatomy {
-    let tracks = tracks(sections);
-    let z_mm = sections.plane_z_mm();
-    let owners: Vec<Vec<Region>> = (0..z_mm.len()).map(|k| lumina_at(&tracks, k)).collect();
-    let branches = tracks.iter().enumerate().map(|(i, track)| Branch {
-        name: format!("branch {}", i + 1),
-        planes: [track.first, track.last()],
-        z_mm: [z_mm[track.first], z_mm[track.last()]],
-        distal: track.distal(),
-        stages: stages.iter().map(|stage| measure_stage(stage, track, &tracks, &owners, &z_mm)).collect(),
-    });
-    Anatomy { branches: branches.collect() }
+/// The branches of a stack of contours.
+#[derive(Debug)]
+pub(super) struct Branches {
+    tracks: Vec<Track>,
+    z_mm: Vec<f64>,
 }
 
-fn measure_stage(
-    stage: &StageLumina<'_>,
-    track: &Track,
-    tracks: &[Track],
-    owners: &[Vec<Region>],
-    z_mm: &[f64],
-) -> StageMeasures {
-    let at = |k: usize| {
-        let place = tracks.iter().filter(|t| t.covers(k)).position(|t| std::ptr::eq(t, track))?;
-        let lumen = own_island(stage.planes[k]?, &owners[k], place)?;
-        measures(&lumen, k, z_mm[k])
-    };
-    let planes: Vec<PlaneMeasures> = (track.first..=track.last()).filter_map(at).collect();
-    let mean = |value: fn(&PlaneMeasures) -> f64| {
-        (!planes.is_empty()).then(|| planes.iter().map(value).sum::<f64>() / planes.len() as f64)
-    };
-    StageMeasures {
-        stage: stage.stage,
-        lumen_area_mm2: mean(|p| p.lumen_area_mm2),
-        equivalent_diameter_mm: mean(|p| p.equivalent_diameter_mm),
-        minimum_diameter_mm: planes.iter().map(|p| p.minimum_diameter_mm).reduce(f64::min),
-        stenosis: stenosis(&planes, track.distal()),
-        planes,
+impl Branches {
+    /// Follows the contours.
+    pub(super) fn of(sections: &SectionStack) -> Self {
+        Self { tracks: tracks(sections), z_mm: sections.plane_z_mm() }
     }
-}
 
-/// The piece of `lumen` that belongs to branch `place` of the plane: each piece goes to the branch it overlaps most.
-fn own_island(lumen: &Region, owners: &[Region], place: usize) -> Option<Region> {
-    let overlap = |island: &Region, owner: &Region| island.intersection(owner).area_mm2();
-    let mut best: Option<(f64, Region)> = None;
-    for island in lumen.islands() {
-        let shared: Vec<f64> = owners.iter().map(|o| overlap(&island, o)).collect();
-        let most = shared.iter().copied().fold(0.0, f64::max);
-        let mine = shared[place];
-        if mine > 0.0 && mine >= most && best.as_ref().is_none_or(|(b, _)| mine > *b) {
-            best = Some((mine, island));
+    /// Their names, in their order.
+    pub(super) fn names(&self) -> Vec<String> {
+        (1..=self.tracks.len()).map(|i| format!("branch {i}")).collect()
+    }
+
+    /// The pieces of a lumen in plane `k`, each given to the branch that it overlaps most; of several the largest.
+    pub(super) fn share_out(&self, lumen: &Region, k: usize) -> Vec<Option<Region>> {
+        let own: Vec<usize> = (0..self.tracks.len()).filter(|&b| self.tracks[b].covers(k)).collect();
+        let mut best: Vec<Option<(f64, Region)>> = vec![None; self.tracks.len()];
+        for island in lumen.islands() {
+            let shared = own.iter().map(|&b| {
+                let track = &self.tracks[b];
+                (b, island.intersection(&track.lumina[k - track.first]).area_mm2())
+            });
+            let Some((b, most)) = shared.rev().max_by(|a, b| a.1.total_cmp(&b.1)).filter(|s| s.1 > 0.0)
+            else {
+                continue;
+            };
+            if best[b].as_ref().is_none_or(|(area, _)| most > *area) {
+                best[b] = Some((most, island));
+            }
+        }
+        best.into_iter().map(|b| b.map(|(_, island)| island)).collect()
+    }
+
+    /// Measures every branch in every stage.
+    pub(super) fn measure(&self, stages: &[StageLumina]) -> Anatomy {
+        let branch = |(i, track): (usize, &Track)| Branch {
+            name: format!("branch {}", i + 1),
+            planes: [track.first, track.last()],
+            z_mm: [self.z_mm[track.first], self.z_mm[track.last()]],
+            distal: track.distal(),
+            stages: stages.iter().map(|stage| self.measure_stage(stage, i)).collect(),
+        };
+        Anatomy { branches: self.tracks.iter().enumerate().map(branch).collect() }
+    }
+
+    fn measure_stage(&self, stage: &StageLumina, branch: usize) -> StageMeasures {
+        let track = &self.tracks[branch];
+        let at = |k: usize| measures(stage.planes[k][branch].as_ref()?, k, self.z_mm[k]);
+        let planes: Vec<PlaneMeasures> = (track.first..=track.last()).filter_map(at).collect();
+        let mean = |value: fn(&PlaneMeasures) -> f64| {
+            (!planes.is_empty()).then(|| planes.iter().map(value).sum::<f64>() / planes.len() as f64)
+        };
+        StageMeasures {
+            stage: stage.stage,
+            lumen_area_mm2: mean(|p| p.lumen_area_mm2),
+            equivalent_diameter_mm: mean(|p| p.equivalent_diameter_mm),
+            minimum_diameter_mm: planes.iter().map(|p| p.minimum_diameter_mm).reduce(f64::min),
+            stenosis: stenosis(&planes, track.distal()),
+            planes,
         }
     }
-    best.map(|(_, island)| island)
 }
 
 fn measures(lumen: &Region, plane: usize, z_mm: f64) -> Option<PlaneMeasures> {
@@ -229,10 +241,6 @@ impl Track {
             _ => None,
         }
     }
-}
-
-fn lumina_at(tracks: &[Track], k: usize) -> Vec<Region> {
-    tracks.iter().filter(|t| t.covers(k)).map(|t| t.lumina[k - t.first].clone()).collect()
 }
 
 /// Follows the lumina from plane to plane.
@@ -396,9 +404,10 @@ mod tests {
     }
 
     fn measure_contours(sections: &SectionStack) -> Anatomy {
-        let regions: Vec<Region> = sections.planes.iter().map(PlaneSections::region).collect();
-        let lumina = StageLumina { stage: "contours", planes: regions.iter().map(Some).collect() };
-        measure(sections, &[lumina])
+        let branches = Branches::of(sections);
+        let shared = |(k, plane): (usize, &PlaneSections)| branches.share_out(&plane.region(), k);
+        let planes = sections.planes.iter().enumerate().map(shared).collect();
+        branches.measure(&[StageLumina { stage: "contours", planes }])
     }
 
     #[test]

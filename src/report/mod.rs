@@ -17,12 +17,14 @@
 //! The registration is the one that the stages carried along (`bed_from_stack`), never fitted; it is checked
 //! against the planned geometry, and a job that is off by more than [`REGISTRATION_MM`] is refused.
 //!
-//! Not done here: PDF and DICOM output, 3-D views, outer skin and wall thickness, naming the kinds of print faults.
+//! What is wrong is named, with the stage it arose in, place and size ([`Finding`]).
 //!
 //! [`build`] is pure; [`write()`] is the only IO.
 
 mod anatomy;
 mod deviation;
+mod faults;
+mod found;
 mod image;
 mod lumen;
 mod page;
@@ -41,6 +43,7 @@ mod write;
 
 pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMeasures, Stenosis, Throat};
 pub use deviation::{Figures, STEP_MM};
+pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
 pub use image::Polarity;
 pub use page::html;
 pub use picture::Picture;
@@ -231,6 +234,19 @@ impl Stage {
         }
     }
 
+    /// What is compared with what, in the singular: reference and tested.
+    #[must_use]
+    pub const fn sides(self) -> [&'static str; 2] {
+        match self {
+            Self::Segmentation => ["the boundary in the image", "the contour"],
+            Self::Reconstruction => ["the contour", "the solid"],
+            Self::Slicing => ["the solid", "the layer"],
+            Self::Toolpath => ["the layer", "the planned lumen"],
+            Self::Deposition => ["the planned lumen", "the deposited lumen"],
+            Self::Total => ["the boundary in the image", "the deposited lumen"],
+        }
+    }
+
     /// What is compared, for the reader.
     #[must_use]
     pub const fn meaning(self) -> &'static str {
@@ -327,6 +343,8 @@ pub struct Report {
     pub anatomy: Anatomy,
     /// Heights of the CT planes, mm.
     pub plane_z_mm: Vec<f64>,
+    /// Defects, in the order of the stages.
+    pub findings: Vec<Finding>,
     /// What is extrapolated, missing or odd.
     pub notes: Vec<Warning>,
     /// Whether the replica passes.
@@ -378,6 +396,7 @@ impl Report {
             shown(deposited.iou_min, 4),
             shown(deposited.iou_mean, 4)
         ));
+        lines.extend(self.findings.iter().map(|f| format!("defect         {}", f.text)));
         lines.push(self.verdict.sentence());
         lines
     }
@@ -396,6 +415,8 @@ impl Serialize for Report {
         map.serialize_entry("intended_use", INTENDED_USE)?;
         map.serialize_entry("body", &self.body)?;
         map.serialize_entry("verdict", &self.verdict)?;
+        map.serialize_entry("findings", &self.findings)?;
+        map.serialize_entry("not_seen", &NOT_SEEN)?;
         for stage in Stage::ALL {
             map.serialize_entry(stage.name(), self.block(stage))?;
         }

@@ -1,7 +1,8 @@
 //! The comparison itself: outlines of all stages at all planes, measured in parallel, pooled in order.
 
-use super::anatomy::StageLumina;
+use super::anatomy::{Branches, StageLumina};
 use super::deviation::{Areas, Comparison, Figures, Outline, compare};
+use super::found;
 use super::image::{ImageBoundary, boundary, median};
 use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
@@ -9,7 +10,7 @@ use super::record::Segment;
 use super::strokes::{self, Stroke};
 use super::{
     Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
-    Verdict, anatomy,
+    Verdict,
 };
 use crate::ct::Warning;
 use crate::geom::{Contour, Point3, Region, Vector3};
@@ -47,12 +48,16 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let figures: Vec<LayerFigures> = layers.iter().map(|l| l.figures).collect();
     let blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
     let pixel_mm = inputs.image.map(|i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
+    let branches = Branches::of(inputs.sections);
+    let lumina = lumina(&branches, &planes);
+    let findings = found::findings(inputs, &planes, &lumina, &branches.names());
     Ok(Report {
         body: inputs.body,
-        anatomy: anatomy::measure(inputs.sections, &lumina(&planes)),
+        anatomy: branches.measure(&lumina),
         plane_z_mm: inputs.sections.plane_z_mm(),
         notes: notes(inputs, &recorded, &figures, &planes),
-        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks),
+        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings),
+        findings,
         layers: figures,
         blocks,
         pictures,
@@ -245,19 +250,19 @@ fn layer(i: usize, paths: &LayerPaths, recorded: &[Stroke], back: &StackFromBed)
 }
 
 /// Everything about one CT plane.
-struct PlaneWork {
+pub(super) struct PlaneWork {
     /// Plane of the volume.
-    volume_plane: Option<usize>,
-    image: Option<ImageBoundary>,
-    contours: Outline,
+    pub(super) volume_plane: Option<usize>,
+    pub(super) image: Option<ImageBoundary>,
+    pub(super) contours: Outline,
     section: CrossSection,
-    solid: Outline,
+    pub(super) solid: Outline,
     /// Layer of the job at this plane.
-    layer_idx: Option<usize>,
-    sliced: Option<Outline>,
-    planned: Option<Outline>,
-    recorded: Option<Outline>,
-    comparisons: [Result<Comparison, String>; 6],
+    pub(super) layer_idx: Option<usize>,
+    pub(super) sliced: Option<Outline>,
+    pub(super) planned: Option<Outline>,
+    pub(super) recorded: Option<Outline>,
+    pub(super) comparisons: [Result<Comparison, String>; 6],
 }
 
 fn plane(
@@ -306,7 +311,7 @@ fn section_lumen(section: &CrossSection, body: BodyKind) -> &Region {
     }
 }
 
-fn layer_lumen(layer: &Layer, body: BodyKind) -> &Region {
+pub(super) fn layer_lumen(layer: &Layer, body: BodyKind) -> &Region {
     match body {
         BodyKind::Wall => &layer.lumen,
         BodyKind::Cast => &layer.material,
@@ -406,11 +411,15 @@ fn plane_figures(
     entry
 }
 
-/// The lumina of all stages for the anatomy.
-fn lumina(planes: &[PlaneWork]) -> Vec<StageLumina<'_>> {
+/// The lumina of all stages, given to the branches.
+fn lumina(branches: &Branches, planes: &[PlaneWork]) -> Vec<StageLumina> {
     let of = |stage: &'static str, get: fn(&PlaneWork) -> Option<&Region>| StageLumina {
         stage,
-        planes: planes.iter().map(get).collect(),
+        planes: planes
+            .par_iter()
+            .enumerate()
+            .map(|(k, work)| branches.share_out(get(work).unwrap_or(&Region::default()), k))
+            .collect(),
     };
     vec![
         of("image", |p| p.image.as_ref().map(ImageBoundary::region)),
@@ -536,16 +545,21 @@ fn notes(
     notes
 }
 
-/// By how much the printed outlines are meant to lie off the layers'.
-fn compensated(inputs: &Inputs<'_>) -> Option<String> {
+/// By how much the printed outlines are meant to lie outward of the layers', in the cold part, mm.
+pub(super) fn compensation_mm(inputs: &Inputs<'_>) -> f64 {
     let compensation = &inputs.paths.compensation;
     // Beads at the lumen lie where both moves put them; a cast has no lumen's outline.
     let on_bed_mm = match inputs.body {
         BodyKind::Wall => compensation.lumen_mm + compensation.material_mm,
         BodyKind::Cast => -compensation.material_mm,
     };
-    let cold_mm = inputs.paths.stack_from_bed().length_mm(on_bed_mm);
-    (on_bed_mm != 0.0).then(|| {
+    inputs.paths.stack_from_bed().length_mm(on_bed_mm)
+}
+
+/// What is to be known of outlines that are meant to lie off the layers'.
+fn compensated(inputs: &Inputs<'_>) -> Option<String> {
+    let cold_mm = compensation_mm(inputs);
+    (cold_mm != 0.0).then(|| {
         format!("The profile compensates what holes shrink and beads bulge: the lumen is planned {cold_mm:+.3} mm outward, measured in the cold part. The figures of planned and recorded outlines contain it.")
     })
 }

@@ -3,7 +3,7 @@
 use super::image::Polarity;
 use super::record::{Record, Segment};
 use crate::ct::{Volume, Voxels};
-use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector3};
+use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector2, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
 use crate::slice::{Layer, LayerSlot};
 use crate::solid::{CrossSection, Sectioned};
@@ -189,6 +189,151 @@ fn plan(layer: &Layer, bed_from_stack: &RigidTransform) -> LayerPaths {
         travels: Vec::new(),
         material: moved(&layer.material),
         lumen: moved(&layer.lumen),
+    }
+}
+
+/// Lumina that are circles: centre and radius, mm.
+pub(super) type Circles = Vec<(Point2, f64)>;
+
+/// A vessel that winds and divides at half its height into two branches: no plane is like another, none like its
+/// mirror image.
+pub(super) fn fork(z_mm: f64, n_planes: usize) -> Circles {
+    let part = z_mm / (INTERVAL_MM * (n_planes - 1) as f64);
+    let bend = Point2::new(2.2 * (2.3 * part).sin() - 0.8, 2.6 * part * part - 1.0);
+    if part < 0.5 {
+        return vec![(bend, 2.6 + 0.8 * part)];
+    }
+    let apart = 2.4 + 1.6 * (part - 0.5);
+    vec![(bend - Vector2::new(apart, 0.4), 1.7), (bend + Vector2::new(apart, 0.0), 1.5 - 0.4 * (part - 0.5))]
+}
+
+pub(super) fn region_of(circles: &Circles, wider_mm: f64) -> Region {
+    let disks: Vec<Region> =
+        circles.iter().map(|(c, r)| Region::new(vec![Contour::circle(*c, r + wider_mm, 240)])).collect();
+    Region::union_all(&disks)
+}
+
+/// A solid whose lumen is given by height.
+pub(super) struct Shape {
+    pub(super) z_mm: [f64; 2],
+    pub(super) lumen: Box<dyn Fn(f64) -> Region + Sync>,
+}
+
+impl std::fmt::Debug for Shape {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shape").field("z_mm", &self.z_mm).finish_non_exhaustive()
+    }
+}
+
+impl Sectioned for Shape {
+    fn z_range_mm(&self) -> [f64; 2] {
+        self.z_mm
+    }
+
+    fn section(&self, z_mm: f64, _tolerance_mm: f64) -> CrossSection {
+        let lumen = (self.lumen)(z_mm);
+        CrossSection { outer: lumen.offset(WALL_MM, 1e-3).union(&lumen), lumen }
+    }
+}
+
+/// A whole case of a vessel of circles, all stages perfect until a test spoils one.
+#[derive(Debug)]
+pub(super) struct Forked {
+    pub(super) volume: Volume,
+    pub(super) sections: SectionStack,
+    pub(super) solid: Shape,
+    pub(super) layers: Vec<Layer>,
+    pub(super) paths: Toolpaths,
+    pub(super) record: Record,
+}
+
+impl Forked {
+    pub(super) fn new(n_planes: usize) -> Self {
+        let half = 0.5 * INTERVAL_MM;
+        let circles = |z_mm: f64| fork(z_mm, n_planes);
+        let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 90.0, half));
+        let (mut layers, mut paths) = (Vec::new(), Vec::new());
+        for slot in slots(n_planes) {
+            let circles = circles(slot.z_mid_mm);
+            let lumen = region_of(&circles, 0.0);
+            let layer = Layer { slot, material: region_of(&circles, WALL_MM).difference(&lumen), lumen };
+            paths.push(plan_rings(&layer, &circles, &bed_from_stack));
+            layers.push(layer);
+        }
+        let paths = Toolpaths { bed_from_stack, compensation: Compensation::default(), layers: paths };
+        let plane = |k: usize| {
+            let z_mm = INTERVAL_MM * k as f64;
+            let contours = circles(z_mm).iter().map(|(c, r)| Contour::circle(*c, *r, 128)).collect();
+            PlaneSections { z_mm, contours }
+        };
+        Self {
+            volume: blurred_circles(
+                &(0..n_planes).map(|k| circles(INTERVAL_MM * k as f64)).collect::<Vec<_>>(),
+            ),
+            sections: SectionStack {
+                planes: (0..n_planes).map(plane).collect(),
+                patient_from_stack: RigidTransform::identity(),
+            },
+            solid: Shape {
+                z_mm: [-half, INTERVAL_MM * (n_planes - 1) as f64 + half],
+                lumen: Box::new(move |z_mm| region_of(&fork(z_mm, n_planes), 0.0)),
+            },
+            record: print(&paths),
+            layers,
+            paths,
+        }
+    }
+}
+
+/// Rings around every lumen.
+fn plan_rings(layer: &Layer, circles: &Circles, bed_from_stack: &RigidTransform) -> LayerPaths {
+    let on_bed = |p: Point2| bed_from_stack.apply(Point3::new(p.x, p.y, 0.0)).xy();
+    let bead = |(centre, radius_mm): (Point2, f64), i: u32| {
+        let circle = Contour::circle(centre, radius_mm + BEAD_MM * (0.5 + f64::from(i)), 72);
+        let mut points: Vec<BeadPoint> =
+            circle.points.iter().map(|&p| BeadPoint { at: on_bed(p), width_mm: BEAD_MM }).collect();
+        points.push(points[0]);
+        let kind = if i == 1 { BeadKind::Perimeter } else { BeadKind::ExternalPerimeter };
+        Bead { kind, points }
+    };
+    let rings = |circle: &(Point2, f64)| (0..3).map(|i| bead(*circle, i)).collect::<Vec<_>>();
+    LayerPaths { beads: circles.iter().flat_map(rings).collect(), ..plan(layer, bed_from_stack) }
+}
+
+/// Bright circles in a dark surrounding, blurred, plane by plane.
+fn blurred_circles(planes: &[Circles]) -> Volume {
+    let (n, pixel_mm) = (100usize, 0.2);
+    let first = -0.5 * pixel_mm * (n - 1) as f64;
+    let mut hu = Vec::with_capacity(planes.len() * n * n);
+    for circles in planes {
+        let tables: Vec<Vec<f64>> = circles
+            .iter()
+            .map(|(_, r)| (0..300).map(|i| blurred_disk(0.1 * f64::from(i), *r)).collect())
+            .collect();
+        for v in 0..n * n {
+            let at = Point2::new(first + pixel_mm * (v % n) as f64, first + pixel_mm * (v / n) as f64);
+            let shares = circles.iter().zip(&tables).map(|((c, _), table)| {
+                let place = 10.0 * (at - c).norm();
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "within the image"
+                )]
+                let below = place as usize;
+                table[below] * (1.0 - place.fract()) + table[below + 1] * place.fract()
+            });
+            #[expect(clippy::cast_possible_truncation, reason = "grey values fit")]
+            hu.push((50.0 + 250.0 * shares.sum::<f64>()) as f32);
+        }
+    }
+    Volume {
+        dims: [n, n, planes.len()],
+        hu: Voxels::new(&hu, n * n),
+        origin_xy_mm: [first; 2],
+        pixel_spacing_xy_mm: [pixel_mm; 2],
+        plane_z_mm: (0..planes.len()).map(|k| INTERVAL_MM * k as f64).collect(),
+        slab_thickness_mm: 2.0,
+        patient_from_stack: RigidTransform::identity(),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Figures against limits.
 
-use super::{Block, Stage};
+use super::{Block, Finding, Stage};
 use serde::Serialize;
 
 /// The limits that a replica must keep to pass.
@@ -10,12 +10,29 @@ pub struct Gate {
     pub total_p95_mm: f64,
     /// Least IoU of deposited against planned material, each layer.
     pub layer_iou: f64,
+    /// Farthest that a stage's outline may lie off the one before on any plane, mm; against the image, half a pixel
+    /// where that is more.
+    pub outline_mm: f64,
+    /// Farthest that a layer may lie beside its place, mm.
+    pub layer_shift_mm: f64,
+    /// Farthest that a layer's material may be off the planned amount, percent.
+    pub flow_percent: f64,
+    /// Most material beside the planned beads, outside of the lumen, mm³; in the lumen none is allowed.
+    pub extra_mm3: f64,
 }
 
 impl Default for Gate {
-    /// 0.3 mm: what the best published chains reach on average; 0.97: what a healthy printer does.
+    /// 0.3 mm: what the best published chains reach on average; 0.97: what a healthy printer does; 0.2 mm: the mean that
+    /// each stage may reach; 0.1 mm, 10 %: a quarter of a usual bead, and what a calibrated extruder keeps.
     fn default() -> Self {
-        Self { total_p95_mm: 0.3, layer_iou: 0.97 }
+        Self {
+            total_p95_mm: 0.3,
+            layer_iou: 0.97,
+            outline_mm: 0.2,
+            layer_shift_mm: 0.1,
+            flow_percent: 10.0,
+            extra_mm3: 1.0,
+        }
     }
 }
 
@@ -32,12 +49,13 @@ pub struct Verdict {
 
 impl Verdict {
     /// `pixel_mm`: size of the image's pixels; none if there is no image.
-    pub(super) fn of(gate: Gate, pixel_mm: Option<f64>, blocks: &[Block; 6]) -> Self {
+    pub(super) fn of(gate: Gate, pixel_mm: Option<f64>, blocks: &[Block; 6], findings: &[Finding]) -> Self {
         let gate = Gate { total_p95_mm: gate.total_p95_mm.max(pixel_mm.unwrap_or(0.0)), ..gate };
         let mut failures = Vec::new();
         failures.extend(total_failure(gate, pixel_mm.is_some(), &blocks[Stage::Total as usize]));
         failures.extend(layer_failure(gate, &blocks[Stage::Deposition as usize]));
         failures.extend(missing(&blocks[Stage::Deposition as usize]));
+        failures.extend(findings.iter().filter(|f| f.beyond_gate).map(|f| f.text.clone()));
         Self { passed: failures.is_empty(), gate, failures }
     }
 
@@ -103,26 +121,26 @@ mod tests {
     #[test]
     fn limits_are_kept_or_named() {
         let gate = Gate::default();
-        assert!(Verdict::of(gate, Some(0.2), &blocks(Some(0.29), Some(0.98))).passed);
-        let failed = Verdict::of(gate, Some(0.2), &blocks(Some(0.31), Some(0.96)));
+        assert!(Verdict::of(gate, Some(0.2), &blocks(Some(0.29), Some(0.98)), &[]).passed);
+        let failed = Verdict::of(gate, Some(0.2), &blocks(Some(0.31), Some(0.96)), &[]);
         assert!(!failed.passed && failed.failures.len() == 2);
         assert!(failed.sentence().contains("0.310 mm") && failed.sentence().contains("IoU 0.960"));
     }
 
     #[test]
     fn nobody_asks_for_better_than_a_pixel() {
-        assert!(Verdict::of(Gate::default(), Some(1.5), &blocks(Some(0.9), Some(0.98))).passed);
+        assert!(Verdict::of(Gate::default(), Some(1.5), &blocks(Some(0.9), Some(0.98)), &[]).passed);
     }
 
     #[test]
     fn without_a_ct_the_total_is_no_failure_without_deposition_there_is_one() {
-        assert!(Verdict::of(Gate::default(), None, &blocks(None, Some(0.98))).passed);
-        assert!(!Verdict::of(Gate::default(), None, &blocks(None, None)).passed);
+        assert!(Verdict::of(Gate::default(), None, &blocks(None, Some(0.98)), &[]).passed);
+        assert!(!Verdict::of(Gate::default(), None, &blocks(None, None), &[]).passed);
     }
 
     #[test]
     fn an_image_without_a_total_is_a_failure_with_its_name() {
-        let verdict = Verdict::of(Gate::default(), Some(0.2), &blocks(None, Some(0.98)));
+        let verdict = Verdict::of(Gate::default(), Some(0.2), &blocks(None, Some(0.98)), &[]);
         assert!(!verdict.passed);
         assert!(verdict.sentence().contains("total deviation"), "{}", verdict.sentence());
     }
