@@ -17,7 +17,7 @@
 //! The registration is the one that the stages carried along (`bed_from_stack`), never fitted; it is checked
 //! against the planned geometry, and a job that is off by more than [`REGISTRATION_MM`] is refused.
 //!
-//! Not done here: PDF and DICOM output, 3-D views, outer skin and wall thickness, naming the kinds of print faults.
+//! Not done here: outer skin and wall thickness, naming the kinds of print faults.
 //!
 //! [`build`] is pure; [`write()`] is the only IO.
 
@@ -27,10 +27,12 @@ mod image;
 mod lumen;
 mod page;
 mod picture;
+mod plate;
 pub mod preview;
 pub mod record;
 mod stages;
 mod strokes;
+mod surface;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -172,6 +174,9 @@ pub enum Error {
     /// The page could not be rendered.
     #[error("the page of the report could not be rendered: {0}")]
     Page(#[from] minijinja::Error),
+    /// A picture of the page could not be encoded.
+    #[error("a picture of the report's page could not be encoded: {0}")]
+    Drawing(#[from] png::EncodingError),
     /// The figures could not be written as JSON.
     #[error("the figures of the report could not be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -333,6 +338,8 @@ pub struct Report {
     pub verdict: Verdict,
     /// One picture a CT plane.
     pub pictures: Vec<Picture>,
+    /// The lumen's surface with its deviation, for the page.
+    pub(crate) surface: surface::Surface,
 }
 
 impl Report {
