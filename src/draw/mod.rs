@@ -110,11 +110,22 @@ pub(crate) fn side_letter(v: Vector3, upper_lower: [&'static str; 2]) -> &'stati
 pub(crate) fn encode(canvas: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
     // Premultiplied colours are the colours.
     let rgb: Vec<u8> = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-    let mut bytes = Vec::with_capacity(rgb.len() / 2);
-    let mut encoder = png::Encoder::new(&mut bytes, canvas.width(), canvas.height());
-    encoder.set_color(png::ColorType::Rgb);
+    encode_bytes(&rgb, canvas.width() as usize, png::ColorType::Rgb)
+}
+
+/// Rows of pixels of `width`, each of as many bytes as the colour type has samples, as PNG.
+pub(crate) fn encode_bytes(
+    pixels: &[u8],
+    width: usize,
+    colour: png::ColorType,
+) -> Result<Vec<u8>, png::EncodingError> {
+    let height = pixels.len() / (width.max(1) * colour.samples());
+    let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    let mut bytes = Vec::with_capacity(pixels.len() / 2);
+    let mut encoder = png::Encoder::new(&mut bytes, side(width), side(height));
+    encoder.set_color(colour);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
-    encoder.write_header()?.write_image_data(&rgb)?;
+    encoder.write_header()?.write_image_data(pixels)?;
     Ok(bytes)
 }

@@ -83,6 +83,8 @@ pub struct PlaneMeasures {
     /// Least width between parallel lines, mm.
     #[serde(serialize_with = "rounded_value")]
     pub minimum_diameter_mm: f64,
+    /// Centre of its area in the stack frame, mm.
+    pub centre_xy_mm: [f64; 2],
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
@@ -209,7 +211,15 @@ fn measures(lumen: &Region, plane: usize, z_mm: f64) -> Option<PlaneMeasures> {
         lumen_area_mm2,
         equivalent_diameter_mm: 2.0 * (lumen_area_mm2 / std::f64::consts::PI).sqrt(),
         minimum_diameter_mm: lumen.least_width_mm(),
+        centre_xy_mm: centre(lumen),
     })
+}
+
+/// Centre of the area of a region that has one, to a micrometre.
+fn centre(region: &Region) -> [f64; 2] {
+    let weighed = region.contours.iter().filter(|c| !c.is_empty()).map(|c| (c.signed_area_mm2(), c.centroid()));
+    let (area, sum) = weighed.fold((0.0, [0.0; 2]), |(area, [x, y]), (a, c)| (area + a, [x + a * c.x, y + a * c.y]));
+    sum.map(|s| (s / area * 1e3).round() / 1e3)
 }
 
 /// A branch: one lumen a plane from `first` on.

@@ -240,6 +240,36 @@ impl<'a> Plane<'a> {
         }
     }
 
+    /// Columns and rows whose pixels lie in a box, and one more to each side.
+    pub(super) fn pixels_within(&self, min: Point2, size_mm: [f64; 2]) -> [std::ops::Range<usize>; 2] {
+        let range = |from_mm: f64, length_mm: f64, pixel_mm: f64, n: usize| {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image")]
+            let clamped = |x: f64| x.clamp(0.0, n as f64) as usize;
+            clamped((from_mm / pixel_mm - 0.5).floor())..clamped(((from_mm + length_mm) / pixel_mm).ceil() + 2.0)
+        };
+        let from = min - self.origin;
+        [
+            range(from.x, size_mm[0], self.pixel_mm[0], self.n_cols),
+            range(from.y, size_mm[1], self.pixel_mm[1], self.n_rows),
+        ]
+    }
+
+    /// Where a pixel begins, stack frame.
+    pub(super) fn pixel_corner(&self, col: usize, row: usize) -> Point2 {
+        let [dx, dy] = self.pixel_mm;
+        self.origin + Vector2::new((col as f64 - 0.5) * dx, (row as f64 - 0.5) * dy)
+    }
+
+    /// Distances of neighbouring columns and rows, mm.
+    pub(super) const fn pixel_mm(&self) -> [f64; 2] {
+        self.pixel_mm
+    }
+
+    /// A pixel's value.
+    pub(super) fn at(&self, col: usize, row: usize) -> f64 {
+        f64::from(self.hu[row * self.n_cols + col])
+    }
+
     pub(super) fn bilinear(&self, p: Point2) -> f64 {
         let x = (p.x - self.origin.x) / self.pixel_mm[0];
         let y = (p.y - self.origin.y) / self.pixel_mm[1];

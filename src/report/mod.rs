@@ -29,10 +29,12 @@ mod image;
 mod lumen;
 mod page;
 mod picture;
+mod plate;
 pub mod preview;
 pub mod record;
 mod stages;
 mod strokes;
+mod surface;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -175,6 +177,9 @@ pub enum Error {
     /// The page could not be rendered.
     #[error("the page of the report could not be rendered: {0}")]
     Page(#[from] minijinja::Error),
+    /// A picture of the page could not be encoded.
+    #[error("a picture of the report's page could not be encoded: {0}")]
+    Drawing(#[from] png::EncodingError),
     /// The figures could not be written as JSON.
     #[error("the figures of the report could not be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -351,6 +356,8 @@ pub struct Report {
     pub verdict: Verdict,
     /// One picture a CT plane.
     pub pictures: Vec<Picture>,
+    /// The lumen's surface with its deviation, for the page.
+    pub(crate) surface: surface::Surface,
 }
 
 impl Report {

@@ -1,12 +1,21 @@
-//! A report to its page: one HTML document without any reference to the network; the pictures lie beside it.
+//! A report to its page: one HTML document that holds everything it shows and refers to nothing outside.
 //!
-//! All text goes through the template engine's HTML escaping.
+//! The planes are vector graphics over the pixels of the CT, which need no script; the viewer takes them from there. All
+//! text goes through the template engine's HTML escaping.
 
-use super::{BodyKind, Figures, INTENDED_USE, Report, Stage, shown};
+use super::plate::{Grey, UNITS_PER_MM};
+use super::{BodyKind, Error, Figures, INTENDED_USE, Report, Stage, shown};
 use minijinja::{AutoEscape, Environment};
+use rayon::prelude::*;
 use serde::Serialize;
 
 mod chart;
+mod colour;
+mod embed;
+mod unrolled;
+
+/// Most bytes of all grey pictures together; beyond, they are shown with half as many pixels each way.
+const GREY_BYTES_MOST: usize = 7_000_000;
 
 /// How the figures came about: name and text.
 pub(super) const METHODS: [(&str, &str); 6] = [
@@ -38,6 +47,9 @@ pub(super) const METHODS: [(&str, &str); 6] = [
 
 #[derive(Serialize)]
 struct View {
+    style: &'static str,
+    viewer: &'static str,
+    model_view: &'static str,
     body_text: &'static str,
     has_ct: bool,
     n_planes: usize,
@@ -48,6 +60,11 @@ struct View {
     notes: Vec<crate::ct::Warning>,
     stages: Vec<StageRow>,
     charts: Vec<chart::Chart>,
+    window: Option<Window>,
+    model: Option<embed::Model>,
+    maps: Vec<unrolled::Map>,
+    most_mm: f64,
+    sides: [&'static str; 6],
     planes: Vec<PlaneView>,
     anatomy: Vec<AnatomyRow>,
     methods: Vec<Method>,
@@ -81,15 +98,76 @@ struct StageRow {
     area: String,
 }
 
+/// From the bytes of grey pictures to what is shown of them.
+#[derive(Serialize)]
+struct Window {
+    range_hu: [f64; 2],
+    window_hu: [f64; 2],
+    slope: f64,
+    intercept: f64,
+}
+
+impl Window {
+    fn of(grey: &Grey) -> Self {
+        let ([low, high], [black, white]) = (grey.range_hu, grey.window_hu);
+        let slope = (high - low) / (white - black);
+        Self {
+            range_hu: grey.range_hu,
+            window_hu: grey.window_hu,
+            slope,
+            intercept: (low - black) / (white - black),
+        }
+    }
+}
+
+/// A plane's lines as paths and its pixels as an address.
+#[derive(Serialize)]
+struct PlateView {
+    width: i32,
+    height: i32,
+    grey: Option<GreyView>,
+    material: String,
+    paths: String,
+    solid: String,
+    contours: String,
+    bar: Bar,
+}
+
+#[derive(Serialize)]
+struct GreyView {
+    address: String,
+    place: [f64; 4],
+}
+
+/// The bar that shows a length.
+#[derive(Serialize)]
+struct Bar {
+    x0: f64,
+    x1: f64,
+    y: f64,
+    text: String,
+    letter: f64,
+}
+
+impl Bar {
+    /// Of a round length, about a fifth of the picture.
+    fn of([width, height]: [i32; 2]) -> Self {
+        let most_mm = 0.25 * f64::from(width) / UNITS_PER_MM;
+        let mm = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0].into_iter().find(|l| *l <= most_mm).unwrap_or(1.0);
+        let letter = 0.04 * f64::from(width.max(height));
+        let x0 = 0.7 * letter;
+        let y = f64::from(height) - 0.7 * letter;
+        Self { x0, x1: x0 + mm * UNITS_PER_MM, y, text: format!("{mm} mm"), letter }
+    }
+}
+
 #[derive(Serialize)]
 struct PlaneView {
     plane: usize,
     z: String,
     layer: Option<String>,
-    file: String,
     alt: String,
-    width: u32,
-    height: u32,
+    plate: PlateView,
     figures: Vec<Labelled>,
     cells: Vec<String>,
 }
@@ -114,16 +192,23 @@ struct AnatomyRow {
 /// The page.
 ///
 /// # Errors
-/// Where the template cannot be rendered.
-pub fn html(report: &Report) -> Result<String, minijinja::Error> {
+/// [`Error::Page`] where the template cannot be rendered, [`Error::Drawing`] where a picture cannot be encoded.
+pub fn html(report: &Report) -> Result<String, Error> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     environment.add_template("index.html", include_str!("index.html"))?;
-    environment.get_template("index.html")?.render(minijinja::value::Serde(view(report)))
+    let view = minijinja::value::Serde(view(report)?);
+    Ok(environment.get_template("index.html")?.render(view)?)
 }
 
-fn view(report: &Report) -> View {
-    View {
+fn view(report: &Report) -> Result<View, png::EncodingError> {
+    let range = colour::Range::of(report.pictures.iter().flat_map(|p| &p.plate.ring));
+    let greys = greys(report)?;
+    let plates = report.pictures.iter().zip(greys);
+    Ok(View {
+        style: include_str!("page/style.css"),
+        viewer: include_str!("page/viewer.js"),
+        model_view: include_str!("page/model.js"),
         body_text: match report.body {
             BodyKind::Wall => "Hollow replica: a wall around the open lumen.",
             BodyKind::Cast => "Solid replica: a cast of the lumen.",
@@ -137,10 +222,48 @@ fn view(report: &Report) -> View {
         notes: report.notes.clone(),
         stages: Stage::ALL.into_iter().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
-        planes: report.pictures.iter().map(|p| plane_view(report, p)).collect(),
+        window: report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of),
+        model: embed::Model::of(&report.surface, range.most_mm),
+        maps: unrolled::maps(report, range)?,
+        most_mm: range.most_mm,
+        sides: report.pictures.first().map_or([""; 6], |p| p.plate.sides),
+        planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
         anatomy: anatomy_rows(report),
         methods: METHODS.map(|(name, text)| Method { name, text }).into(),
         intended_use: INTENDED_USE,
+    })
+}
+
+/// The grey pictures, as fine as the page may hold.
+fn greys(report: &Report) -> Result<Vec<Option<GreyView>>, png::EncodingError> {
+    let mut greys: Vec<Option<Grey>> = report.pictures.iter().map(|p| p.plate.grey.clone()).collect();
+    let views = loop {
+        let encode = |grey: &Option<Grey>| grey.as_ref().map(Grey::png).transpose();
+        let files: Vec<Option<Vec<u8>>> = greys.par_iter().map(encode).collect::<Result<_, _>>()?;
+        if files.iter().flatten().map(Vec::len).sum::<usize>() <= GREY_BYTES_MOST {
+            let view = |(grey, file): (&Option<Grey>, &Option<Vec<u8>>)| {
+                Some(GreyView {
+                    place: grey.as_ref()?.place.map(|v| (v * 100.0).round() / 100.0),
+                    address: embed::png(file.as_ref()?),
+                })
+            };
+            break greys.iter().zip(&files).map(view).collect();
+        }
+        greys.iter_mut().flatten().for_each(|grey| *grey = grey.halved());
+    };
+    Ok(views)
+}
+
+fn plate_view(plate: &super::plate::Plate, grey: Option<GreyView>) -> PlateView {
+    PlateView {
+        width: plate.size[0],
+        height: plate.size[1],
+        grey,
+        material: embed::path(&plate.material, true),
+        paths: embed::path(&plate.paths, false),
+        solid: embed::path(&plate.solid, true),
+        contours: embed::path(&plate.contours, true),
+        bar: Bar::of(plate.size),
     }
 }
 
@@ -209,7 +332,7 @@ const fn title(stage: Stage) -> &'static str {
     }
 }
 
-fn plane_view(report: &Report, picture: &super::Picture) -> PlaneView {
+fn plane_view(report: &Report, picture: &super::Picture, grey: Option<GreyView>) -> PlaneView {
     let k = picture.plane;
     let z_mm = report.plane_z_mm[k];
     let layer = report.layers.iter().find(|l| l.ct_plane == Some(k)).map(|l| l.layer.to_string());
@@ -237,10 +360,8 @@ fn plane_view(report: &Report, picture: &super::Picture) -> PlaneView {
         plane: k,
         z: format!("{z_mm:.2}"),
         layer,
-        file: picture.file_name(),
         alt: alt(k, z_mm, &total),
-        width: picture.size_px[0],
-        height: picture.size_px[1],
+        plate: plate_view(&picture.plate, grey),
         figures,
         cells,
     }

@@ -6,8 +6,10 @@
 //! Orientation letters follow the patient (R, L, A, P, H, F); the patient's right is on the left of a transaxial
 //! plane, as radiologists hold images.
 
+use super::deviation::{Outline, quantile};
 use super::image::Plane;
-use super::{Error, deviation::quantile};
+use super::plate::Plate;
+use super::Error;
 use crate::ct::Volume;
 use crate::draw::{self, Ink, add_polyline, px};
 use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};
@@ -37,6 +39,8 @@ pub struct Picture {
     pub size_px: [u32; 2],
     /// Pixels per millimetre.
     pub px_per_mm: f64,
+    /// Its parts, for pages.
+    pub(super) plate: Plate,
 }
 
 impl Picture {
@@ -55,6 +59,18 @@ pub(super) struct Frame {
     px_per_mm: f64,
 }
 
+impl Frame {
+    /// The corner with the least coordinates, stack frame.
+    pub(super) const fn min(&self) -> Point2 {
+        self.min
+    }
+
+    /// Width and height, mm.
+    pub(super) fn size_mm(&self) -> [f64; 2] {
+        self.size_px.map(|px| f64::from(px) / self.px_per_mm)
+    }
+}
+
 /// Everything around the vessel in all planes.
 pub(super) fn frame_of(boxes: impl Iterator<Item = Bounds2>) -> Frame {
     let fallback = Bounds2 { min: Point2::origin(), max: Point2::origin() };
@@ -69,8 +85,8 @@ pub(super) fn frame_of(boxes: impl Iterator<Item = Bounds2>) -> Frame {
 /// Grey values that are shown black and white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Window {
-    black_hu: f64,
-    white_hu: f64,
+    pub(super) black_hu: f64,
+    pub(super) white_hu: f64,
 }
 
 impl Window {
@@ -92,7 +108,7 @@ impl Window {
     }
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
-    fn grey(self, hu: f64) -> u8 {
+    pub(super) fn grey(self, hu: f64) -> u8 {
         let part = (hu - self.black_hu) / (self.white_hu - self.black_hu);
         (part * 255.0).round().clamp(0.0, 255.0) as u8
     }
@@ -111,6 +127,10 @@ pub(super) struct Scene<'a> {
     pub(super) centre_lines: Vec<Vec<Point2>>,
     pub(super) solid: &'a CrossSection,
     pub(super) contours: &'a [Contour],
+    /// The boundary that the deposited lumen is measured against.
+    pub(super) reference: Option<&'a Outline>,
+    /// The lumen that the deposited material leaves.
+    pub(super) deposited: Option<&'a Region>,
 }
 
 /// Draws and encodes.
@@ -138,7 +158,8 @@ pub(super) fn paint(scene: &Scene<'_>) -> Result<Picture, Error> {
     brush.scale_bar();
     brush.letters(scene);
     let png = draw::encode(&brush.canvas).map_err(|e| fail(&e.to_string()))?;
-    Ok(Picture { plane: scene.plane, png, size_px: scene.frame.size_px, px_per_mm: scene.frame.px_per_mm })
+    let Frame { size_px, px_per_mm, .. } = scene.frame;
+    Ok(Picture { plane: scene.plane, png, size_px, px_per_mm, plate: Plate::of(scene) })
 }
 
 struct Brush {

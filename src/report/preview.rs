@@ -45,6 +45,8 @@ pub fn of_contours(
             centre_lines: Vec::new(),
             solid: &none,
             contours: &own.contours,
+            reference: None,
+            deposited: None,
         })
     };
     sections.planes.par_iter().enumerate().map(picture).collect()

@@ -8,6 +8,7 @@ use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
 use super::strokes::{self, Stroke};
+use super::surface::Surface;
 use super::{
     Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
     Verdict,
@@ -55,6 +56,7 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         body: inputs.body,
         anatomy: branches.measure(&lumina),
         plane_z_mm: inputs.sections.plane_z_mm(),
+        surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes),
         verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings),
         findings,
@@ -464,6 +466,8 @@ fn pictures(
             centre_lines,
             solid: &work.section,
             contours: &inputs.sections.planes[k].contours,
+            reference: Some(work.image.as_ref().map_or(&work.contours, |i| &i.outline)),
+            deposited: work.recorded.as_ref().map(|o| &o.region),
         })
     });
     all.collect()

@@ -9,7 +9,7 @@ use crate::geom::{Contour, Point2, RigidTransform, Vector3};
 use crate::progress::{CancelToken, Task};
 use crate::slice::LayerSlot;
 
-fn inputs(case: &Case) -> Inputs<'_> {
+pub(super) fn inputs(case: &Case) -> Inputs<'_> {
     Inputs {
         image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
         sections: &case.sections,
