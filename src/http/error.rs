@@ -117,10 +117,13 @@ impl From<store::Error> for Problem {
             E::ReadOnly { .. } => unavailable("the queue can only be read: check the rights of its folder"),
             E::Locked { .. } => unavailable("another program keeps the queue locked: try again"),
             E::Io { .. } => unavailable("the queue cannot be read or written: look into the log of lumenfab"),
+            E::Server { .. } => {
+                unavailable("the server of the queue does not answer: look into the log of lumenfab")
+            }
             E::Gone => unavailable("the queue has been closed: start lumenfab again"),
             E::History(_) => damaged("the history of the queue was changed: look into the log of lumenfab"),
             E::Damaged { .. } => damaged("the queue is damaged: restore the last backup"),
-            E::NotADatabase { .. } | E::Foreign { .. } | E::Newer { .. } | E::NoWal { .. } => {
+            E::NotADatabase { .. } | E::Foreign { .. } | E::Newer { .. } | E::NoWal { .. } | E::Address => {
                 damaged("the queue cannot be used: look into the log of lumenfab")
             }
         }

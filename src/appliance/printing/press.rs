@@ -5,7 +5,7 @@ use crate::printer::control::Controls;
 use crate::printer::driver::{PrintEvent, Printed};
 use crate::printer::paper::Paper;
 use crate::printer::serial::{self, SerialLink};
-use crate::printer::sim::{self, Machine, Options};
+use crate::printer::sim::{self, Options};
 use crate::printer::{Error, driver, job::Job, paper};
 use crate::profile::Profile;
 use crate::progress::CancelToken;
@@ -91,7 +91,7 @@ impl Machine {
         Options {
             program: self.program.clone(),
             leading_args: vec!["hil-sim".into()],
-            machine: Machine::of(&self.profile, &self.profile_name),
+            machine: sim::Machine::of(&self.profile, &self.profile_name),
             record_dir: Some(job.with_file_name("record")),
             speed: Some(speed.to_owned()),
             ..Options::default()

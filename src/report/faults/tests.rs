@@ -429,7 +429,7 @@ fn planes_in_a_wrong_order_are_found_in_contours_and_in_images() {
     assert!(found.is_some_and(|f| f.text.contains("reverse")), "{}", told(&report_of_reversed));
 }
 
-fn reordered(volume: &crate::ct::Volume, from: impl Fn(usize) -> usize) -> Voxels {
+fn reordered(volume: &Volume, from: impl Fn(usize) -> usize) -> Voxels {
     let n = volume.dims[0] * volume.dims[1];
     let hu: Vec<f32> = (0..volume.dims[2]).flat_map(|k| volume.plane(from(k)).into_owned()).collect();
     Voxels::new(&hu, n)

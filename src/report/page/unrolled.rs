@@ -146,12 +146,7 @@ const fn around([left, right, top, bottom, ..]: [&'static str; 6]) -> [&'static 
     [right, bottom, left, top, right]
 }
 
-fn picture(
-    strips: &[Strip],
-    rows: &[Row],
-    height: f64,
-    range: Range,
-) -> Result<Vec<u8>, png::EncodingError> {
+fn picture(strips: &[Strip], rows: &[Row], height: f64, range: Range) -> Result<Vec<u8>, png::EncodingError> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few hundred")]
     let n_rows = height as usize;
     let mut pixels = Vec::with_capacity(n_rows * N_ANGLES * 3);
