@@ -5,7 +5,7 @@
 
 use lumenfab::printer::driver::{self, PrintEvent, Printed};
 use lumenfab::printer::job::Job;
-use lumenfab::printer::sim::{Options, Simulator};
+use lumenfab::printer::sim::{Machine, Options, Simulator};
 use lumenfab::printer::{Error, serial};
 use lumenfab::profile::{self, Profile};
 use lumenfab::progress::CancelToken;
@@ -75,7 +75,7 @@ impl Case {
         let options = Options {
             program: std::env::current_exe().unwrap(),
             leading_args: ["simulator_process", "--exact", "--nocapture", "--"].map(Into::into).to_vec(),
-            profile: self.profile.to_owned(),
+            machine: Machine::Known(self.profile.to_owned()),
             record_dir: Some(record.path().to_owned()),
             faults: self.faults.clone(),
             baud: self.baud,
@@ -145,7 +145,7 @@ async fn every_firmware_is_known_by_its_answer() {
         let options = Options {
             program: std::env::current_exe().unwrap(),
             leading_args: ["simulator_process", "--exact", "--nocapture", "--"].map(Into::into).to_vec(),
-            profile: profile.to_owned(),
+            machine: Machine::Known(profile.to_owned()),
             ..Options::default()
         };
         let simulator = Simulator::start(&options).await.unwrap();
