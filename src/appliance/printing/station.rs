@@ -37,7 +37,7 @@ const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 /// # Errors
 /// Where its profile cannot be used.
 pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> Result<Machine, ServerError> {
-    let failed = |source| ServerError::Profile { printer: config.name.to_string(), source };
+    let failed = |source| ServerError::Profile { printer: config.name.to_string(), source: Box::new(source) };
     let profile = profile::load::by_name(&config.profile).map_err(failed)?;
     Ok(Machine {
         profile: Arc::new(profile),
