@@ -9,6 +9,7 @@ use lumenfab::http::wire::{Added, Anew, BedClear, BedView, JobView, Turn, Wishes
 use lumenfab::profile;
 use lumenfab::queue::{JobId, Name, Reason, State, Subject};
 use lumenfab::store::{Sqlite, Store, Which};
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
@@ -183,14 +184,12 @@ async fn check(bench: &mut Bench, ids: &[JobId]) -> (usize, usize) {
 
 async fn dies(n_deaths: usize, n_jobs: usize, seed: u64) {
     let mut bench = Bench::new(seed).await;
-    let ids: Vec<_> = (0..n_jobs)
-        .map(|n| {
-            JobId::at(
-                jiff::Timestamp::UNIX_EPOCH,
-                [u8::try_from(n % 256).unwrap(), u8::try_from(n / 256).unwrap(), 0, 0, 0, 0, 0, 0, 0, 1],
-            )
-        })
-        .collect();
+    let id = |n: usize| {
+        let [.., a, b] = n.to_be_bytes();
+        JobId::at(jiff::Timestamp::UNIX_EPOCH, [0, 0, 0, 0, 0, 0, 0, 0, a, b])
+    };
+    let ids: Vec<_> = (0..n_jobs).map(id).collect();
+    assert_eq!(ids.iter().collect::<BTreeSet<_>>().len(), n_jobs);
     let mut n_killed = 0;
     while n_killed < n_deaths {
         let mut server = bench.server();

@@ -27,7 +27,7 @@ pub enum Error {
         /// The printer.
         printer: String,
         /// Why.
-        source: profile::Error,
+        source: Box<profile::Error>,
     },
     /// A file or directory.
     #[error("{}: {source}: check its rights and the disk", path.display())]

@@ -172,10 +172,18 @@ impl Place {
     /// # Errors
     /// [`Error::Io`].
     pub fn touch(&self) -> Result<(), Error> {
-        let path = self.layout.alive();
         // What is in it does not matter; that it was written does.
-        std::fs::write(&path, std::process::id().to_string()).map_err(failed(&path))
+        write(&self.layout.alive(), std::process::id().to_string().as_bytes())
     }
+}
+
+/// Writes a small file that is its owner's alone. Not atomic: whoever reads it can do without.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let file = File::options().create(true).truncate(true).write(true).mode(FILE_MODE).open(path);
+    file.and_then(|mut file| io::Write::write_all(&mut file, bytes)).map_err(failed(path))
 }
 
 /// Makes a directory that is its owner's alone, and those above it.

@@ -22,8 +22,6 @@ use tokio::io::AsyncReadExt;
 use tokio::process::Command;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-/// What the G-code tells, beside it.
-pub(super) const SURVEY_FILE: &str = "survey.json";
 /// How often a worker looks for a job.
 const LOOK: Duration = Duration::from_millis(500);
 /// How often the queue is told that a worker lives.
@@ -104,8 +102,11 @@ impl<S: Store> Worker<S> {
             Ok(made) => (Change::Prepared(made), String::new()),
             Err(why) => (Change::Fail { used_mm3: Some(0) }, why),
         };
-        tracing::info!(worker = %self.name, job = %job.id, end = %change.kind(), "prepare: {why}");
+        tracing::info!(worker = %self.name, job = %job.id, end = %change.kind(), why, "prepare: ended");
         self.kit.counters.count_prepared(change.kind());
+        if matches!(change, Change::Fail { .. }) {
+            self.kit.news.tell("not-prepared", None, Some(job.id), &why);
+        }
         settled(self.kit.insist(&claim, change, None, &why).await)
     }
 
@@ -129,7 +130,7 @@ impl<S: Store> Worker<S> {
                 self.case(&case, &gcode).await?;
             }
         }
-        let (sum, survey) = examined(gcode, dir.join(SURVEY_FILE)).await?;
+        let (sum, survey) = examined(gcode).await?;
         if spec.kind() == SpecKind::Gcode && file.bytes.is_some_and(|known| known.blake3 != sum) {
             return Err("its file is not what was sent: it was changed on the disk".to_owned());
         }
@@ -285,14 +286,9 @@ fn take_over(source: &Path, gcode: &Path) -> io::Result<()> {
     std::fs::rename(part, gcode)
 }
 
-/// Sum and survey of a job's G-code; the survey is kept beside it.
-async fn examined(gcode: PathBuf, survey_path: PathBuf) -> Result<(Digest, Survey), Why> {
-    let work = move || {
-        let (sum, survey) = examine(&gcode)?;
-        std::fs::write(survey_path, serde_json::to_vec(&survey)?)?;
-        Ok((sum, survey))
-    };
-    let done: Result<io::Result<_>, _> = tokio::task::spawn_blocking(work).await;
+/// Sum and survey of a job's G-code, on another thread.
+async fn examined(gcode: PathBuf) -> Result<(Digest, Survey), Why> {
+    let done = tokio::task::spawn_blocking(move || examine(&gcode)).await;
     done.map_err(|_panicked| "its G-code cannot be read".to_owned())?.map_err(|error| lost_file(&error))
 }
 

@@ -4,7 +4,6 @@
 //! exactly, time as the moves at their feedrates with nothing for accelerations, and so too little.
 
 use crate::gcode::{profile_in_head, reader};
-use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_PI_4;
 use std::io::{self, BufRead};
 
@@ -16,8 +15,7 @@ const HEAD_LINES: usize = 16;
 const LAYER: [&str; 3] = ["LAYER:", "LAYER_CHANGE", " layer "];
 
 /// What a job tells.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Survey {
     /// Commands.
     pub(super) n_commands: u64,

@@ -459,6 +459,28 @@ async fn a_bed_that_nobody_has_watched_is_doubted() {
     printer.end();
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn no_other_program_gets_the_port_and_one_that_has_it_makes_the_bed_doubtful() {
+    let dir = tempfile::tempdir().unwrap();
+    let printer = Simulator::start(dir.path(), Speed::Max).await;
+    let port = dir.path().join("port").display().to_string();
+    let other = || tokio_serial::SerialStream::open(&tokio_serial::new(&port, 115_200));
+    let site = Site::open(dir, "").await;
+    site.clear().await;
+    until("the server to take the port", async || other().is_err()).await;
+    let dir = site.end(OnStop::Finish).await;
+    let taken = other().unwrap();
+    let site = Site::open(dir, "").await;
+    let bed = async || site.client.printer(&name("left")).await.unwrap().bed;
+    until("the doubt", async || bed().await == BedView::Unknown).await;
+    assert!(site.says().await.1.contains("in use by another program"), "{:?}", site.says().await);
+    drop(taken);
+    until("the port", async || site.says().await.0 == Activity::Idle).await;
+    assert_eq!(bed().await, BedView::Unknown, "somebody has to look");
+    let _dir = site.end(OnStop::Finish).await;
+    printer.end();
+}
+
 /// A program that stands in for this one when it is asked to slice.
 fn slicer(dir: &Path, script: &str) -> PathBuf {
     let path = dir.join("slicer");

@@ -82,13 +82,16 @@ impl<'a, S: Store> Attended<'a, S> {
         let facts = match self.press.end().await {
             Ended::With(result) => self.facts(&result),
             Ended::Panicked => {
-                self.facts_of(Manner::Failed, "its thread has ended: this is a fault of lumenfab".to_owned())
+                self.held.may_be_hot = true;
+                let said = "its thread has ended: this is a fault of lumenfab".to_owned();
+                self.facts_of(Manner::Failed, said)
             }
         };
         Some(outcome::outcome(facts))
     }
 
     fn facts(&mut self, result: &Result<Printed, Error>) -> Facts {
+        self.held.may_be_hot = result.as_ref().is_err_and(may_be_hot);
         match result {
             Ok(_) => self.facts_of(Manner::Finished, String::new()),
             Err(error) => {
@@ -280,6 +283,19 @@ impl<'a, S: Store> Attended<'a, S> {
             Some(OnStop::Park) => self.press.controls.ask(Control::Pause),
             Some(OnStop::Cancel) => self.stop(Cause::Stopping),
         }
+    }
+}
+
+/// Whether an error leaves open that the heaters are on.
+fn may_be_hot(error: &Error) -> bool {
+    match error {
+        Error::Cancelled { heat } | Error::Fault { heat, .. } | Error::Refused { heat, .. } => {
+            !heat.is_safe()
+        }
+        Error::JobLost(lost) => !lost.heat.is_safe(),
+        // Nothing was sent.
+        Error::Job(_) | Error::Open { .. } | Error::Left { .. } | Error::NeedsConsent { .. } => false,
+        _ => true,
     }
 }
 

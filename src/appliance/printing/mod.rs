@@ -41,6 +41,8 @@ struct Held {
     is_paused: bool,
     /// The printer could go on, but not exactly, and somebody has been told so.
     needs_consent: bool,
+    /// Its last print has ended, and nobody knows that the heaters are off.
+    may_be_hot: bool,
     print_s: u32,
     n_first_layer: Option<u64>,
 }

@@ -3,6 +3,7 @@
 use crate::appliance::config::Port;
 use crate::printer::control::Controls;
 use crate::printer::driver::{PrintEvent, Printed};
+use crate::printer::link::Link;
 use crate::printer::paper::Paper;
 use crate::printer::serial::{self, SerialLink};
 use crate::printer::sim::{self, Options};
@@ -12,6 +13,7 @@ use crate::progress::CancelToken;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::{Mutex, OwnedMutexGuard, mpsc, oneshot};
+use tokio_serial::SerialStream;
 
 /// Events on their way.
 const EVENT_QUEUE: usize = 256;
@@ -118,6 +120,11 @@ impl Machine {
     pub(super) async fn open(&self) -> Result<SerialLink, Error> {
         let firmware = paper::undisturbed(&self.profile);
         serial::open(Path::new(self.path()), &firmware, self.baud).await
+    }
+
+    /// The same, open.
+    pub(super) async fn stream(&self) -> Result<SerialStream, Error> {
+        self.open().await?.open().await
     }
 
     fn path(&self) -> &str {

@@ -15,8 +15,9 @@ use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
 use crate::printer::driver::PrintEvent;
 use crate::printer::laying::may_lay;
-use crate::printer::{Error, ask};
+use crate::printer::{Error, PortProblem, ask};
 use crate::profile;
+use crate::queue::state::Kind;
 use crate::queue::{Bed, By, Change, Claimant, Evidence, Job, JobId, Loaded, Name, Refusal, Said, Who};
 use crate::store::{self, Claimed, Store};
 use std::path::{Path, PathBuf};
@@ -24,6 +25,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::{Instant, sleep, sleep_until};
+use tokio_serial::SerialStream;
 
 /// How often a printer looks for a job.
 const LOOK: Duration = Duration::from_millis(500);
@@ -35,7 +37,7 @@ const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 /// # Errors
 /// Where its profile cannot be used.
 pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> Result<Machine, ServerError> {
-    let failed = |source| ServerError::Profile { printer: config.name.to_string(), source };
+    let failed = |source| ServerError::Profile { printer: config.name.to_string(), source: Box::new(source) };
     let profile = profile::load::by_name(&config.profile).map_err(failed)?;
     Ok(Machine {
         profile: Arc::new(profile),
@@ -58,6 +60,8 @@ pub(in crate::appliance) struct Station<S> {
     halted: Option<String>,
     /// When it may look again, and how long it rests then.
     rests: Option<(Instant, Duration)>,
+    /// The port, while nobody speaks to the printer: no other program gets it behind the queue's back.
+    port: Option<SerialStream>,
     /// When heaters that somebody's commands have left on are switched off.
     hot_until: Option<Instant>,
 }
@@ -76,7 +80,7 @@ impl<S: Store> Station<S> {
         let live = idle(config.name.clone(), machine.port_name(), config.clearing);
         let board = Board::new(live, lives);
         let wishes = wishes.lock_owned().await;
-        Self { config, machine, kit, board, wishes, halted: None, rests: None, hot_until: None }
+        Self { config, machine, kit, board, wishes, halted: None, rests: None, port: None, hot_until: None }
     }
 
     pub(super) const fn name(&self) -> &Name {
@@ -195,7 +199,7 @@ impl<S: Store> Station<S> {
             self.switch_off().await;
         }
         for claimed in adopted {
-            let held = self.held(&claimed).await;
+            let held = self.held(&claimed);
             let told = if self.machine.is_simulated() { Told::Nothing } else { journal_of(&held.gcode) };
             match told {
                 _ if !claimed.job.is_laid => {
@@ -222,19 +226,17 @@ impl<S: Store> Station<S> {
         Ok(())
     }
 
-    async fn held(&self, claimed: &Claimed) -> Held {
+    fn held(&self, claimed: &Claimed) -> Held {
         let Claimed { job, claim } = claimed;
-        let dir = self.kit.layout.job(job.id);
-        let survey = tokio::fs::read(dir.join(crate::appliance::preparing::SURVEY_FILE)).await;
-        let survey: Option<Survey> = survey.ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
         Held {
             claim: claim.clone(),
             gcode: self.kit.layout.gcode(job.id),
             is_laid: job.is_laid,
             is_paused: job.state == crate::queue::State::Paused,
             needs_consent: false,
+            may_be_hot: false,
             print_s: job.estimate().map_or(0, |estimate| estimate.print_s),
-            n_first_layer: survey.and_then(|survey| survey.n_first_layer),
+            n_first_layer: None,
         }
     }
 
@@ -247,7 +249,12 @@ impl<S: Store> Station<S> {
             self.board.set(Activity::Offline, Some("there is nothing at its port".to_owned()));
             return Ok(None);
         }
-        self.board.set(Activity::Idle, None);
+        if !self.has_port().await {
+            return Ok(None);
+        }
+        if self.board.activity() != Activity::Idle {
+            self.board.set(Activity::Idle, None);
+        }
         let is_ready =
             self.find().await.is_ok_and(|found| found.is_some_and(|printer| printer.bed == Bed::Clear));
         if !is_ready {
@@ -263,12 +270,40 @@ impl<S: Store> Station<S> {
         }
     }
 
+    /// Keeps the port from other programs. One that has it may lay something: the bed is not known any more.
+    async fn has_port(&mut self) -> bool {
+        if self.port.is_some() || self.machine.is_simulated() {
+            return true;
+        }
+        let problem = match self.machine.stream().await {
+            Ok(stream) => {
+                self.port = Some(stream);
+                return true;
+            }
+            Err(Error::Open { problem, .. }) => problem,
+            Err(_) => return false,
+        };
+        let says = format!("its port {problem}");
+        if self.board.activity() != Activity::Offline {
+            self.tell("port-not-opened", None, &says);
+        }
+        let is_clear =
+            self.find().await.is_ok_and(|found| found.is_some_and(|printer| printer.bed == Bed::Clear));
+        if is_clear && matches!(problem, PortProblem::Busy(_)) {
+            let doubted = self.say(Said::BedInDoubt, "another program had its port").await;
+            doubted.unwrap_or_else(|error| tracing::error!(printer = %self.name(), "bed: {error}"));
+        }
+        self.board.set(Activity::Offline, Some(says));
+        false
+    }
+
     async fn print(&mut self, claimed: Claimed) -> Result<(), store::Error> {
         self.kit.events.look();
-        let mut held = self.held(&claimed).await;
+        let mut held = self.held(&claimed);
         tracing::info!(printer = %self.name(), job = %held.claim.job, "print: begins");
-        if let Err(why) = self.check(&claimed.job, &held).await {
-            return self.settle(&held, Change::Fail { used_mm3: Some(0) }, None, &why).await;
+        match self.check(&claimed.job, &held).await {
+            Ok(survey) => held.n_first_layer = survey.n_first_layer,
+            Err(why) => return self.settle(&held, Change::Fail { used_mm3: Some(0) }, None, &why).await,
         }
         let work = Work::Print(held.gcode.clone());
         match self.attempt(&mut held, work).await {
@@ -278,7 +313,7 @@ impl<S: Store> Station<S> {
     }
 
     /// That what is to be printed is what was prepared, and within the limits.
-    async fn check(&self, job: &Job, held: &Held) -> Result<(), String> {
+    async fn check(&self, job: &Job, held: &Held) -> Result<Survey, String> {
         let (gcode, limits) = (held.gcode.clone(), self.config.limits);
         let found = tokio::task::spawn_blocking(move || crate::appliance::preparing::examine(&gcode)).await;
         let found = found.map_err(|_panicked| "the job's G-code cannot be read".to_owned())?;
@@ -298,17 +333,23 @@ impl<S: Store> Station<S> {
             let (found, most) = (hours(survey.print_s), hours(limits.longest.as_secs_f64()));
             return Err(format!("it takes {found:.1} h; {most:.1} h are allowed without anybody near"));
         }
-        Ok(())
+        Ok(survey)
     }
 
     /// Prints, or goes on; `None`: it is left paused for the next server.
     pub(super) async fn attempt(&mut self, held: &mut Held, work: Work) -> Option<Outcome> {
+        self.port = None;
         let press = match Press::start(&self.machine, work, !held.is_laid).await {
             Ok(press) => press,
             Err(error) => return Some(no_thread(held, &error)),
         };
         self.board.begin(self.kit.now(), held.print_s);
-        Attended::new(self, held, press).outcome().await
+        let outcome = Attended::new(self, held, press).outcome().await;
+        let is_left_warm = matches!(outcome, None | Some(Outcome::Waits(_)));
+        if held.may_be_hot && !is_left_warm {
+            self.switch_off().await;
+        }
+        outcome
     }
 
     /// What follows from a print that has ended, until nothing is left to do for it.
@@ -350,13 +391,21 @@ impl<S: Store> Station<S> {
         why: &str,
     ) -> Result<(), store::Error> {
         let (job, kind) = (held.claim.job, change.kind());
-        tracing::info!(printer = %self.name(), %job, end = %kind, "print: {why}");
+        tracing::info!(printer = %self.name(), %job, end = %kind, why, "print: ended");
         if held.is_paused && matches!(change, Change::Printed { .. }) {
             self.kit.insist(&held.claim, Change::GoOn, None, "").await.map_or_else(refused, |_| Ok(()))?;
         }
         let is_given_back = matches!(change, Change::GiveBack { .. });
         self.kit.insist(&held.claim, change, by, why).await.map_or_else(refused, |_| Ok(()))?;
         self.kit.counters.count_print(kind);
+        match kind {
+            Kind::Printed => {
+                self.tell("printed", Some(job), "a copy is printed: take it off the bed and say so")
+            }
+            Kind::Fail => self.tell("failed", Some(job), why),
+            Kind::Cancel => self.tell("cancelled", Some(job), why),
+            _ => {}
+        }
         if !is_given_back {
             self.board.end(Activity::Idle, None);
             return self.clear_bed(held, kind).await;
@@ -379,9 +428,9 @@ impl<S: Store> Station<S> {
         }
     }
 
-    async fn clear_bed(&mut self, held: &Held, end: crate::queue::state::Kind) -> Result<(), store::Error> {
+    async fn clear_bed(&mut self, held: &Held, end: Kind) -> Result<(), store::Error> {
         let job = held.claim.job;
-        if end != crate::queue::state::Kind::Printed {
+        if end != Kind::Printed {
             return Ok(());
         }
         self.rests = None;
@@ -419,6 +468,7 @@ impl<S: Store> Station<S> {
             Wish::Disconnect => {
                 let why = "taken off by an operator: connect it again".to_owned();
                 self.board.set(Activity::Offline, Some(why.clone()));
+                self.port = None;
                 self.halted = Some(why);
                 Ok(())
             }
@@ -450,6 +500,7 @@ impl<S: Store> Station<S> {
 
     /// Does what somebody has asked for at a printer that is not printing.
     async fn command(&mut self, lines: Vec<String>) {
+        self.port = None;
         let mut press = match Press::start(&self.machine, Work::Commands(lines.join("\n")), false).await {
             Ok(press) => press,
             Err(error) => return tracing::error!(printer = %self.name(), "commands: {error}"),
@@ -472,7 +523,7 @@ impl<S: Store> Station<S> {
 
     /// Switches heaters off that nobody owns.
     pub(super) async fn switch_off(&mut self) {
-        self.hot_until = None;
+        (self.hot_until, self.port) = (None, None);
         if self.machine.is_simulated() || !self.machine.is_there() {
             return;
         }
