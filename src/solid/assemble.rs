@@ -288,12 +288,17 @@ impl Strands {
     }
 }
 
+/// What was swept, and between which heights w.
+type Placed = (Swept, [f64; 2]);
+
 /// An event seen along w.
 struct Event {
     upward: bool,
     lower: Vec<usize>,
     upper: Vec<usize>,
     swept: Swept,
+    /// Heights w between which there are the event's own sections only: of planes left out there are none.
+    between: Option<[f64; 2]>,
     /// How near to a slab computed sections are left out, mm.
     clearance_mm: f64,
 }
@@ -313,18 +318,21 @@ impl Event {
             && let Some(creased) = recipe.crease(&planes, upward, layout.floor(*parent, upward))
         {
             let (swept, clearance_mm) = creased.swept();
-            return Ok(Self { upward, lower, upper, swept, clearance_mm });
+            return Ok(Self { upward, lower, upper, swept, between: None, clearance_mm });
         }
         let try_on = |source: Option<Box<dyn EventSource + '_>>, planes: EventPlanes| {
             let source = source.ok_or(EventFault::NoApex)?;
             let planes = if recipe.is_measured() { planes } else { with_room(&*source, planes) };
             let outer = outer_heights(layout, [&lower, &upper], &planes, upward);
-            sweep(&*source, &interval(&planes, outer, upward))
+            let interval = interval(&planes, outer, upward);
+            sweep(&*source, &interval).map(|swept| (swept, interval.w))
         };
         let first = try_on(recipe.source(&planes, sign), planes.clone());
         let swept = better(first, || try_on(Some(recipe.second_source(&planes)?), planes).ok());
-        let swept = swept.map_err(fault)?;
-        Ok(Self { upward, lower, upper, swept, clearance_mm: 0.0 })
+        let (swept, between) = swept.map_err(fault)?;
+        // Measured sections stay, whatever the event says.
+        let between = (!recipe.is_measured()).then_some(between);
+        Ok(Self { upward, lower, upper, swept, between, clearance_mm: 0.0 })
     }
 
     /// Adds slabs and sections to the branches.
@@ -335,6 +343,12 @@ impl Event {
             strands.join(branch, parts[part]);
         }
         let sign = if self.upward { 1.0 } else { -1.0 };
+        if let Some([low, high]) = self.between {
+            let is_inside = |z: f64| low < sign * z && sign * z < high;
+            for &branch in self.lower.iter().chain(&self.upper) {
+                strands.get(branch).sections.retain(|(z, _)| !is_inside(*z));
+            }
+        }
         let room = self.clearance_mm;
         for joint in self.swept.joints.iter().filter(|_| room > 0.0) {
             let [waist, top] = joint.slab.w_mm;
@@ -371,13 +385,13 @@ impl Event {
 /// The first event if it is sound; else the second one if there is one, and if the first is no event at all or the second is
 /// sound.
 fn better(
-    first: Result<Swept, EventFault>,
-    second: impl FnOnce() -> Option<Swept>,
-) -> Result<Swept, EventFault> {
-    if first.as_ref().is_ok_and(is_sound) {
+    first: Result<Placed, EventFault>,
+    second: impl FnOnce() -> Option<Placed>,
+) -> Result<Placed, EventFault> {
+    if first.as_ref().is_ok_and(|(swept, _)| is_sound(swept)) {
         return first;
     }
-    second().filter(|swept| first.is_err() || is_sound(swept)).map_or(first, Ok)
+    second().filter(|(swept, _)| first.is_err() || is_sound(swept)).map_or(first, Ok)
 }
 
 fn interval(planes: &EventPlanes, [below, above]: [Onward; 2], upward: bool) -> Interval<'_> {

@@ -76,7 +76,7 @@ fn index(plane: &Plane) -> Option<SegmentIndex> {
 }
 
 /// The bounds of a source's own grids are wider than its frame; beyond them all is outside.
-fn beyond(bounds: Bounds2, p: Point2) -> Jet {
+pub(super) fn beyond(bounds: Bounds2, p: Point2) -> Jet {
     let inside = Point2::from(p.coords.sup(&bounds.min.coords).inf(&bounds.max.coords));
     let away = p - inside;
     Jet {

@@ -88,7 +88,7 @@ impl SmoothGrid {
 }
 
 /// The four cubic basis functions at fraction t of a cell, and their derivatives.
-fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
+pub(super) fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     let values = [

@@ -17,7 +17,7 @@ pub(super) const SECTION_POINTS: usize = 256;
 const MOST_POINTS: usize = 4096;
 /// How far a section may leave the closed spline through its contour, mm; and with more than an ample number of points.
 const TOLERANCE_MM: f64 = 3e-4;
-const LOOSE_TOLERANCE_MM: f64 = 8e-4;
+const LOOSE_TOLERANCE_MM: f64 = 6e-4;
 const AMPLE_POINTS: usize = 1024;
 /// How often points are set anew.
 const ROUNDS: usize = 12;

@@ -16,7 +16,7 @@ use lumenfab::mesh::{SkinChoice, Tessellation, TriMesh, fit_for_files, parted};
 use lumenfab::progress::Task;
 use lumenfab::sections::format::to_json;
 use lumenfab::sections::{PlaneSections, SectionStack};
-use lumenfab::solid::{Body, Params, Sectioned, Solid, build};
+use lumenfab::solid::{Body, Built, Params, Sectioned, Solid, build};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::{RngSeed, TestRunner};
@@ -147,14 +147,20 @@ fn stack_of(case: &Case) -> SectionStack {
     SectionStack { planes, patient_from_stack: RigidTransform::identity() }
 }
 
-/// Every given contour lies on the solid's section at its plane, which has as many contours.
-fn check_interpolation(stack: &SectionStack, solid: &Solid) -> Result<(), TestCaseError> {
-    for plane in &stack.planes {
+/// Every given contour lies on the solid's section at its plane, which has as many contours: all but holes of one plane
+/// alone, of which it is told that they were filled.
+fn check_interpolation(stack: &SectionStack, built: &Built) -> Result<(), TestCaseError> {
+    let solid = &built.solid;
+    for (k, plane) in stack.planes.iter().enumerate() {
+        let place = format!("plane {k} (");
+        let is_filled =
+            built.warnings.iter().any(|w| w.code == "topology.hole_filled" && w.text.starts_with(&place));
+        let given: Vec<&Contour> = plane.contours.iter().filter(|c| c.is_ccw() || !is_filled).collect();
         let cut = solid.section(plane.z_mm, 1e-4);
         let lumen = if solid.outer.is_some() { cut.lumen } else { cut.outer };
-        prop_assert_eq!(lumen.contours.len(), plane.contours.len(), "contours at z {}", plane.z_mm);
+        prop_assert_eq!(lumen.contours.len(), given.len(), "contours at z {}", plane.z_mm);
         let index = SegmentIndex::try_new(&lumen.contours).expect("a plane has contours");
-        for p in plane.contours.iter().flat_map(|c| &c.points) {
+        for p in given.iter().flat_map(|c| &c.points) {
             let distance_mm = index.nearest(*p).distance_mm;
             prop_assert!(distance_mm < 1e-3, "{} mm off at z {}", distance_mm, plane.z_mm);
         }
@@ -170,11 +176,11 @@ enum Outcome {
     Refused(String),
 }
 
-fn solid_of(case: &Case, stack: &SectionStack) -> Result<Solid, String> {
+fn solid_of(case: &Case, stack: &SectionStack) -> Result<Built, String> {
     let body = if case.wall { Body::Wall { wall_mm: 1.0 } } else { Body::Cast };
-    let solid = build(stack, &Params::new(body), &Task::quiet()).map_err(|e| e.to_string())?.solid;
-    brep::check(&Brep::of(&solid, SkinChoice::All)).map_err(|e| e.to_string())?;
-    Ok(solid)
+    let built = build(stack, &Params::new(body), &Task::quiet()).map_err(|e| e.to_string())?;
+    brep::check(&Brep::of(&built.solid, SkinChoice::All)).map_err(|e| e.to_string())?;
+    Ok(built)
 }
 
 /// A mesh as a file holds it: closed, and meeting itself nowhere. Where it does not keep the deflection `export` says so
@@ -189,8 +195,8 @@ fn mesh_of(solid: &Solid) -> Result<TriMesh, String> {
 /// refused, naming the plane.
 fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
     let stack = stack_of(case);
-    let solid = match solid_of(case, &stack) {
-        Ok(solid) => solid,
+    let built = match solid_of(case, &stack) {
+        Ok(built) => built,
         Err(message) if case.contradiction.is_none() => return Ok(Outcome::Refused(message)),
         Err(message) => {
             let place = case.place(&stack);
@@ -199,8 +205,8 @@ fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
         }
     };
     prop_assert!(case.contradiction.is_none(), "{:?} was not noticed", case.contradiction);
-    check_interpolation(&stack, &solid)?;
-    Ok(mesh_of(&solid).map_or_else(Outcome::Refused, |mesh| {
+    check_interpolation(&stack, &built)?;
+    Ok(mesh_of(&built.solid).map_or_else(Outcome::Refused, |mesh| {
         assert!(mesh.volume_mm3() > 0.0);
         Outcome::Valid
     }))
@@ -222,9 +228,9 @@ fn trees() -> std::ops::Range<u32> {
     part.unwrap_or_else(|| 0..asked.parse().unwrap_or(40))
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99; 38 of the sample of 40 do (all of the first 40
-/// that are drawn without a seed). What is still refused are outer skins of loops, whose wall closes over what is between.
-const LEAST_VALID_PERCENT: usize = 95;
+/// How many of a hundred trees must become valid solids. The aim is 99; all of the sample of 40 do (without a seed). What is
+/// still refused are mostly branches that lie side by side for long before they part, and outer skins of loops.
+const LEAST_VALID_PERCENT: usize = 98;
 
 /// Draws always the same trees, or those of the seed that `PROPTEST_RNG_SEED` names.
 fn runner(config: ProptestConfig) -> TestRunner {
@@ -257,7 +263,10 @@ fn trees_become_valid_solids_or_are_refused_by_name() {
         if i < asked.start {
             continue;
         }
-        if let Outcome::Refused(message) = tried(&case).unwrap_or_else(|e| panic!("tree {i}: {e}")) {
+        if let Outcome::Refused(message) = tried(&case).unwrap_or_else(|e| {
+            keep(i, &stack_of(&case));
+            panic!("tree {i}: {e}")
+        }) {
             let courses: Vec<Course> = case.tree.branches.iter().map(|b| b.course).collect();
             refused.push(format!("tree {i}, wall {}, {courses:?}: {message}", case.wall));
             eprintln!("{}", refused[refused.len() - 1]);

@@ -115,11 +115,27 @@ impl Sample {
 
     /// The foot of `p` on the paraboloid.
     fn foot(&self, p: Point3) -> Foot {
-        self.placed_foot(p).0
+        let [x, y] = self.aside(p);
+        let shrink = (self.reach_mm / x.hypot(y).max(1e-300)).min(1.0);
+        self.foot_at(p, [x * shrink, y * shrink])
     }
 
-    /// The foot of `p` on the paraboloid, and how far beside the sample it lies, in steps of the grid.
+    /// The foot of `p` on the sample's own part of the paraboloid, no farther aside than its neighbours on the grid, and
+    /// how far aside it would lie without that, in steps of the grid. Where a grid is much closer one way than the other
+    /// the surface may bend away before the longer step is reached.
     fn placed_foot(&self, p: Point3) -> (Foot, f64) {
+        let [x, y] = self.aside(p);
+        let [across, sheared, up] = self.steps_mm;
+        let up = if up.abs() < 1e-12 { 1e-12 } else { up };
+        let across = across.max(1e-12);
+        let second = y / up;
+        let first = (x - second * sheared) / across;
+        let [i, j] = [first, second].map(|step| step.clamp(-1.0, 1.0));
+        (self.foot_at(p, [i * across + j * sheared, j * up]), first.abs().max(second.abs()).min(2.0))
+    }
+
+    /// Where the foot of `p` lies in the tangent plane.
+    fn aside(&self, p: Point3) -> [f64; 2] {
         let r = p - self.at;
         let height = r.dot(&self.normal);
         let (x, y) = (r.dot(&self.axes[0]), r.dot(&self.axes[1]));
@@ -127,19 +143,18 @@ impl Sample {
         // (I + height K) offset = tangential part of r.
         let (a, b, d) = (1.0 + height * k11, height * k12, 1.0 + height * k22);
         let det = (a * d - b * b).max(LEAST_SHRINK * (a.abs() + d.abs()).max(1.0) * 0.5);
-        let (fx, fy) = ((d * x - b * y) / det, (a * y - b * x) / det);
-        let second = fy / self.steps_mm[2].abs().max(1e-12);
-        let first =
-            (fx - second * self.steps_mm[1] * self.steps_mm[2].signum()) / self.steps_mm[0].max(1e-12);
-        let shrink = (self.reach_mm / fx.hypot(fy).max(1e-300)).min(1.0);
-        let (fx, fy) = (fx * shrink, fy * shrink);
-        let sink = 0.5 * (k11 * fx * fx + 2.0 * k12 * fx * fy + k22 * fy * fy);
-        let at = self.at + self.axes[0] * fx + self.axes[1] * fy - self.normal * sink;
+        [(d * x - b * y) / det, (a * y - b * x) / det]
+    }
+
+    fn foot_at(&self, p: Point3, [x, y]: [f64; 2]) -> Foot {
+        let [k11, k12, k22] = self.curvature;
+        let sink = 0.5 * (k11 * x * x + 2.0 * k12 * x * y + k22 * y * y);
+        let at = self.at + self.axes[0] * x + self.axes[1] * y - self.normal * sink;
         let out = p - at;
         let sign = if out.dot(&self.normal) < 0.0 { -1.0 } else { 1.0 };
         let length = out.norm();
         let normal = if length > 1e-9 { out * (sign / length) } else { self.normal };
-        (Foot { at, normal, distance_mm: sign * length }, first.abs().max(second.abs()).min(2.0))
+        Foot { at, normal, distance_mm: sign * length }
     }
 }
 

@@ -6,8 +6,9 @@
 //! several outlines part or join) go through the same steps as the lumen's: graph, branches, patches at the events. Where two branches part, the parallel
 //! surface has a crease: two patches that meet in it as an explicit edge ([`crease`]).
 //!
-//! Where no crease can be followed (three branches that part within about t of each other) the outlines around the
-//! event are interpolated instead, as the lumen's are; planes beside it are left out until the skin is sound
+//! Where no crease can be followed (three branches that part within about t of each other) the event is built on the
+//! distance smoothed over a few tenths of a millimetre instead ([`mollified`]), where that has no apex on outlines
+//! interpolated between the planes, as the lumen's are; planes beside it are left out until the skin is sound
 //! ([`sound`]).
 //!
 //! The wall so built is measured over its whole outer skin ([`thickness`]). Where it is not as thick as asked, sections
@@ -26,6 +27,7 @@ mod crease;
 mod feet;
 mod hole;
 mod lumen;
+mod mollified;
 mod neck;
 mod sound;
 mod thickness;
@@ -48,6 +50,7 @@ use crate::sections::{PlaneSections, SectionStack};
 use crate::topology::{self, Graph};
 use feet::Feet;
 use lumen::Branch;
+use mollified::Mollified;
 use rayon::prelude::*;
 use thickness::Measured;
 use trace::{Tracer, at_height};
@@ -92,7 +95,7 @@ struct Wall<'a> {
 /// How events of the outer skin are built.
 #[derive(Debug, Clone, Copy, Default)]
 struct Way {
-    /// Whether events without a crease take the distance to the lumen itself, not outlines interpolated between planes.
+    /// Whether events without a crease take the distance to the lumen itself, not smoothed.
     is_exact: bool,
     /// Whether all creases are rounded.
     is_rounded: bool,
@@ -529,6 +532,11 @@ fn lobes<'a>(planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
 }
 
 impl Wall<'_> {
+    fn mollified<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
+        let distance = |p, w: f64| self.feet.foot(at_height(p, sign * w)).distance_mm - self.wall_mm;
+        Mollified::around(planes, distance).map(|s| Box::new(s) as Box<dyn EventSource>)
+    }
+
     fn exact<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
         let anchors = planes.daughters[0].contours.iter().map(Contour::centroid).collect();
         Some(Box::new(WallSource { wall: self, sign, anchors }))
@@ -536,19 +544,18 @@ impl Wall<'_> {
 }
 
 impl Recipe for Wall<'_> {
-    /// The outlines interpolated, as the exact distance may have a ridge in the crotch, which no patch follows.
+    /// The distance smoothed, as the exact one may have a ridge in the crotch, which no patch follows.
     fn source<'a>(&'a self, planes: &EventPlanes, sign: f64) -> Option<Box<dyn EventSource + 'a>> {
         if self.way.is_exact {
             return self.exact(planes, sign);
         }
-        distances(planes).or_else(|| self.exact(planes, sign))
+        self.mollified(planes, sign).or_else(|| self.exact(planes, sign))
     }
 
     fn second_source<'a>(&'a self, planes: &EventPlanes) -> Option<Box<dyn EventSource + 'a>> {
         // Two branches are found from farther apart; three at one height need a field that tells them apart.
         match planes.daughters[0].contours.len() {
-            0..=2 if self.way.is_exact => distances(planes),
-            0..=2 => None,
+            0..=2 => distances(planes),
             _ => lobes(planes),
         }
     }

@@ -269,6 +269,28 @@ fn a_foot_is_on_the_nearer_sheet_wherever_its_samples_lie() {
 }
 
 #[test]
+fn a_foot_is_on_the_surface_where_samples_are_much_closer_one_way_than_the_other() {
+    // A groove of 0.1 mm between two walls that go on upward, 0.6 mm from sample to sample along it, 0.005 mm across.
+    let groove = |k: u32| {
+        let angle = std::f64::consts::PI * f64::from(k) / 60.0;
+        let inward = Vector3::new(angle.cos(), 0.0, angle.sin());
+        (Point3::new(0.0, 0.0, 0.0) - inward * 0.1, inward)
+    };
+    let row = |(at, normal): (Point3, Vector3)| -> Vec<feet::Oriented> {
+        (0..12).map(|i| (at + Vector3::y() * (0.6 * f64::from(i)), normal)).collect()
+    };
+    let mut samples = Vec::new();
+    feet::grid_samples(&(0..=60).map(|k| row(groove(k))).collect::<Vec<_>>(), false, &mut samples);
+    let feet = Feet::try_new(samples).unwrap();
+    for (x, z) in [(0.0, 1.0), (0.03, 0.6), (-0.05, 1.4)] {
+        let at = Point3::new(x, 3.3, z);
+        let truth = (0..=60).map(|k| (at.xz() - groove(k).0.xz()).norm()).fold(f64::INFINITY, f64::min);
+        let foot = feet.foot(at);
+        assert!((foot.distance_mm.abs() - truth).abs() < 0.01, "{x} {z}: {} {truth}", foot.distance_mm);
+    }
+}
+
+#[test]
 fn the_wall_round_a_steep_ledge_is_followed_exactly() {
     // The branch widens by 2 mm over 1 mm of height.
     let radius = |k: u32| if k < 10 { 2.5 } else { 4.5 };
