@@ -24,6 +24,7 @@
 //! other: the result is the same on any number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
 
 mod adhesion;
+mod change;
 mod fill;
 mod flow;
 mod foot;
