@@ -8,6 +8,7 @@
 //! where it is too thin for two beads, one runs along its middle, owned by one of the two skins.
 
 use super::BeadKind;
+use super::change::{self, End, Spot};
 use super::flow::BeadModel;
 use super::skin::{Contact, Sample, Skin, Skins};
 use crate::geom::{Contour, Point2, Region, Vector2};
@@ -30,6 +31,8 @@ const CLOSED_MM: f64 = 0.02;
 const LONGEST_EDGE_MM: f64 = 0.6;
 /// A run of single beads shorter than this is printed with two, mm, and the other way round.
 const SHORT_RUN_MM: f64 = 1.0;
+/// Where both skins of a wall are to agree on the number of beads, no run of another number is shorter, mm.
+const SHORT_DIP_MM: f64 = 0.5;
 
 /// How material is filled in one layer. mm.
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +72,7 @@ impl FillParams {
         self.limits_mm[0].min(self.limits_mm[1] / 2.0)
     }
 
-    fn bead_pitch_mm(&self, depth_mm: f64, n_beads: usize) -> f64 {
+    pub(super) fn bead_pitch_mm(&self, depth_mm: f64, n_beads: usize) -> f64 {
         (depth_mm - self.model.overlap_mm() / 2.0) / n_beads as f64
     }
 }
@@ -122,7 +125,7 @@ pub(super) struct Filled {
 
 /// How the material under a sample is filled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
+pub(super) enum Way {
     Single,
     Beads(usize),
     Raster,
@@ -133,18 +136,24 @@ pub(super) fn fill(skins: &Skins, params: &FillParams) -> Filled {
     let filler = Filler { skins, params };
     let mut ways: Vec<Vec<Way>> = skins.skins.iter().map(|s| filler.ways(s)).collect();
     filler.agree(&mut ways);
+    let spots = change::spots(skins, &ways, params);
     let mut paths = Vec::new();
-    let mut lost = Vec::new();
-    for (idx, (skin, ways)) in skins.skins.iter().zip(&ways).enumerate() {
-        let before = paths.len();
-        (0..params.most_beads()).for_each(|level| filler.level(skin, ways, level, &mut paths));
-        filler.singles(idx, ways, &mut paths);
-        let is_dust = skin.samples.iter().all(|s| 4.0 * s.depth_mm < params.limits_mm[0]);
-        if paths.len() == before && (is_dust || !ways.contains(&Way::Single)) {
-            lost.extend(skin.samples.first().map(|s| s.at));
+    let mut laid = vec![false; skins.skins.len()];
+    for level in 0..params.most_beads() {
+        let lines = (0..spots.len()).flat_map(|skin| filler.level(skin, &spots[skin], level)).collect();
+        for line in joined(lines) {
+            laid[line.skin] |= push(&mut paths, line.path);
         }
     }
-    Filled { paths, rest: filler.rest(&ways), thin: filler.thin(), lost }
+    let lost = filler.lost(&ways, &laid);
+    Filled { paths, rest: filler.rest(&spots), thin: filler.thin(), lost }
+}
+
+/// A bead along a skin, and how it begins and ends if it is open.
+struct Line {
+    skin: usize,
+    path: Path,
+    ends: [End; 2],
 }
 
 struct Filler<'a> {
@@ -213,6 +222,24 @@ impl Filler<'_> {
             }
         }
         joined.into_iter().for_each(|(skin_idx, i)| ways[skin_idx][i] = Way::Single);
+        (0..ways.len()).for_each(|skin_idx| self.adopt(skin_idx, ways));
+    }
+
+    /// Takes the number of beads of the skin across the wall where that decides, so that both change it in the same place.
+    fn adopt(&self, skin_idx: usize, ways: &mut [Vec<Way>]) {
+        let samples = &self.skins.skins[skin_idx].samples;
+        let mut is_changed = false;
+        for (i, s) in samples.iter().enumerate().filter(|(_, s)| owns(skin_idx, s)) {
+            let Some((k, j)) = self.opposite(s) else { continue };
+            let is_as_deep = s.is_about_as_deep(&self.skins.skins[k].samples[j]);
+            if let (Way::Beads(own), Way::Beads(other), true) = (ways[skin_idx][i], ways[k][j], is_as_deep) {
+                is_changed |= own != other;
+                ways[skin_idx][i] = ways[k][j];
+            }
+        }
+        if is_changed {
+            level_out(&mut ways[skin_idx], samples);
+        }
     }
 
     /// The sample across the wall: its skin and number.
@@ -230,23 +257,38 @@ impl Filler<'_> {
             .map(|j| (contour_idx, j))
     }
 
-    /// The `level`-th bead below a skin, wherever there are as many.
-    fn level(&self, skin: &Skin, ways: &[Way], level: usize, paths: &mut Vec<Path>) {
-        let has: Vec<bool> = ways.iter().map(|&w| self.n_beads(w) > level).collect();
-        let (kind, role) = match (level, skin.is_hole) {
+    /// Skins that have no bead and need one.
+    fn lost(&self, ways: &[Vec<Way>], laid: &[bool]) -> Vec<Point2> {
+        let is_dust = |skin: &Skin| skin.samples.iter().all(|s| 4.0 * s.depth_mm < self.params.limits_mm[0]);
+        let all = self.skins.skins.iter().zip(ways).zip(laid).filter(|(_, laid)| !**laid);
+        let lost = all.filter(|((skin, ways), _)| is_dust(skin) || !ways.contains(&Way::Single));
+        lost.filter_map(|((skin, _), _)| skin.samples.first().map(|s| s.at)).collect()
+    }
+
+    /// The `level`-th bead below a skin, wherever there are as many; where one bead fills a wall, it goes on as that, if the skin
+    /// lays it.
+    fn level(&self, skin: usize, spots: &[Spot], level: usize) -> Vec<Line> {
+        let has = |s: &Spot| match s.way {
+            Way::Single => level == 0 && owns(skin, &s.sample),
+            way => self.n_beads(way) > level,
+        };
+        let has: Vec<bool> = spots.iter().map(has).collect();
+        let (kind, role) = match (level, self.skins.skins[skin].is_hole) {
             (0, true) => (BeadKind::ExternalPerimeter, Role::Lumen),
             (0, false) => (BeadKind::ExternalPerimeter, Role::Outer),
             _ => (BeadKind::Perimeter, Role::Inner),
         };
-        for run in runs(&has, true) {
+        let line = |run: Vec<usize>| {
             let closed = run.len() == has.len();
+            let ends = [spots[run[0]].ends[0], spots[run[run.len() - 1]].ends[1]];
             let mut vertices: Vec<Vertex> =
-                run.iter().filter_map(|&i| self.vertex(&skin.samples[i], ways[i], level)).collect();
+                run.iter().filter_map(|&i| self.vertex(&spots[i], level)).collect();
             if !closed && level > 0 {
-                keep_clear(&mut vertices);
+                keep_clear(&mut vertices, ends);
             }
-            push(paths, Path { kind, role, closed, vertices });
-        }
+            Line { skin, path: Path { kind, role, closed, vertices }, ends }
+        };
+        runs(&has, true).into_iter().map(line).collect()
     }
 
     fn n_beads(&self, way: Way) -> usize {
@@ -258,11 +300,14 @@ impl Filler<'_> {
     }
 
     /// The bead's vertex under a sample, or none where a corner leaves no room for it.
-    fn vertex(&self, s: &Sample, way: Way, level: usize) -> Option<Vertex> {
-        let p = self.params;
-        let pitch = match way {
-            Way::Beads(n) => p.bead_pitch_mm(s.wall_mm, n).max(0.5 * p.pitch_mm().min(p.limits_mm[0])),
-            _ => p.pitch_mm(),
+    fn vertex(&self, spot: &Spot, level: usize) -> Option<Vertex> {
+        let (p, s) = (self.params, &spot.sample);
+        let pitch = match spot.way {
+            Way::Single => return self.middle(spot),
+            Way::Beads(n) => {
+                p.bead_pitch_mm(s.wall_mm - spot.taken_mm, n).max(0.5 * p.pitch_mm().min(p.limits_mm[0]))
+            }
+            Way::Raster => p.pitch_mm(),
         };
         let overlap = p.model.overlap_mm();
         let depth = overlap / 2.0 + (level as f64 + 0.5) * pitch;
@@ -277,48 +322,34 @@ impl Filler<'_> {
         fits.then_some(Vertex { at, width_mm, room_mm: pitch / 2.0 })
     }
 
-    /// Beads along the middle of thin walls, each laid by one of the two skins.
-    fn singles(&self, skin_idx: usize, ways: &[Way], paths: &mut Vec<Path>) {
-        let samples = &self.skins.skins[skin_idx].samples;
-        let owns = |s: &Sample| match s.contact {
-            Contact::Wall { contour_idx, edge_idx, .. } => (contour_idx, edge_idx) < (skin_idx, s.edge_idx),
-            _ => false,
-        };
-        let has: Vec<bool> = ways.iter().zip(samples).map(|(&w, s)| w == Way::Single && owns(s)).collect();
-        for run in runs(&has, true) {
-            let closed = run.len() == has.len();
-            let vertices: Vec<Vertex> = run.iter().filter_map(|&i| self.middle(&samples[i])).collect();
-            let role = Role::Lumen;
-            push(paths, Path { kind: BeadKind::ExternalPerimeter, role, closed, vertices });
-        }
-    }
-
-    /// The middle of a thin wall; what is thinner than half the thinnest bead is left out.
-    fn middle(&self, s: &Sample) -> Option<Vertex> {
-        let thinnest = self.params.limits_mm[0];
-        let width_mm = (2.0 * s.depth_mm).max(thinnest);
+    /// The middle of a thin wall, but for what the end of a bead takes of it on the far side; what is thinner than half the
+    /// thinnest bead is left out.
+    fn middle(&self, spot: &Spot) -> Option<Vertex> {
+        let (s, thinnest) = (&spot.sample, self.params.limits_mm[0]);
+        let depth_mm = s.depth_mm - spot.taken_mm / 2.0;
+        let width_mm = (2.0 * depth_mm).max(thinnest);
         (4.0 * s.depth_mm >= thinnest).then(|| Vertex {
-            at: s.at + s.inward * s.depth_mm,
+            at: s.at + s.inward * depth_mm,
             width_mm,
             room_mm: 0.0,
         })
     }
 
     /// What lies between the innermost beads of all skins.
-    fn rest(&self, ways: &[Vec<Way>]) -> Region {
-        if !ways.iter().flatten().any(|&w| w == Way::Raster) {
+    fn rest(&self, spots: &[Vec<Spot>]) -> Region {
+        if !spots.iter().flatten().any(|s| s.way == Way::Raster) {
             return Region::default();
         }
         let depth = self.params.raster_depth_mm();
-        let inner = |(skin, ways): (&Skin, &Vec<Way>)| {
-            let under = |(s, &w): (&Sample, &Way)| {
+        let inner = |spots: &Vec<Spot>| {
+            let under = |Spot { sample: s, way, .. }: &Spot| {
                 // Not far beyond the medial axis, but so far that loops which meet there leave nothing between them.
                 let most = s.depth_mm + CLOSED_MM;
-                s.at + s.inward * if w == Way::Raster { depth.min(most) } else { most }
+                s.at + s.inward * if *way == Way::Raster { depth.min(most) } else { most }
             };
-            Contour::new(skin.samples.iter().zip(ways).map(under).collect())
+            Contour::new(spots.iter().map(under).collect())
         };
-        Region::from_winding(&self.skins.skins.iter().zip(ways).map(inner).collect::<Vec<_>>())
+        Region::from_winding(&spots.iter().map(inner).collect::<Vec<_>>())
     }
 
     fn thin(&self) -> Option<Thin> {
@@ -346,22 +377,83 @@ fn into_corner(mitre: Vector2, width_mm: f64) -> Vector2 {
     mitre * ((length - 1.0) * width_mm / 2.0 / (length + 1.0))
 }
 
-/// Keeps a path unless it is shorter than it is wide.
-fn push(paths: &mut Vec<Path>, path: Path) {
-    let Some(first) = path.vertices.first() else { return };
-    let length: f64 = path.vertices.windows(2).map(|p| (p[1].at - p[0].at).norm()).sum();
-    let least = if path.closed { 3 } else { 2 };
-    if path.vertices.len() >= least && length > first.width_mm {
-        paths.push(path);
+/// Gives short runs of another number of beads than on both sides that one.
+fn level_out(ways: &mut [Way], samples: &[Sample]) {
+    let n = ways.len();
+    let begins: Vec<usize> = (0..n).filter(|&i| ways[i] != ways[(i + n - 1) % n]).collect();
+    for (k, &begin) in begins.iter().enumerate() {
+        let run = (begins[(k + 1) % begins.len()] + n - begin) % n;
+        let (before, behind) = (ways[(begin + n - 1) % n], ways[(begin + run) % n]);
+        let length_mm: f64 = (begin..begin + run).map(|i| samples[i % n].share_mm).sum();
+        let is_dip = matches!((before, ways[begin]), (Way::Beads(_), Way::Beads(_))) && before == behind;
+        let beside = &samples[(begin + n - 1) % n];
+        let is_even = (begin..begin + run).all(|i| beside.is_about_as_deep(&samples[i % n]));
+        if is_dip && is_even && length_mm < SHORT_DIP_MM {
+            (begin..begin + run).for_each(|i| ways[i % n] = before);
+        }
     }
 }
 
-/// Draws the ends of an inner bead back from where it begins to share the wall: the round end of the
+/// Whether a skin lays the single bead along the middle of a thin wall under a sample: one of the two does.
+fn owns(skin: usize, s: &Sample) -> bool {
+    match s.contact {
+        Contact::Wall { contour_idx, edge_idx, .. } => (contour_idx, edge_idx) < (skin, s.edge_idx),
+        _ => false,
+    }
+}
+
+/// Keeps a path unless it is shorter than it is wide; whether it does.
+fn push(paths: &mut Vec<Path>, path: Path) -> bool {
+    let Some(first) = path.vertices.first() else { return false };
+    let length: f64 = path.vertices.windows(2).map(|p| (p[1].at - p[0].at).norm()).sum();
+    let least = if path.closed { 3 } else { 2 };
+    let is_kept = path.vertices.len() >= least && length > first.width_mm;
+    if is_kept {
+        paths.push(path);
+    }
+    is_kept
+}
+
+/// The lines of a level, joined where one turns into another.
+fn joined(mut lines: Vec<Line>) -> Vec<Line> {
+    let turn_of = |end: End| if let End::Turn(turn) = end { Some(turn) } else { None };
+    let is_inner = |line: &Line| line.path.role == Role::Inner && !line.path.closed;
+    // Those into which none turns are first; what is left then are loops.
+    lines.sort_by_key(|line| turn_of(line.ends[0]).is_none());
+    let mut done = Vec::with_capacity(lines.len());
+    while let Some(mut line) = lines.pop() {
+        while let Some(turn) = turn_of(line.ends[1]).filter(|_| is_inner(&line)) {
+            if turn_of(line.ends[0]) == Some(turn) {
+                turn_back(&mut line.path.vertices, None);
+                line.path.closed = true;
+                break;
+            }
+            let Some(next) = lines.iter().position(|l| turn_of(l.ends[0]) == Some(turn)) else { break };
+            let next = lines.remove(next);
+            turn_back(&mut line.path.vertices, Some(next.path.vertices));
+            line.ends[1] = next.ends[1];
+        }
+        done.push(line);
+    }
+    done
+}
+
+/// Appends the half circle from the end of a line to the begin of the next, or of itself, and the next.
+fn turn_back(line: &mut Vec<Vertex>, next: Option<Vec<Vertex>>) {
+    let begin = next.as_ref().unwrap_or(line).first().copied();
+    if let (Some(end), Some(begin)) = (line.last().copied(), begin) {
+        line.extend(change::half_circle(end.at, begin.at).map(|at| Vertex { at, ..end }));
+    }
+    line.extend(next.into_iter().flatten());
+}
+
+/// Draws the blunt ends of an inner bead back from where it begins to share the wall: the round end of the
 /// wider bead there reaches into its place.
-fn keep_clear(vertices: &mut Vec<Vertex>) {
-    for _ in 0..2 {
-        let Some(end) = vertices.last() else { return };
-        shorten(vertices, END_GAP * end.width_mm);
+fn keep_clear(vertices: &mut Vec<Vertex>, ends: [End; 2]) {
+    for end in [ends[1], ends[0]] {
+        if let Some(last) = vertices.last().filter(|_| end == End::Blunt) {
+            shorten(vertices, END_GAP * last.width_mm);
+        }
         vertices.reverse();
     }
 }

@@ -178,15 +178,15 @@ pub(super) fn overhang(unheld: &[Unheld], frame: &StackFromBed, profile: &Profil
 pub(super) fn footing(
     layers: &[Layer],
     placed: &[(Region, Region)],
+    brim_mm: f64,
     frame: &StackFromBed,
     profile: &Profile,
 ) -> Option<Warning> {
-    let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
     let (first, foot) = (&layers[0], &placed[0].0);
     let params = fill_params(profile, first.slot.height_mm);
     let is_held = profile.print.raft_layers > 0
         || profile.print.support != SupportStyle::None
-        || adhesion::n_brim(foot, height_mm, profile, &params) > 0;
+        || adhesion::n_brim(brim_mm, &params) > 0;
     let near =
         layers.iter().zip(placed).take_while(|(l, _)| l.slot.z_mid_mm <= first.slot.z_mid_mm + FOOT_MM);
     let area_mm2 = foot.area_mm2();

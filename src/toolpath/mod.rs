@@ -24,6 +24,7 @@
 //! other: the result is the same on any number of threads. Accuracy: outlines within [`TOLERANCE_MM`] of the layer's.
 
 mod adhesion;
+mod change;
 mod fill;
 mod flow;
 mod foot;
@@ -262,7 +263,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let (below, layers) = layers.split_at(left_out.len());
     let placement = place::place(layers, profile)?;
     let placed = placed(layers, &placement, profile, task)?;
-    let height_mm = layers.iter().map(|l| l.slot.height_mm).sum();
+    let brim_mm = adhesion::brim_mm(layers, &placed, profile);
     let compensation = placement.compensation(profile);
     let frame = StackFromBed::of(&placement.bed_from_stack, compensation);
     let (columns, on_part) = columns(layers, &placed, &frame, profile);
@@ -285,7 +286,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
     let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
     let standing = placed[0].0.union(&on_bed);
-    let mut order = Order::of_part(height_mm, on_bed, frame);
+    let mut order = Order::of_part(brim_mm, on_bed, frame);
     if let Some(raft) = &placement.raft {
         let (layers, skirt) = raft.layers(&standing, profile);
         order = order.upon(layers, raft.height_mm(), skirt);
@@ -302,7 +303,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     }
     order.add(drafts, profile, task)?;
     order.check()?;
-    let footing = held::footing(layers, &placed, &frame, profile);
+    let footing = held::footing(layers, &placed, brim_mm, &frame, profile);
     order.outlined(placed);
     let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);

@@ -38,14 +38,14 @@ pub(super) struct Order {
     adhesion: Option<Warning>,
     /// Layers that are a raft's.
     n_raft: usize,
-    /// How high the part is, mm, and what of its supports stands on the bed.
-    height_mm: f64,
+    /// How wide its brim is, mm, and what of its supports stands on the bed.
+    brim_mm: f64,
     on_bed: Region,
 }
 
 impl Order {
-    /// Of a part so high, with supports that stand on this part of the bed.
-    pub(super) const fn of_part(height_mm: f64, on_bed: Region, frame: StackFromBed) -> Self {
+    /// Of a part with so wide a brim, and supports that stand on this part of the bed.
+    pub(super) const fn of_part(brim_mm: f64, on_bed: Region, frame: StackFromBed) -> Self {
         Self {
             paths: Vec::new(),
             frame,
@@ -60,7 +60,7 @@ impl Order {
             unheld: Vec::new(),
             adhesion: None,
             n_raft: 0,
-            height_mm,
+            brim_mm,
             on_bed,
         }
     }
@@ -158,7 +158,7 @@ impl Order {
         travels: &mut Vec<Travel>,
     ) {
         let (loops, warning) =
-            adhesion::loops(draft.material, &self.on_bed, self.height_mm, profile, &draft.params);
+            adhesion::loops(draft.material, &self.on_bed, self.brim_mm, profile, &draft.params);
         self.adhesion = warning;
         let (laid, ways) = adhesion::laid(&loops);
         self.at = laid.last().map_or(self.at, |bead| Some(bead.points[0].at));

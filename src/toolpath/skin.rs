@@ -29,6 +29,8 @@ const FAN_STEP_RAD: f64 = 0.18;
 const WALL_COS: f64 = -0.5;
 /// A ball that sinks deeper than this into another outline is shrunk, mm.
 const TOUCH_MM: f64 = 5e-4;
+/// Share by which both skins of a wall may differ about its depth.
+const SAME_WALL: f64 = 0.2;
 
 /// What ended the growth of the ball under a point of the skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,6 +62,13 @@ pub(super) struct Sample {
     pub(super) edge_idx: usize,
     /// Whether the skin turns sharply outward here.
     pub(super) sharp: bool,
+}
+
+impl Sample {
+    /// Whether two samples are of one wall, as far as their depths tell.
+    pub(super) fn is_about_as_deep(&self, other: &Self) -> bool {
+        (self.wall_mm - other.wall_mm).abs() < SAME_WALL * self.wall_mm
+    }
 }
 
 /// One closed outline of the material.
