@@ -338,7 +338,9 @@ impl<S: Store> Station<S> {
         why: &str,
     ) -> Result<(), store::Error> {
         let (job, kind) = (held.claim.job, change.kind());
-        tracing::info!(printer = %self.name(), %job, end = %kind, why, "print: ended");
+        // What people write may name somebody, and stays in the queue.
+        let told = if by.is_some() { "somebody has asked for it" } else { why };
+        tracing::info!(printer = %self.name(), %job, end = %kind, why = told, "print: ended");
         if held.is_paused && matches!(change, Change::Printed { .. }) {
             self.kit.insist(&held.claim, Change::GoOn, None, "").await.map_or_else(refused, |_| Ok(()))?;
         }
@@ -349,8 +351,8 @@ impl<S: Store> Station<S> {
             Kind::Printed => {
                 self.tell("printed", Some(job), "a copy is printed: take it off the bed and say so")
             }
-            Kind::Fail => self.tell("failed", Some(job), why),
-            Kind::Cancel => self.tell("cancelled", Some(job), why),
+            Kind::Fail => self.tell("failed", Some(job), told),
+            Kind::Cancel => self.tell("cancelled", Some(job), told),
             _ => {}
         }
         if !is_given_back {
