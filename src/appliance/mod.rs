@@ -10,7 +10,7 @@
 //!
 //! - [`place`]: the state directory, which one server has alone;
 //! - [`config`]: what the operator decides (pure);
-//! - [`mod@serve`]: the parts, started again when they fail, and the graceful end;
+//! - [`serve()`]: the parts, started again when they fail, and the graceful end;
 //! - `printing`: a part for each printer, with the order of a print that makes it safe;
 //! - `preparing`: jobs to G-code; `survey`: what G-code tells (pure);
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder

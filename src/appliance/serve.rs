@@ -19,6 +19,7 @@ use crate::queue::Name;
 use crate::store::{self, Sqlite, Store};
 use jiff::Timestamp;
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -72,7 +73,7 @@ pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) ->
     let (printers, PrinterDesk { lives, wishes }) = Printers::channel();
     let mut app = Appliance::new(store.clone(), printers, files.clone(), keys);
     app.clock = clock;
-    let listen = Listen { socket: Some(layout.socket()), tcp: config.http.tcp.clone() };
+    let listen = Listen { socket: Some(layout.socket()), tcp: addresses(&config, &app.keys) };
     let listeners = Listeners::bind(&listen, &app.keys).await?;
     let (news, postman) = News::new(clock, config.webhook.clone());
     let kit = Kit {
@@ -112,6 +113,17 @@ pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) ->
     }
     store.close().await;
     served
+}
+
+/// Without keys nobody could be let in; they are made over the socket.
+fn addresses(config: &Config, keys: &Keys) -> Vec<SocketAddr> {
+    if keys.is_empty() && !config.http.tcp.is_empty() {
+        tracing::warn!(
+            "server: TCP is not served: there are no keys; make one (POST /api/v1/keys on the socket) and start again"
+        );
+        return Vec::new();
+    }
+    config.http.tcp.clone()
 }
 
 struct Parts {

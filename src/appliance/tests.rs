@@ -424,7 +424,7 @@ async fn what_goes_beyond_the_limits_is_refused_before_the_printer_is_warm() {
 async fn the_first_layer_is_held_for_a_look_and_a_program_clears_the_bed() {
     let dir = tempfile::tempdir().unwrap();
     let printer = Simulator::start(dir.path(), Speed::Times(100.0)).await;
-    let more = "first_layer_hold = true\nbed_clear_program = [\"/bin/true\"]\n";
+    let more = "first_layer_hold = true\nbed_clear_program = [\"/bin/false\"]\n";
     let site = Site::open(dir, more).await;
     site.clear().await;
     let id = site.add(&rings(20), WishesBody::default()).await;
@@ -432,6 +432,11 @@ async fn the_first_layer_is_held_for_a_look_and_a_program_clears_the_bed() {
     let n_laid = printer.beads().len();
     assert!(n_laid < n_beads(10), "{n_laid}");
     site.ask(id, Turn::GoOn).await;
+    site.is_at(id, State::AwaitingBedClear).await;
+    let dir = site.end(OnStop::Finish).await;
+    // The next server has a program for it, and nobody has to come.
+    let site =
+        Site::open(dir, "bed_clear_program = [\"/bin/true\"]\n[http]\ntcp = [\"127.0.0.1:0\"]\n").await;
     site.is_at(id, State::Finished).await;
     let changes = site.changes(id).await;
     assert!(changes.ends_with("lay pause go-on printed complete"), "{changes}");

@@ -228,7 +228,7 @@ impl<'a, S: Store> Attended<'a, S> {
     /// Asks the print to end; the first cause counts.
     fn stop(&mut self, cause: Cause) {
         if self.cause.is_none() {
-            tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, ?cause, "print: is stopped");
+            tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, cause = cause.word(), "print: is stopped");
             self.cause = Some(cause);
             self.lay = None;
             self.station.board.set(Activity::Cancelling, None);

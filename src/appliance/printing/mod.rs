@@ -13,12 +13,14 @@
 //! rest has failed. Nothing is ever printed twice.
 //!
 //! - `press`: the thread that speaks to the printer;
+//! - `bed`: what is known of its bed, and the program that clears it;
 //! - `attend`: standing by it: claim, limits, wishes;
 //! - `outcome`: what becomes of the job then (pure);
 //! - `waiting`: a print that broke off, until somebody says what becomes of it;
 //! - `station`: all of it, for one printer.
 
 mod attend;
+mod bed;
 mod outcome;
 mod press;
 mod station;

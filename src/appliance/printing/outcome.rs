@@ -23,6 +23,19 @@ pub(super) enum Cause {
     ClaimLost,
 }
 
+impl Cause {
+    /// For the log: what people write may name somebody, and stays in the queue.
+    pub(super) const fn word(&self) -> &'static str {
+        match self {
+            Self::Asked { .. } => "asked",
+            Self::Stopping => "stopping",
+            Self::Limit(_) => "limit",
+            Self::NotLet(_) => "not let",
+            Self::ClaimLost => "claim lost",
+        }
+    }
+}
+
 /// How a print ended, as far as it matters for its job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Manner {

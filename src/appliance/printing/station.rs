@@ -87,61 +87,7 @@ impl<S: Store> Station<S> {
         self.board.name()
     }
 
-    /// Makes the printer known to the queue; `unwatched_s`: for so long no server lived.
-    pub(in crate::appliance) async fn introduce(&self, unwatched_s: f64) -> Result<(), store::Error> {
-        let known = self.find().await?;
-        let loaded = self.loaded(known.as_ref().and_then(|printer| printer.loaded.as_ref()));
-        if known.as_ref().and_then(|printer| printer.loaded.as_ref()) != Some(&loaded) {
-            self.say(Said::Loaded(loaded), "as the configuration has it").await?;
-        }
-        match known {
-            // Its bed is made anew with each print.
-            None if self.machine.is_simulated() => {
-                self.say(Said::BedClear(Evidence::Sensor), "a simulated printer begins with an empty bed")
-                    .await
-            }
-            Some(printer) if printer.bed == Bed::Clear && !self.machine.is_simulated() => {
-                if unwatched_s <= self.config.bed_trusted.as_secs_f64() {
-                    return Ok(());
-                }
-                self.tell(
-                    "bed-in-doubt",
-                    None,
-                    "no server has watched the printer for a while: look at its bed",
-                );
-                self.say(Said::BedInDoubt, "no server has watched it for a while").await
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// What it has loaded: as configured, with what the queue knows of the spool.
-    fn loaded(&self, known: Option<&Loaded>) -> Loaded {
-        let profile = &self.machine.profile;
-        let material = |text: &str| crate::queue::Material::try_new(text).ok();
-        let material = self.config.material.clone().or_else(|| material(&profile.filament.material));
-        #[expect(clippy::cast_possible_truncation, reason = "a nozzle has some hundred micrometres")]
-        let nozzle_um = (1000.0 * profile.machine.nozzle_mm).round() as u32;
-        let unnamed = || Name::try_new("unnamed").expect("a name that is written here");
-        let configured = Loaded {
-            profile: Name::try_new(&profile.name).unwrap_or_else(|_too_long| unnamed()),
-            material: material.unwrap_or_else(|| crate::queue::Material::try_new("PLA").expect("a material")),
-            nozzle_um,
-            left_mm3: None,
-        };
-        match known {
-            // Somebody has changed the spool since: that is the queue's to know, unless the configuration says what is loaded.
-            Some(known) if self.config.material.is_none() => {
-                Loaded { material: known.material.clone(), left_mm3: known.left_mm3, ..configured }
-            }
-            Some(known) if known.material == configured.material => {
-                Loaded { left_mm3: known.left_mm3, ..configured }
-            }
-            _ => configured,
-        }
-    }
-
-    async fn find(&self) -> Result<Option<crate::queue::Printer>, store::Error> {
+    pub(super) async fn find(&self) -> Result<Option<crate::queue::Printer>, store::Error> {
         Ok(self.kit.store.printers().await?.into_iter().find(|printer| printer.name == *self.name()))
     }
 
@@ -173,6 +119,7 @@ impl<S: Store> Station<S> {
     /// [`store::Error::Gone`] and what else of the queue cannot be mended by trying again.
     pub(in crate::appliance) async fn run(&mut self) -> Result<(), store::Error> {
         self.take_up().await?;
+        self.clear_what_lies_there().await?;
         let mut stopping = self.kit.stopping.clone();
         while self.kit.stopping().is_none() {
             let hot_until = self.hot_until.unwrap_or_else(Instant::now);
@@ -391,7 +338,9 @@ impl<S: Store> Station<S> {
         why: &str,
     ) -> Result<(), store::Error> {
         let (job, kind) = (held.claim.job, change.kind());
-        tracing::info!(printer = %self.name(), %job, end = %kind, why, "print: ended");
+        // What people write may name somebody, and stays in the queue.
+        let told = if by.is_some() { "somebody has asked for it" } else { why };
+        tracing::info!(printer = %self.name(), %job, end = %kind, why = told, "print: ended");
         if held.is_paused && matches!(change, Change::Printed { .. }) {
             self.kit.insist(&held.claim, Change::GoOn, None, "").await.map_or_else(refused, |_| Ok(()))?;
         }
@@ -402,13 +351,17 @@ impl<S: Store> Station<S> {
             Kind::Printed => {
                 self.tell("printed", Some(job), "a copy is printed: take it off the bed and say so")
             }
-            Kind::Fail => self.tell("failed", Some(job), why),
-            Kind::Cancel => self.tell("cancelled", Some(job), why),
+            Kind::Fail => self.tell("failed", Some(job), told),
+            Kind::Cancel => self.tell("cancelled", Some(job), told),
             _ => {}
         }
         if !is_given_back {
             self.board.end(Activity::Idle, None);
-            return self.clear_bed(held, kind).await;
+            if kind == Kind::Printed {
+                self.rests = None;
+                return self.clear_bed(job).await;
+            }
+            return Ok(());
         }
         if self.kit.stopping().is_none() {
             self.rest(why);
@@ -425,35 +378,6 @@ impl<S: Store> Station<S> {
         if rest == most {
             self.halted = Some(why.to_owned());
             self.tell("printer-halted", None, why);
-        }
-    }
-
-    async fn clear_bed(&mut self, held: &Held, end: Kind) -> Result<(), store::Error> {
-        let job = held.claim.job;
-        if end != Kind::Printed {
-            return Ok(());
-        }
-        self.rests = None;
-        let Some(hook) = self.config.bed_clear.clone() else { return Ok(()) };
-        let mut stopping = self.kit.stopping.clone();
-        let cleared = tokio::select! {
-            cleared = clearing::run(&hook, self.config.name.as_str(), job) => cleared,
-            () = ended(&mut stopping) => Err("the server ends".to_owned()),
-        };
-        match cleared {
-            Ok(()) => match self.say(Said::BedClearOf(job, Evidence::Hook), "the program says so").await {
-                Err(store::Error::Gone) => Err(store::Error::Gone),
-                Err(error) => {
-                    tracing::warn!(printer = %self.name(), %job, "bed: {error}");
-                    Ok(())
-                }
-                Ok(()) => Ok(()),
-            },
-            Err(why) => {
-                tracing::warn!(printer = %self.name(), %job, "bed: the program that clears it: {why}");
-                self.tell("bed-not-cleared", Some(job), &why);
-                Ok(())
-            }
         }
     }
 
@@ -549,7 +473,7 @@ fn no_thread(held: &Held, error: &std::io::Error) -> Outcome {
     Outcome::Change { change: Change::GiveBack { lost: false }, by: None, why }
 }
 
-fn not_now(text: &str) -> Unheard {
+pub(super) fn not_now(text: &str) -> Unheard {
     Unheard::NotNow(text.to_owned())
 }
 

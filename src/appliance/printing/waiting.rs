@@ -89,13 +89,16 @@ impl<S: Store> Station<S> {
     }
 }
 
-fn heed(held: &Held, wished: Wished) -> Option<Word> {
+fn heed(held: &mut Held, wished: Wished) -> Option<Word> {
     let Wished { job, wish, by, why, answer, .. } = wished;
     let not_now = |text: &str| Err(Unheard::NotNow(text.to_owned()));
     let is_other = job.is_some_and(|job| job != held.claim.job);
     let (said, word) = match wish {
         _ if is_other => (not_now("the printer has another job"), None),
-        Wish::GoOn => (Ok(()), Some(Word::GoOn { after_reset: held.needs_consent })),
+        Wish::GoOn => {
+            let after_reset = std::mem::take(&mut held.needs_consent);
+            (Ok(()), Some(Word::GoOn { after_reset }))
+        }
         Wish::Cancel => (Ok(()), Some(Word::GiveUp { by, why })),
         Wish::Pause => (not_now("it is paused"), None),
         Wish::Connect => (Ok(()), None),
