@@ -5,15 +5,17 @@
 //! vessel divides or joins. Diameters are measured in the CT plane: the equivalent one is that of the circle of
 //! the same area; the minimum one is the smallest distance of two parallel lines that touch the lumen from outside
 //! (rotating calipers on the convex hull), which for a round vessel that crosses the plane obliquely is still its
-//! true width, while area and equivalent diameter grow with the obliquity.
+//! true width, while area and equivalent diameter grow with the obliquity; the maximum one is the largest distance of
+//! two points.
 //!
 //! NASCET: 100 (1 - throat / reference), minimum diameters; the throat is the narrowest place with a wider one
 //! before it, the reference the first normal segment beyond it: at least [`NORMAL_MM`] long, its diameters within
 //! 5 % of their mean. Which way is beyond follows from the branching; where nothing branches it is not known, and no
 //! degree is given.
 
+use super::course::{self, Centreline, Division, Meeting};
 use super::deviation::rounded;
-use crate::geom::{Contour, Point2, Region};
+use crate::geom::{Contour, Point2, Point3, Region};
 use crate::sections::SectionStack;
 use serde::Serialize;
 
@@ -29,6 +31,8 @@ const LEAST_PERCENT: f64 = 10.0;
 pub struct Anatomy {
     /// Branches by first plane, then from the patient's right to left.
     pub branches: Vec<Branch>,
+    /// Where branches divide and join.
+    pub divisions: Vec<Division>,
 }
 
 /// A stretch of the vessel without division.
@@ -60,6 +64,11 @@ pub struct StageMeasures {
     /// Least minimum diameter, mm.
     #[serde(serialize_with = "rounded")]
     pub minimum_diameter_mm: Option<f64>,
+    /// Largest maximum diameter, mm.
+    #[serde(serialize_with = "rounded")]
+    pub maximum_diameter_mm: Option<f64>,
+    /// Its centreline.
+    pub centreline: Centreline,
     /// The degree of stenosis, or why there is none.
     #[serde(flatten)]
     pub stenosis: Stenosis,
@@ -83,6 +92,9 @@ pub struct PlaneMeasures {
     /// Least width between parallel lines, mm.
     #[serde(serialize_with = "rounded_value")]
     pub minimum_diameter_mm: f64,
+    /// Largest distance of two points of the lumen, mm.
+    #[serde(serialize_with = "rounded_value")]
+    pub maximum_diameter_mm: f64,
     /// Centre of its area in the stack frame, mm.
     pub centre_xy_mm: [f64; 2],
 }
@@ -173,8 +185,61 @@ impl Branches {
         best.into_iter().map(|b| b.map(|(_, island)| island)).collect()
     }
 
-    /// Measures every branch in every stage.
-    pub(super) fn measure(&self, stages: &[StageLumina]) -> Anatomy {
+    /// Heights of the planes, mm.
+    pub(super) fn z_mm(&self) -> &[f64] {
+        &self.z_mm
+    }
+
+    /// Centroids of a branch as a stage has it, upward.
+    pub(super) fn centroids(&self, stage: &StageLumina, branch: usize) -> Vec<Point3> {
+        let at = |(lumina, z): (&Vec<Option<Region>>, &f64)| {
+            let c = course::centroid(lumina[branch].as_ref()?)?;
+            Some(Point3::new(c.x, c.y, *z))
+        };
+        stage.planes.iter().zip(&self.z_mm).filter_map(at).collect()
+    }
+
+    /// Where one branch becomes several, or several one.
+    pub(super) fn meetings(&self) -> Vec<Meeting> {
+        let touch = |a: &Region, b: &Region| a.intersection(b).area_mm2() > 0.0;
+        let mut meetings = Vec::new();
+        for (trunk, own) in self.tracks.iter().enumerate() {
+            let ends = |is_junction: bool| {
+                let of = |(_, other): &(usize, &Track)| {
+                    if is_junction {
+                        other.joins_above && other.last() + 1 == own.first && touch(other.top(), own.bottom())
+                    } else {
+                        other.splits_off_below
+                            && other.first == own.last() + 1
+                            && touch(own.top(), other.bottom())
+                    }
+                };
+                self.tracks.iter().enumerate().filter(of).map(|(b, _)| b).collect::<Vec<_>>()
+            };
+            if own.formed_below {
+                let planes = [own.first - 1, own.first];
+                meetings.push(Meeting { trunk, branches: ends(true), planes, is_junction: true });
+            }
+            if own.divides_above {
+                let planes = [own.last(), own.last() + 1];
+                meetings.push(Meeting { trunk, branches: ends(false), planes, is_junction: false });
+            }
+        }
+        meetings.retain(|m| m.branches.len() > 1);
+        meetings
+    }
+
+    /// What trunk and branches cover in the planes where they meet.
+    pub(super) fn area_at(&self, meeting: &Meeting) -> Region {
+        let trunk = &self.tracks[meeting.trunk];
+        let end = |t: &Track, is_top: bool| if is_top { t.top().clone() } else { t.bottom().clone() };
+        let branches = meeting.branches.iter().map(|&b| end(&self.tracks[b], meeting.is_junction));
+        let all: Vec<Region> = branches.chain([end(trunk, !meeting.is_junction)]).collect();
+        Region::union_all(&all)
+    }
+
+    /// Measures every branch in every stage; `section` is the lumen of the solid at a height.
+    pub(super) fn measure(&self, stages: &[StageLumina], section: &dyn Fn(f64) -> Region) -> Anatomy {
         let branch = |(i, track): (usize, &Track)| Branch {
             name: format!("branch {}", i + 1),
             planes: [track.first, track.last()],
@@ -182,7 +247,10 @@ impl Branches {
             distal: track.distal(),
             stages: stages.iter().map(|stage| self.measure_stage(stage, i)).collect(),
         };
-        Anatomy { branches: self.tracks.iter().enumerate().map(branch).collect() }
+        Anatomy {
+            branches: self.tracks.iter().enumerate().map(branch).collect(),
+            divisions: course::divisions(self, stages, section),
+        }
     }
 
     fn measure_stage(&self, stage: &StageLumina, branch: usize) -> StageMeasures {
@@ -197,6 +265,8 @@ impl Branches {
             lumen_area_mm2: mean(|p| p.lumen_area_mm2),
             equivalent_diameter_mm: mean(|p| p.equivalent_diameter_mm),
             minimum_diameter_mm: planes.iter().map(|p| p.minimum_diameter_mm).reduce(f64::min),
+            maximum_diameter_mm: planes.iter().map(|p| p.maximum_diameter_mm).reduce(f64::max),
+            centreline: course::centreline(self.centroids(stage, branch)),
             stenosis: stenosis(&planes, track.distal()),
             planes,
         }
@@ -211,6 +281,7 @@ fn measures(lumen: &Region, plane: usize, z_mm: f64) -> Option<PlaneMeasures> {
         lumen_area_mm2,
         equivalent_diameter_mm: 2.0 * (lumen_area_mm2 / std::f64::consts::PI).sqrt(),
         minimum_diameter_mm: lumen.least_width_mm(),
+        maximum_diameter_mm: largest_width_mm(lumen),
         centre_xy_mm: centre(lumen),
     })
 }
@@ -222,6 +293,14 @@ fn centre(region: &Region) -> [f64; 2] {
     let (area, sum) =
         weighed.fold((0.0, [0.0; 2]), |(area, [x, y]), (a, c)| (area + a, [x + a * c.x, y + a * c.y]));
     sum.map(|s| (s / area * 1e3).round() / 1e3)
+}
+
+/// The largest distance of two points of a region: corners of its convex hull, of which there are few.
+fn largest_width_mm(region: &Region) -> f64 {
+    let hull = region.convex_hull();
+    let points: Vec<Point2> = hull.contours.iter().flat_map(|c| c.points.iter().copied()).collect();
+    let from = |(i, p): (usize, &Point2)| points[..i].iter().map(|q| (q - p).norm()).fold(0.0, f64::max);
+    points.iter().enumerate().map(from).fold(0.0, f64::max)
 }
 
 /// A branch: one lumen a plane from `first` on.
@@ -238,6 +317,14 @@ struct Track {
 }
 
 impl Track {
+    fn top(&self) -> &Region {
+        &self.lumina[self.lumina.len() - 1]
+    }
+
+    fn bottom(&self) -> &Region {
+        &self.lumina[0]
+    }
+
     fn last(&self) -> usize {
         self.first + self.lumina.len() - 1
     }
@@ -419,7 +506,7 @@ mod tests {
         let branches = Branches::of(sections);
         let shared = |(k, plane): (usize, &PlaneSections)| branches.share_out(&plane.region(), k);
         let planes = sections.planes.iter().enumerate().map(shared).collect();
-        branches.measure(&[StageLumina { stage: "contours", planes }])
+        branches.measure(&[StageLumina { stage: "contours", planes }], &|_| Region::default())
     }
 
     #[test]

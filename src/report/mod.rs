@@ -21,12 +21,15 @@
 //!
 //! [`build`] is pure; [`write()`] is the only IO.
 
+mod amounts;
 mod anatomy;
+mod course;
 mod deviation;
 mod faults;
 mod found;
 mod image;
 mod lumen;
+mod measures;
 mod page;
 mod picture;
 mod plate;
@@ -39,11 +42,14 @@ mod surface;
 mod testing;
 #[cfg(test)]
 mod tests;
+mod thickness;
 mod verdict;
 mod wall;
 mod write;
 
+pub use amounts::{Amounts, Job, LumenVolume};
 pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMeasures, Stenosis, Throat};
+pub use course::{Angles, Centreline, DIVISION_MM, Division, STRAIGHT_MM};
 pub use deviation::{Figures, STEP_MM};
 pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
 pub use image::Polarity;
@@ -51,6 +57,7 @@ pub use page::html;
 pub use picture::Picture;
 pub use record::Record;
 pub use stages::build;
+pub use thickness::{PlaneWall, Wall, WallStage};
 pub use verdict::{Gate, Verdict};
 pub use write::write;
 
@@ -118,6 +125,8 @@ pub struct Inputs<'a> {
     pub record: &'a Record,
     /// What earlier stages found odd.
     pub warnings: &'a [Warning],
+    /// Time and filament, as far as they are known.
+    pub job: Job,
     /// The limits of the verdict.
     pub gate: Gate,
 }
@@ -335,6 +344,25 @@ pub struct LayerFigures {
     pub iou: Option<f64>,
 }
 
+/// What limits the accuracy of lengths, mm. Figures of a stage rest on those of its two sides.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Uncertainty {
+    /// A place of the boundary in the image: standard deviation of what contours that lie on it on average are off
+    /// locally (noise, pixels); `null` without an image.
+    #[serde(serialize_with = "rounded")]
+    pub image_place: Option<f64>,
+    /// Distance of the samples along the outlines; a maximum may miss a corner by half of it.
+    pub sampling: f64,
+    /// Chord error of the solid's sections.
+    pub section: f64,
+    /// Grid of the boolean operations that areas, Dice and IoU rest on.
+    pub grid: f64,
+    /// Round ends and joints of beads.
+    pub bead: f64,
+    /// Heights of divisions.
+    pub division: f64,
+}
+
 /// The whole report: figures, pictures, and what must be said beside them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
@@ -346,8 +374,14 @@ pub struct Report {
     pub layers: Vec<LayerFigures>,
     /// Areas, diameters, stenoses.
     pub anatomy: Anatomy,
+    /// The wall, one entry a stage; none for a cast.
+    pub walls: Vec<WallStage>,
+    /// Volumes, filament, time.
+    pub amounts: Amounts,
     /// Heights of the CT planes, mm.
     pub plane_z_mm: Vec<f64>,
+    /// What limits the accuracy of lengths.
+    pub uncertainty: Uncertainty,
     /// Defects, in the order of the stages.
     pub findings: Vec<Finding>,
     /// What is extrapolated, missing or odd.
@@ -428,9 +462,14 @@ impl Serialize for Report {
             map.serialize_entry(stage.name(), self.block(stage))?;
         }
         map.serialize_entry("anatomy", &self.anatomy)?;
+        map.serialize_entry("walls", &self.walls)?;
+        map.serialize_entry("amounts", &self.amounts)?;
+        map.serialize_entry("uncertainty_mm", &self.uncertainty)?;
         map.serialize_entry("layers", &self.layers)?;
         map.serialize_entry("notes", &self.notes)?;
-        map.serialize_entry("methods", &page::METHODS.map(|(name, text)| format!("{name}: {text}")))?;
+        let methods = page::METHODS.iter().chain(&measures::METHODS);
+        let methods: Vec<String> = methods.map(|(name, text)| format!("{name}: {text}")).collect();
+        map.serialize_entry("methods", &methods)?;
         map.end()
     }
 }

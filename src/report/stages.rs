@@ -2,7 +2,6 @@
 
 use super::anatomy::{Branches, StageLumina};
 use super::deviation::{Areas, Comparison, Figures, Outline, compare};
-use super::found;
 use super::image::{ImageBoundary, boundary, median};
 use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
@@ -13,6 +12,7 @@ use super::{
     Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
     Verdict,
 };
+use super::{found, measures};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point3, Region, Vector3};
 use crate::progress::{Cancelled, Task};
@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Chord error of the solid's sections, mm: far below what is measured.
-const SECTION_TOLERANCE_MM: f64 = 1e-3;
+pub(super) const SECTION_TOLERANCE_MM: f64 = 1e-3;
 /// Recorded segments farther than this from all planned ones of their layer are no part of the print (a line that
 /// primes the nozzle), mm.
 const ELSEWHERE_MM: f64 = 10.0;
@@ -52,9 +52,14 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let branches = Branches::of(inputs.sections);
     let lumina = lumina(&branches, &planes);
     let findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let section =
+        |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
     Ok(Report {
         body: inputs.body,
-        anatomy: branches.measure(&lumina),
+        anatomy: branches.measure(&lumina, &section),
+        walls: measures::walls(inputs, &planes, &layers),
+        amounts: measures::amounts(inputs, &planes),
+        uncertainty: measures::uncertainty(&planes),
         plane_z_mm: inputs.sections.plane_z_mm(),
         surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes),
@@ -119,7 +124,7 @@ fn registration_mm(inputs: &Inputs<'_>, paths: &LayerPaths) -> Option<f64> {
 }
 
 /// The layer of the case that a layer of the job prints.
-fn layer_of<'a>(inputs: &Inputs<'a>, paths: &LayerPaths) -> Option<&'a Layer> {
+pub(super) fn layer_of<'a>(inputs: &Inputs<'a>, paths: &LayerPaths) -> Option<&'a Layer> {
     let z = paths.slot.z_mid_mm;
     let after = inputs.layers.partition_point(|l| l.slot.z_mid_mm < z - 1e-6);
     inputs.layers.get(after).filter(|l| (l.slot.z_mid_mm - z).abs() < 1e-6)
@@ -195,11 +200,11 @@ fn layer_at(layers: &[LayerPaths], z_mm: f64) -> Option<usize> {
 }
 
 /// What one layer of the job came to.
-struct LayerWork {
+pub(super) struct LayerWork {
     figures: LayerFigures,
     areas: Areas,
     /// Unions of planned (the part alone) and recorded beads; only at CT planes.
-    beads: Option<[Region; 2]>,
+    pub(super) beads: Option<[Region; 2]>,
 }
 
 fn layers(
@@ -257,7 +262,7 @@ pub(super) struct PlaneWork {
     pub(super) volume_plane: Option<usize>,
     pub(super) image: Option<ImageBoundary>,
     pub(super) contours: Outline,
-    section: CrossSection,
+    pub(super) section: CrossSection,
     pub(super) solid: Outline,
     /// Layer of the job at this plane.
     pub(super) layer_idx: Option<usize>,
@@ -413,9 +418,22 @@ fn plane_figures(
     entry
 }
 
+/// How a stage's lumen is found in the work of a plane.
+pub(super) type Lumen = fn(&PlaneWork) -> Option<&Region>;
+
+/// Every stage that has a lumen.
+pub(super) const STAGES: [(&str, Lumen); 6] = [
+    ("image", |p| p.image.as_ref().map(ImageBoundary::region)),
+    ("contours", |p| Some(&p.contours.region)),
+    ("solid", |p| Some(&p.solid.region)),
+    ("layers", |p| p.sliced.as_ref().map(|o| &o.region)),
+    ("planned", |p| p.planned.as_ref().map(|o| &o.region)),
+    ("recorded", |p| p.recorded.as_ref().map(|o| &o.region)),
+];
+
 /// The lumina of all stages, given to the branches.
 fn lumina(branches: &Branches, planes: &[PlaneWork]) -> Vec<StageLumina> {
-    let of = |stage: &'static str, get: fn(&PlaneWork) -> Option<&Region>| StageLumina {
+    let of = |stage: &'static str, get: Lumen| StageLumina {
         stage,
         planes: planes
             .par_iter()
@@ -423,14 +441,7 @@ fn lumina(branches: &Branches, planes: &[PlaneWork]) -> Vec<StageLumina> {
             .map(|(k, work)| branches.share_out(get(work).unwrap_or(&Region::default()), k))
             .collect(),
     };
-    vec![
-        of("image", |p| p.image.as_ref().map(ImageBoundary::region)),
-        of("contours", |p| Some(&p.contours.region)),
-        of("solid", |p| Some(&p.solid.region)),
-        of("layers", |p| p.sliced.as_ref().map(|o| &o.region)),
-        of("planned", |p| p.planned.as_ref().map(|o| &o.region)),
-        of("recorded", |p| p.recorded.as_ref().map(|o| &o.region)),
-    ]
+    STAGES.map(|(stage, get)| of(stage, get)).into()
 }
 
 fn pictures(

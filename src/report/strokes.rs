@@ -9,7 +9,7 @@
 use crate::geom::{Contour, Point2, Region, Vector2};
 
 /// Chord error of round joints and ends, mm: far below what a nozzle can do.
-const ARC_MM: f64 = 2e-3;
+pub(super) const ARC_MM: f64 = 2e-3;
 /// How far a mitre may stand beyond the round joint that it replaces, mm.
 const MITRE_MM: f64 = 5e-4;
 /// Ends nearer than this are one point, mm: recorded coordinates are rounded to a micrometre or so.

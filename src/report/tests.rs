@@ -19,6 +19,7 @@ pub(super) fn inputs(case: &Case) -> Inputs<'_> {
         paths: &case.paths,
         record: &case.record,
         warnings: &[],
+        job: Job::default(),
         gate: Gate::default(),
     }
 }

@@ -13,7 +13,7 @@ use crate::app::session::{Made, Session};
 use crate::app::settings::Body;
 use crate::ct::Warning;
 use crate::progress::Task;
-use crate::report::{self, BodyKind, Gate, Image, Inputs, Record, Report};
+use crate::report::{self, BodyKind, Gate, Image, Inputs, Job, Record, Report};
 use crate::segment::Polarity;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -54,6 +54,13 @@ struct Verdict {
 #[derive(Deserialize)]
 struct Total {
     overall: serde_json::Value,
+}
+
+/// What a record's `summary.json` tells of the whole print.
+#[derive(Deserialize)]
+struct PrintSummary {
+    simulated_s: f64,
+    filament_mm: f64,
 }
 
 impl Session<'_> {
@@ -108,6 +115,7 @@ impl Session<'_> {
             Body::Cast => BodyKind::Cast,
         };
         let record = self.record()?;
+        let job = self.job_amounts()?;
         // Filled in first, borrowed together afterwards.
         self.volume()?;
         self.sections()?;
@@ -124,6 +132,7 @@ impl Session<'_> {
             paths: &sliced.paths,
             record: &record,
             warnings: &warnings,
+            job,
             gate: Gate::default(),
         };
         Ok(report::build(&inputs, task)?)
@@ -133,6 +142,19 @@ impl Session<'_> {
         let path = self.case.output(Stage::Print, RECORD_DIR)?.join("beads.csv");
         let parsed = report::record::parse(&atomic::read_text(&path)?);
         Ok(parsed.map_err(|e| CaseError::Corrupt { path, problem: e.to_string() })?)
+    }
+
+    /// Time and filament, planned and recorded.
+    fn job_amounts(&self) -> Result<Job, Error> {
+        let planned = self.layers_document()?;
+        let path = self.case.output(Stage::Print, RECORD_DIR)?.join("summary.json");
+        let recorded: Option<PrintSummary> = if path.is_file() { Some(read_json(&path)?) } else { None };
+        Ok(Job {
+            planned_s: Some(planned.print_time_s),
+            recorded_s: recorded.as_ref().map(|r| r.simulated_s),
+            planned_filament_mm: Some(planned.filament_mm),
+            recorded_filament_mm: recorded.map(|r| r.filament_mm),
+        })
     }
 
     /// What the stages before the report found odd.

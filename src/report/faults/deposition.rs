@@ -1,7 +1,7 @@
 //! Recorded against planned beads over all layers.
 
-use super::bead::{Piece, shape_of};
-use super::heights::{Aligned, align};
+use super::bead::{Piece, planned, shape_of};
+use super::heights::{Aligned, align, near_segments};
 use super::matched::{Matched, Role, Where, matched};
 use super::series::{Span, of_scalars, spans};
 use super::{Finding, Kind, Place, Size, told};
@@ -55,6 +55,14 @@ pub(in crate::report) fn deposited(inputs: &Inputs<'_>) -> Vec<Finding> {
     findings.extend(view.strays());
     findings.sort_by_key(|f| (f.place.layers, f.kind));
     findings
+}
+
+/// Material of the planned beads, and recorded near the job, mm³.
+pub(in crate::report) fn volumes_mm3(inputs: &Inputs<'_>) -> [f64; 2] {
+    let near = near_segments(inputs.paths, inputs.record);
+    let shape = shape_of(near.iter().copied());
+    let of_layer = |layer| planned(layer, shape).iter().map(|p| p.volume_mm3).sum::<f64>();
+    [inputs.paths.layers.iter().map(of_layer).sum(), near.iter().map(|s| s.volume_mm3).sum()]
 }
 
 struct View<'a> {
@@ -304,15 +312,15 @@ impl View<'_> {
         let layers = told("layer", [span.first, span.last]);
         let text = if span.is_gradual {
             format!(
-                "{name}: {layers} hold {less} and {less} material than planned, from {begin:+.1} % to {end:+.1} %"
+                "{name}: {less} and {less} material than planned in {layers}, from {begin:+.1} % to {end:+.1} %"
             )
         } else if span.spread > 0.25 * span.begin.norm() {
             format!(
-                "{name}: {layers} hold {:.1} % {less} material than planned on average, from layer to layer differently",
+                "{name}: {:.1} % {less} material than planned in {layers} on average, differently from layer to layer",
                 most.abs()
             )
         } else {
-            format!("{name}: {layers} hold {:.1} % {less} material than planned", most.abs())
+            format!("{name}: {:.1} % {less} material than planned in {layers}", most.abs())
         };
         let size = Size { size: most.abs(), unit: "percent", uncertainty: 100.0 * span.spread + 0.1 };
         Finding {
@@ -405,11 +413,11 @@ impl View<'_> {
         let text = if span.is_gradual {
             let percent = 100.0 * self.rise_per_mm(span);
             format!(
-                "wrong height: {layers} lie off more and more, {end:+.3} mm at layer {}: scaled in z by {percent:+.2} %",
+                "wrong height: more and more in {layers}, {end:+.3} mm at layer {}: scaled in z by {percent:+.2} %",
                 span.last
             )
         } else {
-            format!("wrong height: {layers} lie {begin:+.3} mm off their height")
+            format!("wrong height: {begin:+.3} mm in {layers}")
         };
         let size =
             Size { size: span.most().x, unit: "mm", uncertainty: span.spread.max(LENGTH_UNCERTAINTY_MM) };

@@ -50,7 +50,7 @@ pub(super) fn align<'a>(paths: &Toolpaths, record: &'a Record) -> Aligned<'a> {
     collect(paths, &near, &layer_of)
 }
 
-fn near_segments<'a>(paths: &Toolpaths, record: &'a Record) -> Vec<&'a Segment> {
+pub(super) fn near_segments<'a>(paths: &Toolpaths, record: &'a Record) -> Vec<&'a Segment> {
     let points = paths.layers.iter().flat_map(|l| &l.beads).flat_map(|b| b.points.iter().map(|p| p.at));
     let Some(around) = Bounds2::of(points).map(|b| b.grown(ELSEWHERE_MM)) else { return Vec::new() };
     let is_near = |s: &&Segment| around.contains(s.from.xy()) || around.contains(s.to.xy());

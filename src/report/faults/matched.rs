@@ -16,6 +16,8 @@ use nalgebra::Matrix2;
 const SAME_LINE_MM: f64 = 0.1;
 /// The lines lie over one another when most points are nearer than this, mm.
 const FITTED_MM: f64 = 0.02;
+/// The order of printing is the planned one when more than this part of the points come together.
+const ALL_IN_ORDER: f64 = 0.9;
 /// Points that are laid over one another.
 const N_POINTS: usize = 240;
 /// Pieces are looked at in steps of this, mm.
@@ -160,11 +162,37 @@ impl Overlay<'_> {
         let (Some(planned), Some(recorded)) = (index_of(self.pieces), index_of(self.recorded)) else {
             return;
         };
-        matched.motion = self.in_order().or_else(|| self.shifted(&planned));
+        matched.motion = self.motion(&planned);
         let motion =
             matched.motion.unwrap_or(Motion { shift: Vector2::zeros(), linear: Matrix2::identity() });
-        self.recorded_sides(&planned, motion, matched);
+        let volume_mm3 = self.recorded_sides(&planned, motion, matched);
         self.missing_sides(&recorded, motion, matched);
+        let covered_mm3: f64 =
+            matched.roles.iter().map(|[p, missing]| p.volume_mm3 - missing.volume_mm3).sum();
+        matched.flow = (covered_mm3 > 0.0).then(|| volume_mm3 / covered_mm3);
+    }
+
+    /// The shift, unless an affine motion lays clearly more of the lines over planned ones: points in the order of printing
+    /// slide along the lines where something was added or left out, which looks like a turn.
+    fn motion(&self, planned: &SegmentIndex) -> Option<Motion> {
+        let points = along(self.recorded, N_POINTS);
+        let n_on_lines = |motion: &Motion| {
+            let near = |(p, _): &&(Point2, usize)| {
+                planned.nearest_within(self.planned_at(*motion, *p), 0.5 * FITTED_MM).is_some()
+            };
+            points.iter().filter(near).count()
+        };
+        let (affine, in_order) = self.in_order().unzip();
+        if in_order.is_some_and(|part| part > ALL_IN_ORDER) {
+            return affine;
+        }
+        match (self.shifted(planned), affine) {
+            (Some(shift), Some(affine)) => {
+                let clearly = n_on_lines(&affine) > n_on_lines(&shift) + N_POINTS / 20;
+                Some(if clearly { affine } else { shift })
+            }
+            (shift, affine) => shift.or(affine),
+        }
     }
 
     fn printed_at(&self, motion: Motion, p: Point2) -> Point2 {
@@ -176,8 +204,8 @@ impl Overlay<'_> {
         Point2::from(self.plan.centroid + back * (p.coords - self.plan.centroid - motion.shift))
     }
 
-    /// The affine motion of points at the same part of the length.
-    fn in_order(&self) -> Option<Motion> {
+    /// The affine motion of points at the same part of the length, and the part of them that it brings together.
+    fn in_order(&self) -> Option<(Motion, f64)> {
         if (self.record.length_mm / self.plan.length_mm - 1.0).abs() > 0.1 {
             return None;
         }
@@ -191,7 +219,8 @@ impl Overlay<'_> {
             let usual = median(&off).max(1e-4);
             weights =
                 off.iter().map(|d| if *d > 4.0 * usual { 0.0 } else { 1.0 / (1.0 + d / usual) }).collect();
-            motion = (usual < FITTED_MM).then_some(fitted);
+            let together = off.iter().filter(|d| **d < 0.5 * FITTED_MM).count() as f64 / off.len() as f64;
+            motion = (usual < FITTED_MM).then_some((fitted, together));
         }
         motion
     }
@@ -256,30 +285,25 @@ impl Overlay<'_> {
         shift
     }
 
-    /// Flow where recorded beads lie on planned ones, and what lies beside all of them.
-    fn recorded_sides(&self, planned: &SegmentIndex, motion: Motion, matched: &mut Matched) {
-        let (mut plan, mut record, mut areas) = (0.0, 0.0, [0.0; 2]);
+    /// Volume and width of the recorded beads on planned ones, and what lies beside all of them.
+    fn recorded_sides(&self, planned: &SegmentIndex, motion: Motion, matched: &mut Matched) -> f64 {
+        let (mut volume_mm3, mut widths) = (0.0, Vec::new());
         for piece in self.recorded {
             let (length_mm, n) = steps(piece);
             for part in (0..n).map(|i| (i as f64 + 0.5) / n as f64) {
-                let volume_mm3 = piece.volume_mm3 / n as f64;
+                let own_mm3 = piece.volume_mm3 / n as f64;
                 let at = piece.at(part);
                 match planned.nearest_within(self.planned_at(motion, at), SAME_LINE_MM) {
                     Some(foot) => {
-                        let own = &self.pieces[foot.contour_idx];
-                        plan += length_mm * own.volume_mm3 / own.length_mm();
-                        record += volume_mm3;
-                        areas[0] += length_mm * own.width_mm;
-                        areas[1] += length_mm * piece.width_mm;
+                        volume_mm3 += own_mm3;
+                        widths.push(piece.width_mm / self.pieces[foot.contour_idx].width_mm);
                     }
-                    None => matched.extra[self.place(at) as usize].add(length_mm, volume_mm3),
+                    None => matched.extra[self.place(at) as usize].add(length_mm, own_mm3),
                 }
             }
         }
-        // The same material on lines that are longer throughout is no lack of it.
-        let stretched = motion.linear.determinant().abs().sqrt();
-        matched.flow = (plan > 0.0).then(|| record / plan * stretched);
-        matched.width = (areas[0] > 0.0).then(|| areas[1] / areas[0]);
+        matched.width = super::super::image::median(widths.into_iter());
+        volume_mm3
     }
 
     fn place(&self, at: Point2) -> Where {

@@ -21,7 +21,7 @@ mod series;
 mod tests;
 
 pub(super) use branches::{Made, odd_layers, plugged};
-pub(super) use deposition::deposited;
+pub(super) use deposition::{deposited, volumes_mm3};
 pub(super) use order::{Compared, Seen, broken_course, out_of_order, unlike_image};
 pub(super) use outlines::{StagePair, moved, without_echoes};
 

@@ -54,7 +54,33 @@ pub(super) fn spans(values: &[Option<Vector2>], least: f64) -> Vec<Span> {
             begin = i;
         }
     }
-    joined(spans, &known)
+    joined(with_edges(spans), &known)
+}
+
+/// A single place that deviates less than the long span beside it, the same way, is where that one begins or ends.
+fn with_edges(spans: Vec<Span>) -> Vec<Span> {
+    let mut kept: Vec<Span> = Vec::new();
+    for span in spans {
+        match kept.last_mut() {
+            Some(before) if before.last + 1 == span.first && is_edge(&span, before) => {
+                before.last = span.last
+            }
+            Some(before) if before.last + 1 == span.first && is_edge(before, &span) => {
+                *before = Span { first: before.first, ..span };
+            }
+            _ => kept.push(span),
+        }
+    }
+    kept
+}
+
+fn is_edge(one: &Span, of: &Span) -> bool {
+    let (a, b) = (one.begin, of.most());
+    one.first == one.last
+        && of.last >= of.first + 2
+        && !of.is_gradual
+        && a.norm() < b.norm()
+        && a.dot(&b) > 0.9 * a.norm() * b.norm()
 }
 
 /// Whether the value at `i` lies off the one before by a step of its own.
@@ -198,6 +224,18 @@ mod tests {
             matches!(found[..], [Span { first: 20, last: 39, .. }, Span { first: 40, last: 59, .. }]),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn a_place_that_is_half_off_belongs_to_the_span_beside_it() {
+        let found = scalars(60, |i| match i {
+            19 => 0.1,
+            20..30 => 0.4,
+            30 => 0.2,
+            _ => 0.0,
+        });
+        assert!(matches!(found[..], [Span { first: 19, last: 30, .. }]), "{found:?}");
+        assert!((found[0].begin.x - 0.4).abs() < 1e-12);
     }
 
     #[test]

@@ -24,6 +24,7 @@ fn report(case: &Forked) -> Report {
         paths: &case.paths,
         record: &case.record,
         warnings: &[],
+        job: Job::default(),
         gate: Gate::default(),
     };
     build(&inputs, &Task::quiet()).unwrap()
@@ -252,6 +253,26 @@ fn material_in_the_lumen_and_outside_is_found() {
     outside.record.segments.push(string(radius_mm + 1.5, radius_mm + 4.5));
     let found = only(&report(&outside));
     assert_eq!((found.kind, found.place.layers), (Kind::MaterialOutside, Some([30, 30])));
+}
+
+#[test]
+fn a_leak_on_all_ways_is_surplus_material_and_nothing_else() {
+    let mut case = case();
+    let (mut leaky, mut last) = (Vec::new(), None::<Segment>);
+    for s in &case.record.segments {
+        if let Some(l) = last.filter(|l| (l.to - s.from).norm() > 0.05 && (l.to.z - s.from.z).abs() < 0.01) {
+            let volume_mm3 = 0.008 * (s.from - l.to).norm();
+            leaky.push(Segment { from: l.to, to: s.from, volume_mm3, width_mm: 0.04, height_mm: 0.2 });
+        }
+        leaky.push(*s);
+        last = Some(*s);
+    }
+    case.record.segments = leaky;
+    let report = report(&case);
+    assert!(!report.findings.is_empty());
+    let is_surplus =
+        |f: &Finding| matches!(f.kind, Kind::MaterialInLumen | Kind::MaterialInWall | Kind::MaterialOutside);
+    assert!(report.findings.iter().all(is_surplus), "{}", told(&report));
 }
 
 #[test]
