@@ -30,9 +30,11 @@ mod picture;
 mod plate;
 pub mod preview;
 pub mod record;
+pub mod schema;
 mod stages;
 mod strokes;
 mod surface;
+mod table;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -48,6 +50,7 @@ pub use page::html;
 pub use picture::Picture;
 pub use record::Record;
 pub use stages::build;
+pub use table::csv;
 pub use verdict::{Gate, Verdict};
 pub use write::write;
 

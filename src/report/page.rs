@@ -61,7 +61,9 @@ struct View {
     stages: Vec<StageRow>,
     charts: Vec<chart::Chart>,
     window: Option<Window>,
-    model: Option<embed::Model>,
+    /// JSON of numbers, letters and base64: nothing in it ends a script.
+    view_data: String,
+    model_data: Option<String>,
     maps: Vec<unrolled::Map>,
     most_mm: f64,
     sides: [&'static str; 6],
@@ -96,6 +98,14 @@ struct StageRow {
     bias: String,
     dice: String,
     area: String,
+}
+
+/// What the viewer needs beside the pictures.
+#[derive(Serialize)]
+struct ViewData {
+    sides: [&'static str; 6],
+    range_hu: Option<[f64; 2]>,
+    window_hu: Option<[f64; 2]>,
 }
 
 /// From the bytes of grey pictures to what is shown of them.
@@ -201,10 +211,12 @@ pub fn html(report: &Report) -> Result<String, Error> {
     Ok(environment.get_template("index.html")?.render(view)?)
 }
 
-fn view(report: &Report) -> Result<View, png::EncodingError> {
+fn view(report: &Report) -> Result<View, Error> {
     let range = colour::Range::of(report.pictures.iter().flat_map(|p| &p.plate.ring));
     let greys = greys(report)?;
     let plates = report.pictures.iter().zip(greys);
+    let window = report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of);
+    let sides = report.pictures.first().map_or([""; 6], |p| p.plate.sides);
     Ok(View {
         style: include_str!("page/style.css"),
         viewer: include_str!("page/viewer.js"),
@@ -222,11 +234,18 @@ fn view(report: &Report) -> Result<View, png::EncodingError> {
         notes: report.notes.clone(),
         stages: Stage::ALL.into_iter().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
-        window: report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of),
-        model: embed::Model::of(&report.surface, range.most_mm),
+        view_data: serde_json::to_string(&ViewData {
+            sides,
+            range_hu: window.as_ref().map(|w| w.range_hu),
+            window_hu: window.as_ref().map(|w| w.window_hu),
+        })?,
+        model_data: embed::Model::of(&report.surface, range.most_mm)
+            .map(|model| serde_json::to_string(&model))
+            .transpose()?,
+        window,
         maps: unrolled::maps(report, range)?,
         most_mm: range.most_mm,
-        sides: report.pictures.first().map_or([""; 6], |p| p.plate.sides),
+        sides,
         planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
         anatomy: anatomy_rows(report),
         methods: METHODS.map(|(name, text)| Method { name, text }).into(),
