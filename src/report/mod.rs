@@ -26,6 +26,7 @@ mod deviation;
 mod image;
 mod lumen;
 mod page;
+mod pdf;
 mod picture;
 mod plate;
 pub mod preview;
@@ -47,6 +48,7 @@ pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMea
 pub use deviation::{Figures, STEP_MM};
 pub use image::Polarity;
 pub use page::html;
+pub use pdf::pdf;
 pub use picture::Picture;
 pub use record::Record;
 pub use stages::build;
@@ -180,6 +182,9 @@ pub enum Error {
     /// A picture of the page could not be encoded.
     #[error("a picture of the report's page could not be encoded: {0}")]
     Drawing(#[from] png::EncodingError),
+    /// The pixels of the document could not be packed.
+    #[error("the document of the report (PDF) could not be made: {0}")]
+    Pdf(#[from] std::io::Error),
     /// The figures could not be written as JSON.
     #[error("the figures of the report could not be written as JSON: {0}")]
     Json(#[from] serde_json::Error),

@@ -352,7 +352,15 @@ fn writing_replaces_an_older_report_and_leaves_nothing_else() {
     };
     assert_eq!(
         names(&dir),
-        ["index.html", "plane-000.png", "plane-001.png", "planes.csv", "report.json", "report.schema.json"]
+        [
+            "index.html",
+            "plane-000.png",
+            "plane-001.png",
+            "planes.csv",
+            "report.json",
+            "report.pdf",
+            "report.schema.json"
+        ]
     );
     assert_eq!(names(&parent.path().join("case")), ["report"]);
     let in_the_way = parent.path().join("file");
