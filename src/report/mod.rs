@@ -31,13 +31,16 @@ mod image;
 mod lumen;
 mod measures;
 mod page;
+mod pdf;
 mod picture;
 mod plate;
 pub mod preview;
 pub mod record;
+pub mod schema;
 mod stages;
 mod strokes;
 mod surface;
+mod table;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -54,9 +57,11 @@ pub use deviation::{Figures, STEP_MM};
 pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
 pub use image::Polarity;
 pub use page::html;
+pub use pdf::pdf;
 pub use picture::Picture;
 pub use record::Record;
 pub use stages::build;
+pub use table::csv;
 pub use thickness::{PlaneWall, Wall, WallStage};
 pub use verdict::{Gate, Verdict};
 pub use write::write;
@@ -189,6 +194,9 @@ pub enum Error {
     /// A picture of the page could not be encoded.
     #[error("a picture of the report's page could not be encoded: {0}")]
     Drawing(#[from] png::EncodingError),
+    /// The pixels of the document could not be packed.
+    #[error("the document of the report (PDF) could not be made: {0}")]
+    Pdf(#[from] std::io::Error),
     /// The figures could not be written as JSON.
     #[error("the figures of the report could not be written as JSON: {0}")]
     Json(#[from] serde_json::Error),

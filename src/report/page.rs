@@ -9,7 +9,7 @@ use minijinja::{AutoEscape, Environment};
 use rayon::prelude::*;
 use serde::Serialize;
 
-mod chart;
+pub(super) mod chart;
 mod colour;
 mod embed;
 mod unrolled;
@@ -46,56 +46,66 @@ pub(super) const METHODS: [(&str, &str); 6] = [
 ];
 
 #[derive(Serialize)]
-struct View {
-    style: &'static str,
-    viewer: &'static str,
-    model_view: &'static str,
-    body_text: &'static str,
-    has_ct: bool,
-    n_planes: usize,
-    n_layers: usize,
-    passed: bool,
-    verdict: String,
-    cards: Vec<Card>,
-    notes: Vec<crate::ct::Warning>,
-    stages: Vec<StageRow>,
-    charts: Vec<chart::Chart>,
+pub(super) struct View {
+    pub(super) style: &'static str,
+    pub(super) viewer: &'static str,
+    pub(super) model_view: &'static str,
+    pub(super) body_text: &'static str,
+    pub(super) has_ct: bool,
+    pub(super) n_planes: usize,
+    pub(super) n_layers: usize,
+    pub(super) passed: bool,
+    pub(super) verdict: String,
+    pub(super) cards: Vec<Card>,
+    pub(super) notes: Vec<crate::ct::Warning>,
+    pub(super) stages: Vec<StageRow>,
+    pub(super) charts: Vec<chart::Chart>,
     window: Option<Window>,
-    model: Option<embed::Model>,
-    maps: Vec<unrolled::Map>,
-    most_mm: f64,
+    /// JSON of numbers, letters and base64: nothing in it ends a script.
+    pub(super) view_data: String,
+    pub(super) model_data: Option<String>,
+    pub(super) maps: Vec<unrolled::Map>,
+    pub(super) most_mm: f64,
+    pub(super) sides: [&'static str; 6],
+    pub(super) planes: Vec<PlaneView>,
+    pub(super) anatomy: Vec<AnatomyRow>,
+    pub(super) methods: Vec<Method>,
+    pub(super) intended_use: &'static str,
+}
+
+#[derive(Serialize)]
+pub(super) struct Card {
+    pub(super) label: &'static str,
+    pub(super) value: String,
+    pub(super) hint: &'static str,
+}
+
+#[derive(Serialize)]
+pub(super) struct Method {
+    pub(super) name: &'static str,
+    pub(super) text: &'static str,
+}
+
+#[derive(Serialize)]
+pub(super) struct StageRow {
+    pub(super) name: &'static str,
+    pub(super) meaning: &'static str,
+    pub(super) reason: Option<String>,
+    pub(super) mean: String,
+    pub(super) rms: String,
+    pub(super) p95: String,
+    pub(super) max: String,
+    pub(super) bias: String,
+    pub(super) dice: String,
+    pub(super) area: String,
+}
+
+/// What the viewer needs beside the pictures.
+#[derive(Serialize)]
+struct ViewData {
     sides: [&'static str; 6],
-    planes: Vec<PlaneView>,
-    anatomy: Vec<AnatomyRow>,
-    methods: Vec<Method>,
-    intended_use: &'static str,
-}
-
-#[derive(Serialize)]
-struct Card {
-    label: &'static str,
-    value: String,
-    hint: &'static str,
-}
-
-#[derive(Serialize)]
-struct Method {
-    name: &'static str,
-    text: &'static str,
-}
-
-#[derive(Serialize)]
-struct StageRow {
-    name: &'static str,
-    meaning: &'static str,
-    reason: Option<String>,
-    mean: String,
-    rms: String,
-    p95: String,
-    max: String,
-    bias: String,
-    dice: String,
-    area: String,
+    range_hu: Option<[f64; 2]>,
+    window_hu: Option<[f64; 2]>,
 }
 
 /// From the bytes of grey pictures to what is shown of them.
@@ -141,17 +151,17 @@ struct GreyView {
 
 /// The bar that shows a length.
 #[derive(Serialize)]
-struct Bar {
-    x0: f64,
-    x1: f64,
-    y: f64,
-    text: String,
-    letter: f64,
+pub(super) struct Bar {
+    pub(super) x0: f64,
+    pub(super) x1: f64,
+    pub(super) y: f64,
+    pub(super) text: String,
+    pub(super) letter: f64,
 }
 
 impl Bar {
     /// Of a round length, about a fifth of the picture.
-    fn of([width, height]: [i32; 2]) -> Self {
+    pub(super) fn of([width, height]: [i32; 2]) -> Self {
         let most_mm = 0.25 * f64::from(width) / UNITS_PER_MM;
         let mm = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0].into_iter().find(|l| *l <= most_mm).unwrap_or(1.0);
         let letter = 0.04 * f64::from(width.max(height));
@@ -162,14 +172,14 @@ impl Bar {
 }
 
 #[derive(Serialize)]
-struct PlaneView {
-    plane: usize,
-    z: String,
-    layer: Option<String>,
-    alt: String,
+pub(super) struct PlaneView {
+    pub(super) plane: usize,
+    pub(super) z: String,
+    pub(super) layer: Option<String>,
+    pub(super) alt: String,
     plate: PlateView,
-    figures: Vec<Labelled>,
-    cells: Vec<String>,
+    pub(super) figures: Vec<Labelled>,
+    pub(super) cells: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -179,14 +189,14 @@ struct Labelled {
 }
 
 #[derive(Serialize)]
-struct AnatomyRow {
-    branch: String,
-    planes: String,
-    stage: &'static str,
-    area: String,
-    equivalent: String,
-    minimum: String,
-    stenosis: String,
+pub(super) struct AnatomyRow {
+    pub(super) branch: String,
+    pub(super) planes: String,
+    pub(super) stage: &'static str,
+    pub(super) area: String,
+    pub(super) equivalent: String,
+    pub(super) minimum: String,
+    pub(super) stenosis: String,
 }
 
 /// The page.
@@ -201,10 +211,13 @@ pub fn html(report: &Report) -> Result<String, Error> {
     Ok(environment.get_template("index.html")?.render(view)?)
 }
 
-fn view(report: &Report) -> Result<View, png::EncodingError> {
+/// What page and document say.
+pub(super) fn view(report: &Report) -> Result<View, Error> {
     let range = colour::Range::of(report.pictures.iter().flat_map(|p| &p.plate.ring));
     let greys = greys(report)?;
     let plates = report.pictures.iter().zip(greys);
+    let window = report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of);
+    let sides = report.pictures.first().map_or([""; 6], |p| p.plate.sides);
     Ok(View {
         style: include_str!("page/style.css"),
         viewer: include_str!("page/viewer.js"),
@@ -222,11 +235,18 @@ fn view(report: &Report) -> Result<View, png::EncodingError> {
         notes: report.notes.clone(),
         stages: Stage::ALL.into_iter().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
-        window: report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of),
-        model: embed::Model::of(&report.surface, range.most_mm),
+        view_data: serde_json::to_string(&ViewData {
+            sides,
+            range_hu: window.as_ref().map(|w| w.range_hu),
+            window_hu: window.as_ref().map(|w| w.window_hu),
+        })?,
+        model_data: embed::Model::of(&report.surface, range.most_mm)
+            .map(|model| serde_json::to_string(&model))
+            .transpose()?,
+        window,
         maps: unrolled::maps(report, range)?,
         most_mm: range.most_mm,
-        sides: report.pictures.first().map_or([""; 6], |p| p.plate.sides),
+        sides,
         planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
         anatomy: anatomy_rows(report),
         methods: METHODS.map(|(name, text)| Method { name, text }).into(),
@@ -364,6 +384,22 @@ fn plane_view(report: &Report, picture: &super::Picture, grey: Option<GreyView>)
         plate: plate_view(&picture.plate, grey),
         figures,
         cells,
+    }
+}
+
+impl PlaneView {
+    /// Which plane it is.
+    pub(super) fn name(&self) -> String {
+        let layer = self.layer.as_ref().map_or_else(String::new, |l| format!(", layer {l}"));
+        format!("CT plane {}, z {} mm{layer}", self.plane, self.z)
+    }
+
+    /// The total error in a line.
+    pub(super) fn summary(&self) -> String {
+        match self.cells.as_slice() {
+            [mean, p95, _, bias, ..] => format!("total: mean {mean}, 95 % {p95}, bias {bias} mm"),
+            _ => String::new(),
+        }
     }
 }
 

@@ -333,6 +333,10 @@ fn text_of_others_is_escaped() {
     let page = html(&report).unwrap();
     assert!(!page.contains("<script>alert") && page.contains("&lt;script&gt;alert"));
     assert!(!page.contains("http://") && !page.contains("https://"));
+    // What it shows it holds: nothing is fetched, from the network or from beside it.
+    assert!(
+        !page.contains(" src=") && page.matches("href=").count() == page.matches("href=\"data:").count() + 1
+    );
 }
 
 #[test]
@@ -349,7 +353,18 @@ fn writing_replaces_an_older_report_and_leaves_nothing_else() {
         names.sort();
         names
     };
-    assert_eq!(names(&dir), ["index.html", "plane-000.png", "plane-001.png", "report.json"]);
+    assert_eq!(
+        names(&dir),
+        [
+            "index.html",
+            "plane-000.png",
+            "plane-001.png",
+            "planes.csv",
+            "report.json",
+            "report.pdf",
+            "report.schema.json"
+        ]
+    );
     assert_eq!(names(&parent.path().join("case")), ["report"]);
     let in_the_way = parent.path().join("file");
     std::fs::write(&in_the_way, "").unwrap();

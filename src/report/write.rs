@@ -1,6 +1,7 @@
-//! The report to files: `index.html`, `report.json`, `plane-000.png`, ... The only IO of this room.
+//! The report to files: `index.html`, `report.pdf`, `report.json` and its schema, `planes.csv`, `plane-000.png`, ...
+//! The only IO of this room.
 
-use super::{Error, Report, page};
+use super::{Error, Report, page, pdf, schema, table};
 use crate::progress::Task;
 use std::io::Write;
 use std::path::Path;
@@ -12,6 +13,7 @@ use std::path::Path;
 pub fn write(report: &Report, dir: &Path, task: &Task<'_>) -> Result<(), Error> {
     let fail = |source| Error::Io { dir: dir.to_owned(), source };
     let html = page::html(report)?;
+    let document = pdf::pdf(report)?;
     let json = report.to_json()?;
     let parent = match dir.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -19,14 +21,23 @@ pub fn write(report: &Report, dir: &Path, task: &Task<'_>) -> Result<(), Error> 
     };
     std::fs::create_dir_all(parent).map_err(fail)?;
     let fresh = tempfile::Builder::new().prefix(".report-").tempdir_in(parent).map_err(fail)?;
-    let n_files = report.pictures.len() as u64 + 2;
+    let csv = table::csv(report);
+    let texts = [
+        ("report.json", json.as_bytes()),
+        ("report.schema.json", schema::REPORT.as_bytes()),
+        ("planes.csv", csv.as_bytes()),
+        ("report.pdf", &document),
+        ("index.html", html.as_bytes()),
+    ];
+    let n_files = report.pictures.len() as u64 + texts.len() as u64;
     for (i, picture) in report.pictures.iter().enumerate() {
         task.check()?;
         put(&fresh.path().join(picture.file_name()), &picture.png).map_err(fail)?;
         task.report(i as u64 + 1, n_files);
     }
-    put(&fresh.path().join("report.json"), json.as_bytes()).map_err(fail)?;
-    put(&fresh.path().join("index.html"), html.as_bytes()).map_err(fail)?;
+    for (name, text) in texts {
+        put(&fresh.path().join(name), text).map_err(fail)?;
+    }
     replace(dir, parent, fresh).map_err(fail)?;
     task.report(n_files, n_files);
     Ok(())

@@ -15,48 +15,48 @@ const WARM: &str = "#b35a00";
 
 /// A chart as shapes.
 #[derive(Serialize, Default)]
-pub(super) struct Chart {
-    title: &'static str,
-    description: String,
-    width: f64,
-    height: f64,
-    grid: Vec<Line>,
-    bars: Vec<Bar>,
-    curves: Vec<Curve>,
-    labels: Vec<Label>,
+pub(in super::super) struct Chart {
+    pub(in super::super) title: &'static str,
+    pub(in super::super) description: String,
+    pub(in super::super) width: f64,
+    pub(in super::super) height: f64,
+    pub(in super::super) grid: Vec<Line>,
+    pub(in super::super) bars: Vec<Bar>,
+    pub(in super::super) curves: Vec<Curve>,
+    pub(in super::super) labels: Vec<Label>,
 }
 
 #[derive(Serialize)]
-struct Line {
-    x0: f64,
-    y0: f64,
-    x1: f64,
-    y1: f64,
+pub(in super::super) struct Line {
+    pub(in super::super) x0: f64,
+    pub(in super::super) y0: f64,
+    pub(in super::super) x1: f64,
+    pub(in super::super) y1: f64,
 }
 
 #[derive(Serialize)]
-struct Bar {
-    x: f64,
-    y: f64,
-    width: f64,
-    height: f64,
-    colour: &'static str,
+pub(in super::super) struct Bar {
+    pub(in super::super) x: f64,
+    pub(in super::super) y: f64,
+    pub(in super::super) width: f64,
+    pub(in super::super) height: f64,
+    pub(in super::super) colour: &'static str,
 }
 
 #[derive(Serialize)]
-struct Curve {
-    points: String,
-    colour: &'static str,
-    dash: Option<&'static str>,
+pub(in super::super) struct Curve {
+    pub(in super::super) points: String,
+    pub(in super::super) colour: &'static str,
+    pub(in super::super) dash: Option<&'static str>,
 }
 
 #[derive(Serialize)]
-struct Label {
-    x: f64,
-    y: f64,
-    anchor: &'static str,
-    colour: Option<&'static str>,
-    text: String,
+pub(in super::super) struct Label {
+    pub(in super::super) x: f64,
+    pub(in super::super) y: f64,
+    pub(in super::super) anchor: &'static str,
+    pub(in super::super) colour: Option<&'static str>,
+    pub(in super::super) text: String,
 }
 
 /// The charts that the report has figures for.

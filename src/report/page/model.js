@@ -63,8 +63,8 @@
     "attribute vec3 place; attribute vec3 normal; attribute float off; uniform mat4 turn; uniform mat4 lens; varying vec3 n; varying float d;" +
     "void main() { n = (turn * vec4(normal, 0.)).xyz; d = off; gl_Position = lens * turn * vec4(place, 1.); }"));
   gl.attachShader(program, shader(gl.FRAGMENT_SHADER,
-    "precision mediump float; varying vec3 n; varying float d; uniform vec4 plain;" +
-    "void main() { if (plain.a > 0.) { gl_FragColor = plain; return; }" +
+    "precision mediump float; varying vec3 n; varying float d;" +
+    "void main() { " +
     "vec3 mid = vec3(.969), end = d < 0. ? vec3(.129, .4, .675) : vec3(.698, .094, .169);" +
     "vec3 colour = d > 2. ? vec3(.5) : mix(mid, end, abs(d));" +
     "vec3 m = normalize(n); float light = .38 + .62 * abs(dot(m, normalize(vec3(.3, .4, 1.))));" +
@@ -72,20 +72,16 @@
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) { none.hidden = false; return; }
   gl.useProgram(program);
-  function attach(name, count, offset, stride) {
+  function attach(name, count, offset) {
     var where = gl.getAttribLocation(program, name);
     gl.enableVertexAttribArray(where);
     gl.vertexAttribPointer(where, count, gl.FLOAT, false, 28, offset);
-    return stride;
   }
-  var body = gl.createBuffer(), order = gl.createBuffer(), frame = gl.createBuffer();
+  var body = gl.createBuffer(), order = gl.createBuffer();
   gl.bindBuffer(gl.ARRAY_BUFFER, body); gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, order); gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(triangles), gl.STATIC_DRAW);
   gl.enable(gl.DEPTH_TEST);
-  function bind(buffer) {
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    attach("place", 3, 0); attach("normal", 3, 12); attach("off", 1, 24);
-  }
+  attach("place", 3, 0); attach("normal", 3, 12); attach("off", 1, 24);
 
   // Seen from the patient's front at first: x to the right, z upward.
   var azimuth = 0, tilt = 0.15, zoom = 1, planeZ = 0, asked = false, grip = null, moved = 0;
@@ -95,6 +91,7 @@
     var right = [ca, sa, 0], toward = [sa * ct, -ca * ct, st], upward = cross(toward, right);
     return [right, upward, toward];
   }
+  function dot(row, x, y, z) { return row[0] * x + row[1] * y + row[2] * z; }
   function scales() {
     var aspect = canvas.width / canvas.height, half = radius * 1.05 / zoom;
     return aspect > 1 ? [1 / (half * aspect), 1 / half] : [1 / half, aspect / half];
@@ -113,22 +110,20 @@
       [m[0][0], m[1][0], m[2][0], 0, m[0][1], m[1][1], m[2][1], 0, m[0][2], m[1][2], m[2][2], 0, 0, 0, 0, 1]);
     gl.uniformMatrix4fv(gl.getUniformLocation(program, "lens"), false,
       [s[0], 0, 0, 0, 0, s[1], 0, 0, 0, 0, -0.4 / radius, 0, 0, 0, 0, 1]);
-    var plain = gl.getUniformLocation(program, "plain");
-    gl.uniform4f(plain, 0, 0, 0, 0);
-    bind(body);
     gl.drawElements(gl.TRIANGLES, triangles.length, gl.UNSIGNED_INT, 0);
-    var x = 0.56 * size[0] + 1, y = 0.56 * size[1] + 1, z = planeZ - middle[2];
-    var corners = [[-x, -y], [x, -y], [x, y], [-x, y]], list = [];
-    corners.forEach(function (p) { list.push(p[0], p[1], z, 0, 0, 1, 0); });
-    bind(frame);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(list), gl.DYNAMIC_DRAW);
-    gl.uniform4f(plain, 1, 0.88, 0.3, 1);
-    gl.drawArrays(gl.LINE_LOOP, 0, 4);
-    letters(m, s, width, height, ratio);
+    mark();
   }
-  function letters(m, s, width, height, ratio) {
+  // The shown plane and the sides, over the model: leafing through planes does not draw the model anew.
+  function mark() {
+    var m = turning(), s = scales(), width = signs.width, height = signs.height, ratio = window.devicePixelRatio || 1;
     var pen = signs.getContext("2d"), far = [0.62 * size[0] + 2, 0.62 * size[1] + 2, 0.5 * size[2] + 3];
     pen.setTransform(1, 0, 0, 1, 0, 0); pen.clearRect(0, 0, width, height);
+    var x = 0.56 * size[0] + 1, y = 0.56 * size[1] + 1, z = planeZ - middle[2];
+    pen.strokeStyle = "#ffe14d"; pen.lineWidth = 1.5 * ratio; pen.beginPath();
+    [[-x, -y], [x, -y], [x, y], [-x, y]].forEach(function (p) {
+      pen.lineTo((dot(m[0], p[0], p[1], z) * s[0] + 1) * width / 2, (1 - dot(m[1], p[0], p[1], z) * s[1]) * height / 2);
+    });
+    pen.closePath(); pen.stroke();
     pen.font = "bold " + 16 * ratio + "px system-ui, 'DejaVu Sans', sans-serif"; pen.textAlign = "center"; pen.textBaseline = "middle";
     view.sides.forEach(function (letter, i) {
       var axis = i >> 1, reach = far[axis] * (i % 2 ? 1 : -1);
@@ -195,5 +190,6 @@
     ask();
   });
   window.addEventListener("resize", ask);
-  view.onShow(function (i) { planeZ = view.z[i]; ask(); });
+  view.onShow(function (i) { planeZ = view.z[i]; mark(); });
+  ask();
 }());

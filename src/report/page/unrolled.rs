@@ -22,15 +22,20 @@ const HEIGHT_MOST: f64 = 420.0;
 
 /// The map of a branch, the plane of greatest z on top.
 #[derive(Serialize)]
-pub(super) struct Map {
-    name: String,
+pub(in super::super) struct Map {
+    pub(in super::super) name: String,
     description: String,
     picture: String,
-    width: f64,
-    height: f64,
+    pub(in super::super) width: f64,
+    pub(in super::super) height: f64,
     rows: Vec<Row>,
-    sides: [&'static str; 5],
-    length: String,
+    pub(in super::super) sides: [&'static str; 5],
+    pub(in super::super) length: String,
+    /// The picture's pixels, three bytes each, and how many stand in a row.
+    #[serde(skip)]
+    pub(in super::super) pixels: Vec<u8>,
+    #[serde(skip)]
+    pub(in super::super) n_cols: usize,
 }
 
 /// The stripe of one plane.
@@ -126,18 +131,21 @@ fn map(report: &Report, branch: &Branch, strips: &[Strip], range: Range) -> Resu
     };
     let rows: Vec<Row> = strips.iter().enumerate().map(row).collect();
     let worst = strips.iter().flat_map(|s| s.cells.iter().flatten()).map(|c| c.abs()).fold(0.0, f64::max);
+    let pixels = pixels(strips, &rows, height, range);
     Ok(Map {
         name: branch.name.clone(),
         description: format!(
             "Deviation of {} around the vessel (left to right) and along it (upward), planes {} to {}; at most {worst:.2} mm",
             branch.name, branch.planes[0], branch.planes[1]
         ),
-        picture: embed::png(&picture(strips, &rows, height, range)?),
+        picture: embed::png(&draw::encode_bytes(&pixels, N_ANGLES, png::ColorType::Rgb)?),
         width: WIDTH,
         height,
         rows,
         sides: report.pictures.first().map_or([""; 5], |p| around(p.plate.sides)),
         length: format!("{length_mm:.1}"),
+        pixels,
+        n_cols: N_ANGLES,
     })
 }
 
@@ -146,7 +154,7 @@ const fn around([left, right, top, bottom, ..]: [&'static str; 6]) -> [&'static 
     [right, bottom, left, top, right]
 }
 
-fn picture(strips: &[Strip], rows: &[Row], height: f64, range: Range) -> Result<Vec<u8>, png::EncodingError> {
+fn pixels(strips: &[Strip], rows: &[Row], height: f64, range: Range) -> Vec<u8> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few hundred")]
     let n_rows = height as usize;
     let mut pixels = Vec::with_capacity(n_rows * N_ANGLES * 3);
@@ -155,7 +163,7 @@ fn picture(strips: &[Strip], rows: &[Row], height: f64, range: Range) -> Result<
         let i = rows.iter().position(|r| r.y <= y).unwrap_or(strips.len() - 1);
         pixels.extend(strips[i].cells.iter().flat_map(|&cell| range.colour(cell)));
     }
-    draw::encode_bytes(&pixels, N_ANGLES, png::ColorType::Rgb)
+    pixels
 }
 
 #[cfg(test)]
