@@ -81,6 +81,7 @@ impl Case {
             paths: &self.paths,
             record: &self.record,
             warnings: &[],
+            job: report::Job::default(),
             gate: Gate::default(),
         }
     }
