@@ -325,9 +325,10 @@ impl Filler<'_> {
     /// The middle of a thin wall, but for what the end of a bead takes of it on the far side; what is thinner than half the
     /// thinnest bead is left out.
     fn middle(&self, spot: &Spot) -> Option<Vertex> {
-        let (s, thinnest) = (&spot.sample, self.params.limits_mm[0]);
+        let (s, [thinnest, widest]) = (&spot.sample, self.params.limits_mm);
         let depth_mm = s.depth_mm - spot.taken_mm / 2.0;
-        let width_mm = (2.0 * depth_mm).max(thinnest);
+        // Short runs beside the thin wall, where it opens into a corner, may be deeper than a bead can fill.
+        let width_mm = (2.0 * depth_mm).min(widest).max(thinnest);
         (4.0 * s.depth_mm >= thinnest).then(|| Vertex {
             at: s.at + s.inward * depth_mm,
             width_mm,
