@@ -47,6 +47,7 @@ struct Bench {
     printer: Child,
     client: Client,
     random: u64,
+    n_added: usize,
 }
 
 impl Bench {
@@ -72,7 +73,7 @@ impl Bench {
             sleep(Duration::from_millis(5)).await;
         }
         let client = Client::over_socket(state.join("lumenfab.sock"));
-        Self { dir, printer, client, random: seed }
+        Self { dir, printer, client, random: seed, n_added: 0 }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -95,14 +96,13 @@ impl Bench {
         Duration::from_millis((self.random >> 33) % most)
     }
 
-    /// Adds the jobs, once more where that is not known to be done; ids are the caller's, so each is added once.
-    async fn add(&self, ids: &[JobId]) -> Option<()> {
+    /// Adds the next job, once more where it is not known to be done: its id is the caller's, so that it is added once.
+    async fn add(&mut self, ids: &[JobId]) {
+        let Some(id) = ids.get(self.n_added) else { return };
         let path = self.path("job.gcode").to_str().unwrap().to_owned();
-        for id in ids {
-            let (path, wishes, why) = (path.clone(), WishesBody::default(), Reason::default());
-            self.client.add(&Added { path, id: Some(*id), wishes, submit: true, why }).await.ok()?;
-        }
-        Some(())
+        let (wishes, why) = (WishesBody::default(), Reason::default());
+        let added = self.client.add(&Added { path, id: Some(*id), wishes, submit: true, why }).await;
+        self.n_added += usize::from(added.is_ok());
     }
 
     /// What an operator does: takes parts off, lets prints go on that broke off. Gives the jobs that are not over; `None` where the server is gone.
@@ -126,12 +126,12 @@ impl Bench {
         Some(jobs)
     }
 
-    /// Operates until no job is left, or until the time is over; whether none is left.
-    async fn operate_until(&self, ids: &[JobId], end: Instant) -> bool {
-        let mut is_added = false;
+    /// Adds and operates until no job is left, or until the time is over; whether none is left.
+    async fn operate_until(&mut self, ids: &[JobId], end: Instant) -> bool {
         while Instant::now() < end {
-            is_added = is_added || self.add(ids).await.is_some();
-            if is_added && self.operate().await.is_some_and(|jobs| jobs.is_empty()) {
+            self.add(ids).await;
+            let jobs = self.operate().await;
+            if self.n_added == ids.len() && jobs.is_some_and(|jobs| jobs.is_empty()) {
                 return true;
             }
             sleep(Duration::from_millis(20)).await;

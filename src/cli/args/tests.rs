@@ -49,20 +49,26 @@ fn gaps_are_allowed_and_a_rate_is_set_only_where_asked_for() {
 }
 
 #[test]
-fn the_sample_service_runs_commands_that_there_are() {
-    let unit = include_str!("../../../deploy/lumenfab-print@.service");
-    let commands: Vec<_> = unit
+fn the_sample_services_run_commands_that_there_are() {
+    let units = [
+        include_str!("../../../deploy/lumenfab-print@.service"),
+        include_str!("../../../deploy/lumenfab.service"),
+        include_str!("../../../deploy/lumenfab-safe-off.service"),
+    ];
+    let text = units.concat().replace("${HOLD_S}", "1800");
+    let commands: Vec<_> = text
         .lines()
         .filter(|line| line.starts_with("Exec"))
         .filter_map(|line| line.split_once("/usr/bin/lumenfab "))
         .map(|(_, command)| command.trim_end_matches('\'').replace("\"$$after\"", "1800"))
         .collect();
-    assert_eq!(commands.len(), 2);
+    assert_eq!(commands.len(), 4);
     for command in commands {
         let args: Vec<_> = command.split_ascii_whitespace().collect();
         match parse(&args) {
             Command::Print(print) => assert_eq!(print.what, PathBuf::from("%i.gcode")),
             Command::SafeOff(safe_off) => assert_eq!(safe_off.after_s, 1800),
+            Command::Serve(serve) => assert_eq!(serve.state.state, None),
             other => panic!("{other:?}"),
         }
     }
