@@ -84,6 +84,17 @@ fn on_a_clean_case_nothing_is_found() {
     let report = report(&case());
     assert!(report.findings.is_empty(), "{}", told(&report));
     assert!(report.verdict.passed, "{:?}", report.verdict);
+    // The solid of the phantom is one lumen below the middle of its planes, two above.
+    let [division] = &report.anatomy.divisions[..] else { panic!("{:?}", report.anatomy.divisions) };
+    assert_eq!((division.trunk.as_str(), division.kind, division.planes), ("branch 1", "division", [4, 5]));
+    assert!(
+        (division.at_mm.unwrap()[2] - 0.5 * INTERVAL_MM * (N_PLANES - 1) as f64).abs()
+            <= division.uncertainty_mm
+    );
+    assert!(
+        division.angles.iter().all(|a| a.between_deg.is_some_and(|d| d > 1.0 && d < 30.0)),
+        "{division:?}"
+    );
 }
 
 #[test]
