@@ -341,8 +341,7 @@ fn plug_beads(case: &mut Forked, in_plan: bool) {
             continue;
         }
         let (centre, radius_mm) = fork(z_mm, N_PLANES)[1];
-        let n = (radius_mm / BEAD_MM).ceil() as i32;
-        for i in -n..=n {
+        for i in -5..=5 {
             let mut line = layer.beads[0].clone();
             let y = BEAD_MM * f64::from(i);
             let half = (radius_mm * radius_mm - y * y).max(0.0).sqrt();
@@ -461,7 +460,7 @@ fn planes_in_a_wrong_order_are_found_in_contours_and_in_images() {
     assert!(found.is_some_and(|f| f.text.contains("reverse")), "{}", told(&report_of_reversed));
 }
 
-fn reordered(volume: &crate::ct::Volume, from: impl Fn(usize) -> usize) -> Voxels {
+fn reordered(volume: &Volume, from: impl Fn(usize) -> usize) -> Voxels {
     let n = volume.dims[0] * volume.dims[1];
     let hu: Vec<f32> = (0..volume.dims[2]).flat_map(|k| volume.plane(from(k)).into_owned()).collect();
     Voxels::new(&hu, n)
