@@ -56,6 +56,36 @@ fn a_clean_case_shows_nothing_and_passes() {
 }
 
 #[test]
+fn a_straight_tube_has_its_course_its_wall_and_its_volumes() {
+    let job = Job { planned_s: Some(100.0), recorded_s: Some(101.0), ..Job::default() };
+    let case = Case::new(5);
+    let report = build(&Inputs { job, ..inputs(&case) }, &Task::quiet()).unwrap();
+    let length_mm = 4.0 * INTERVAL_MM;
+    let volume_mm3 = std::f64::consts::PI * RADIUS_MM * RADIUS_MM * length_mm;
+    for stage in &report.anatomy.branches[0].stages {
+        let line = &stage.centreline;
+        assert!(near(line.length_mm, length_mm, 2e-3) && near(line.tortuosity, 0.0, 1e-4), "{stage:?}");
+        assert!(near(stage.maximum_diameter_mm, 2.0 * RADIUS_MM, 0.03), "{stage:?}");
+    }
+    for wall in &report.walls {
+        let all = wall.overall.unwrap();
+        for thickness in [all.mean_mm, all.min_mm, all.max_mm] {
+            assert!(near(thickness, WALL_MM, 5e-3), "{}: {all:?}", wall.stage);
+        }
+        assert!(near(all.filled_percent, 100.0, 0.2), "{}: {all:?}", wall.stage);
+    }
+    assert_eq!(report.walls.len(), 4);
+    for lumen in &report.amounts.lumen {
+        assert!(near(lumen.volume_mm3, volume_mm3, 0.01 * volume_mm3), "{lumen:?}");
+    }
+    let (planned, recorded) = (report.amounts.planned_material_mm3, report.amounts.recorded_material_mm3);
+    assert!(near(planned, recorded.unwrap(), 1e-9) && report.amounts.job == job);
+    let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
+    assert!(json["findings"].as_array().unwrap().is_empty() && json["not_seen"].is_array());
+    assert!(json["amounts"]["planned_s"] == 100.0 && json["uncertainty_mm"]["image_place"].is_number());
+}
+
+#[test]
 fn a_contour_moved_outward_is_an_error_of_segmentation_on_its_planes() {
     let mut case = Case::new(6);
     for k in [2, 3] {

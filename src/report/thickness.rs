@@ -9,7 +9,7 @@ use crate::geom::{Region, SegmentIndex};
 use serde::Serialize;
 
 /// Distance of the places along the lumen, mm.
-pub(super) const STEP_MM: f64 = 0.1;
+const STEP_MM: f64 = 0.1;
 
 /// The wall of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -41,7 +41,7 @@ pub(super) fn align<'a>(paths: &Toolpaths, record: &'a Record) -> Aligned<'a> {
         (0..paths.layers.len()).filter(|&i| !paths.layers[i].beads.is_empty()).collect();
     let is_missing = |i: &usize| !printed.iter().any(|l| direct.get(l) == Some(i));
     let layer_of = if stray > MOST_STRAY * volume
-        || (printed.len() == planned.len() && planned.iter().any(|i| is_missing(i)))
+        || (printed.len() == planned.len() && planned.iter().any(is_missing))
     {
         in_order(&paths.layers, &planned, &printed)
     } else {

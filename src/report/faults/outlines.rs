@@ -44,14 +44,14 @@ pub(in crate::report) struct StagePair<'a> {
 
 /// The places along the outlines of a branch in a plane, and the reference's outlines.
 struct Outlines {
-    places: Vec<Place2>,
+    places: Vec<OutlinePlace>,
     reference: SegmentIndex,
     meant_mm: f64,
 }
 
 /// A place of an outline.
 #[derive(Debug, Clone, Copy)]
-struct Place2 {
+struct OutlinePlace {
     at: Point2,
     normal: Vector2,
 }
@@ -72,7 +72,7 @@ pub(in crate::report) fn moved(pair: &StagePair<'_>, names: &[String], z_mm: &[f
     let back = |p: Point2| similarity.map_or(p, |s| s.back(p));
     let fits: Vec<Vec<Option<Fit>>> = outlines
         .iter()
-        .map(|plane| plane.iter().map(|own| own.as_ref().and_then(|own| own.fit(&back))).collect())
+        .map(|plane| plane.iter().map(|own| own.as_ref().and_then(|own| own.fit(back))).collect())
         .collect();
     let search = Search { pair, names, z_mm, fits: &fits };
     findings.extend(search.offsets());
@@ -97,7 +97,7 @@ impl StagePair<'_> {
                 let along = points[(i + 1) % n] - points[(i + n - 1) % n];
                 if along.norm() > 0.0 {
                     let normal = Vector2::new(along.y, -along.x) / along.norm();
-                    places.push(Place2 { at: points[i], normal });
+                    places.push(OutlinePlace { at: points[i], normal });
                 }
             }
         }
@@ -168,7 +168,7 @@ impl Similarity {
 
     /// `None` where no similarity explains what is off, or an even offset of all explains it better.
     fn of(outlines: &[Vec<Option<Outlines>>], pair: &StagePair<'_>) -> Option<Self> {
-        let all: Vec<(&Outlines, Place2)> =
+        let all: Vec<(&Outlines, OutlinePlace)> =
             outlines.iter().flatten().flatten().flat_map(|o| o.places.iter().map(move |p| (o, *p))).collect();
         let n = all.len().max(1) as f64;
         let about = Point2::from(all.iter().map(|(_, p)| p.at.coords).sum::<Vector2>() / n);
@@ -199,7 +199,7 @@ impl Similarity {
     }
 
     /// The similarity after a Gauss-Newton step, and how far that moves a place about.
-    fn step(&self, all: &[(&Outlines, Place2)], off_mm: &[f64]) -> Option<(Self, f64)> {
+    fn step(&self, all: &[(&Outlines, OutlinePlace)], off_mm: &[f64]) -> Option<(Self, f64)> {
         let (mut own, mut right) = (Matrix4::identity() * 1e-9, Vector4::zeros());
         let mut reach_mm: f64 = 0.0;
         for ((_, p), off_mm) in all.iter().zip(off_mm) {

@@ -84,6 +84,17 @@ fn on_a_clean_case_nothing_is_found() {
     let report = report(&case());
     assert!(report.findings.is_empty(), "{}", told(&report));
     assert!(report.verdict.passed, "{:?}", report.verdict);
+    // The solid of the phantom is one lumen below the middle of its planes, two above.
+    let [division] = &report.anatomy.divisions[..] else { panic!("{:?}", report.anatomy.divisions) };
+    assert_eq!((division.trunk.as_str(), division.kind, division.planes), ("branch 1", "division", [4, 5]));
+    assert!(
+        (division.at_mm.unwrap()[2] - 0.5 * INTERVAL_MM * (N_PLANES - 1) as f64).abs()
+            <= division.uncertainty_mm
+    );
+    assert!(
+        division.angles.iter().all(|a| a.between_deg.is_some_and(|d| d > 1.0 && d < 30.0)),
+        "{division:?}"
+    );
 }
 
 #[test]
@@ -330,8 +341,7 @@ fn plug_beads(case: &mut Forked, in_plan: bool) {
             continue;
         }
         let (centre, radius_mm) = fork(z_mm, N_PLANES)[1];
-        let n = (radius_mm / BEAD_MM).ceil() as i32;
-        for i in -n..=n {
+        for i in -5..=5 {
             let mut line = layer.beads[0].clone();
             let y = BEAD_MM * f64::from(i);
             let half = (radius_mm * radius_mm - y * y).max(0.0).sqrt();
