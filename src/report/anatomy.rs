@@ -205,8 +205,10 @@ fn measures(lumen: &Region, plane: usize, z_mm: f64) -> Option<PlaneMeasures> {
 
 /// Centre of the area of a region that has one, to a micrometre.
 fn centre(region: &Region) -> [f64; 2] {
-    let weighed = region.contours.iter().filter(|c| !c.is_empty()).map(|c| (c.signed_area_mm2(), c.centroid()));
-    let (area, sum) = weighed.fold((0.0, [0.0; 2]), |(area, [x, y]), (a, c)| (area + a, [x + a * c.x, y + a * c.y]));
+    let weighed =
+        region.contours.iter().filter(|c| !c.is_empty()).map(|c| (c.signed_area_mm2(), c.centroid()));
+    let (area, sum) =
+        weighed.fold((0.0, [0.0; 2]), |(area, [x, y]), (a, c)| (area + a, [x + a * c.x, y + a * c.y]));
     sum.map(|s| (s / area * 1e3).round() / 1e3)
 }
 

@@ -243,9 +243,14 @@ impl<'a> Plane<'a> {
     /// Columns and rows whose pixels lie in a box, and one more to each side.
     pub(super) fn pixels_within(&self, min: Point2, size_mm: [f64; 2]) -> [std::ops::Range<usize>; 2] {
         let range = |from_mm: f64, length_mm: f64, pixel_mm: f64, n: usize| {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image")]
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "clamped to the image"
+            )]
             let clamped = |x: f64| x.clamp(0.0, n as f64) as usize;
-            clamped((from_mm / pixel_mm - 0.5).floor())..clamped(((from_mm + length_mm) / pixel_mm).ceil() + 2.0)
+            clamped((from_mm / pixel_mm - 0.5).floor())
+                ..clamped(((from_mm + length_mm) / pixel_mm).ceil() + 2.0)
         };
         let from = min - self.origin;
         [

@@ -19,10 +19,12 @@
 //!
 //! Not done here: outer skin and wall thickness, naming the kinds of print faults.
 //!
-//! [`build`] is pure; [`write()`] is the only IO.
+//! [`build`] is pure; [`write()`] and [`filing`] are the only IO.
 
 mod anatomy;
 mod deviation;
+pub mod dicom;
+pub mod filing;
 mod image;
 mod lumen;
 mod page;
@@ -400,7 +402,17 @@ impl Report {
 
 /// A figure as text, a dash where there is none.
 fn shown(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "\u{2013}".into(), |v| format!("{:.decimals$}", v + 0.0))
+    value.map_or_else(
+        || "\u{2013}".into(),
+        |v| {
+            let text = format!("{v:.decimals$}");
+            // What rounds to nothing has no sign.
+            match text.strip_prefix('-') {
+                Some(size) if size.chars().all(|c| matches!(c, '0' | '.')) => size.to_owned(),
+                _ => text,
+            }
+        },
+    )
 }
 
 impl Serialize for Report {

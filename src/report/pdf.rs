@@ -25,7 +25,7 @@ const WHITE: Colour = [255, 255, 255];
 /// Width of the text.
 const TEXT: f32 = WIDTH - 2.0 * MARGIN;
 /// Most height of a plane's picture, points: three stand above one another.
-const PICTURE: f32 = 205.0;
+const PICTURE: f32 = 196.0;
 
 /// The document.
 ///
@@ -42,7 +42,10 @@ pub fn pdf(report: &Report) -> Result<Vec<u8>, Error> {
     tables(&mut book, &view);
     methods(&mut book, &view);
     sign_off(&mut book);
-    Ok(book.finish(TITLE, "lumenfab quality report. Not a medical device; see the intended use on the last page.")?)
+    Ok(book.finish(
+        TITLE,
+        "lumenfab quality report. Not a medical device; see the intended use on the last page.",
+    )?)
 }
 
 fn summary(book: &mut Book, view: &View) {
@@ -84,7 +87,8 @@ fn stages(book: &mut Book, view: &View) {
     let mut columns = vec![column((78.0, false)), column((161.0, false))];
     columns.extend([column((39.0, true)); 7]);
     let row = |s: &page::StageRow| -> Vec<String> {
-        let compared = s.reason.as_ref().map_or_else(|| s.meaning.to_owned(), |r| format!("{}: {r}", s.meaning));
+        let compared =
+            s.reason.as_ref().map_or_else(|| s.meaning.to_owned(), |r| format!("{}: {r}", s.meaning));
         let mut row = vec![s.name.to_owned(), compared];
         row.extend([&s.mean, &s.rms, &s.p95, &s.max, &s.bias, &s.dice, &s.area].map(Clone::clone));
         row
@@ -140,7 +144,11 @@ fn draw_chart(book: &mut Book, chart: &Chart, scale: f32) {
             for (i, point) in curve.points.split(' ').enumerate() {
                 let mut place = point.split(',').filter_map(|n| n.parse::<f32>().ok());
                 let (Some(x), Some(y)) = (place.next(), place.next()) else { continue };
-                if i == 0 { content.move_to(x, y) } else { content.line_to(x, y) };
+                if i == 0 {
+                    content.move_to(x, y)
+                } else {
+                    content.line_to(x, y)
+                };
             }
             content.stroke();
         }
@@ -265,11 +273,17 @@ fn draw_lines(book: &mut Book, plate: &Plate, point: f32) {
     fill_colour(content, AMBER);
     trace(content, &plate.material, true);
     content.fill_even_odd().restore_state();
-    for (lines, closed, colour, width) in
-        [(&plate.paths, false, BLUE, 0.35), (&plate.solid, true, RED, 0.8), (&plate.contours, true, GREEN, 0.5)]
-    {
+    for (lines, closed, colour, width) in [
+        (&plate.paths, false, BLUE, 0.35),
+        (&plate.solid, true, RED, 0.8),
+        (&plate.contours, true, GREEN, 0.5),
+    ] {
         stroke_colour(content, colour);
-        let dash = if std::ptr::eq(lines, &raw const plate.contours) { vec![2.5 * point, 2.0 * point] } else { Vec::new() };
+        let dash = if std::ptr::eq(lines, &raw const plate.contours) {
+            vec![2.5 * point, 2.0 * point]
+        } else {
+            Vec::new()
+        };
         content.set_line_width(width * point).set_dash_pattern(dash, 0.0);
         trace(content, lines, closed);
         content.stroke();
@@ -280,7 +294,11 @@ fn trace(content: &mut pdf_writer::Content, lines: &[Line], closed: bool) {
     for line in lines {
         for (i, p) in line.iter().enumerate() {
             let [x, y] = p.map(|v| narrow(f64::from(v)));
-            if i == 0 { content.move_to(x, y) } else { content.line_to(x, y) };
+            if i == 0 {
+                content.move_to(x, y)
+            } else {
+                content.line_to(x, y)
+            };
         }
         if closed {
             content.close_path();
@@ -320,8 +338,8 @@ fn tables(book: &mut Book, view: &View) {
     };
     let rows: Vec<Vec<String>> = view.planes.iter().map(row).collect();
     let head = [
-        "Plane", "z", "Mean", "95 %", "Max", "Bias", "Dice", "Area %", "Segm.", "Recon.", "Slicing", "Toolp.", "Depos.",
-        "IoU",
+        "Plane", "z", "Mean", "95 %", "Max", "Bias", "Dice", "Area %", "Segm.", "Recon.", "Slicing",
+        "Toolp.", "Depos.", "IoU",
     ];
     book.table(&columns, &head, &rows, 7.5);
     book.heading("Anatomy");
@@ -329,8 +347,15 @@ fn tables(book: &mut Book, view: &View) {
         "Mean lumen area and equivalent diameter, least minimum diameter of each branch, as each step has it. Stenosis by NASCET, where a normal segment lies beyond a narrowing.",
         Style::soft(8.5),
     );
-    let columns =
-        [(56.0, false), (48.0, false), (54.0, false), (58.0, true), (70.0, true), (70.0, true), (155.0, false)];
+    let columns = [
+        (56.0, false),
+        (48.0, false),
+        (54.0, false),
+        (58.0, true),
+        (70.0, true),
+        (70.0, true),
+        (155.0, false),
+    ];
     let row = |a: &page::AnatomyRow| -> Vec<String> {
         let words = [&a.branch, &a.planes, &a.stage.to_owned(), &a.area, &a.equivalent, &a.minimum];
         words.into_iter().cloned().chain([format!("  {}", a.stenosis)]).collect()
@@ -354,7 +379,8 @@ fn methods(book: &mut Book, view: &View) {
 fn sign_off(book: &mut Book) {
     book.need(150.0);
     book.heading("Sign-off");
-    for line in ["Released for the intended use (yes / no), remarks:", "Name, function:", "Date, signature:"] {
+    for line in ["Released for the intended use (yes / no), remarks:", "Name, function:", "Date, signature:"]
+    {
         book.skip(30.0);
         book.text(line, [MARGIN, book.y()], Style::plain(9.0));
         book.skip(4.0);

@@ -6,10 +6,10 @@
 //! Orientation letters follow the patient (R, L, A, P, H, F); the patient's right is on the left of a transaxial
 //! plane, as radiologists hold images.
 
+use super::Error;
 use super::deviation::{Outline, quantile};
 use super::image::Plane;
 use super::plate::Plate;
-use super::Error;
 use crate::ct::Volume;
 use crate::draw::{self, Ink, add_polyline, px};
 use crate::geom::{Bounds2, Contour, Point2, Region, RigidTransform, Vector3};

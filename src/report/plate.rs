@@ -86,15 +86,8 @@ impl Plate {
             paths: scene.centre_lines.iter().map(|l| line(l, false)).filter(|l| l.len() > 1).collect(),
             solid,
             contours: outlines(scene.contours),
-            sides: [
-                -Vector3::x(),
-                Vector3::x(),
-                -Vector3::y(),
-                Vector3::y(),
-                -Vector3::z(),
-                Vector3::z(),
-            ]
-            .map(letter),
+            sides: [-Vector3::x(), Vector3::x(), -Vector3::y(), Vector3::y(), -Vector3::z(), Vector3::z()]
+                .map(letter),
             ring: scene.reference.map_or_else(Vec::new, |r| ring(r, scene.deposited)),
         }
     }

@@ -21,7 +21,9 @@ mod tests {
                     self::faults(root.pointer(place).unwrap(), at, value, root, faults);
                     true
                 }
-                "type" => rule.as_array().map_or_else(|| is(rule, value), |types| types.iter().any(|t| is(t, value))),
+                "type" => rule
+                    .as_array()
+                    .map_or_else(|| is(rule, value), |types| types.iter().any(|t| is(t, value))),
                 "const" => rule == value,
                 "enum" => rule.as_array().unwrap().contains(value),
                 "minimum" => value.as_f64().is_none_or(|v| v >= rule.as_f64().unwrap()),

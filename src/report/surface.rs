@@ -63,9 +63,12 @@ impl Surface {
         let planes = &inputs.sections.planes;
         let rings: Vec<Ring<'_>> = pictures.iter().map(|p| Ring::of(p, planes[p.plane].z_mm)).collect();
         let neighbours = |i: usize| [i.checked_sub(1), Some(i + 1)].into_iter().flatten();
-        let pairs: Vec<[usize; 2]> =
-            (0..levels.len()).flat_map(|i| neighbours(i).map(move |j| [i, j])).filter(|p| p[1] < levels.len()).collect();
-        let parts: Vec<Self> = pairs.par_iter().map(|&[i, j]| between(&levels[i], &levels[j], &rings)).collect();
+        let pairs: Vec<[usize; 2]> = (0..levels.len())
+            .flat_map(|i| neighbours(i).map(move |j| [i, j]))
+            .filter(|p| p[1] < levels.len())
+            .collect();
+        let parts: Vec<Self> =
+            pairs.par_iter().map(|&[i, j]| between(&levels[i], &levels[j], &rings)).collect();
         let mut whole = Self::default();
         for part in parts {
             whole.vertices.extend(part.vertices);
@@ -197,7 +200,8 @@ mod tests {
             contours,
         };
         let disk = |x: f64, r: f64| Contour::circle(Point2::new(x, 0.0), r, 48);
-        let (one, two) = (level(0.0, vec![disk(0.0, 3.0)]), level(0.4, vec![disk(-1.6, 1.5), disk(1.6, 1.5)]));
+        let (one, two) =
+            (level(0.0, vec![disk(0.0, 3.0)]), level(0.4, vec![disk(-1.6, 1.5), disk(1.6, 1.5)]));
         let (up, down) = (between(&one, &two, &[]), between(&two, &one, &[]));
         assert_eq!((up.strips.as_slice(), down.strips.as_slice()), ([98].as_slice(), [98, 98].as_slice()));
         let far = level(0.4, vec![disk(50.0, 1.0)]);

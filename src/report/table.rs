@@ -29,7 +29,8 @@ pub fn csv(report: &Report) -> String {
     let mut text = names.join(",") + "\r\n";
     for (k, z_mm) in report.plane_z_mm.iter().enumerate() {
         let layer = report.layers.iter().find(|l| l.ct_plane == Some(k));
-        let mut fields = vec![k.to_string(), z_mm.to_string(), layer.map_or_else(String::new, |l| l.layer.to_string())];
+        let mut fields =
+            vec![k.to_string(), z_mm.to_string(), layer.map_or_else(String::new, |l| l.layer.to_string())];
         for stage in Stage::ALL {
             let figures = report.block(stage).planes.get(k).map(|p| p.figures).unwrap_or_default();
             fields.extend(FIGURES.map(|(_, of)| field(of(&figures))));

@@ -333,7 +333,9 @@ fn text_of_others_is_escaped() {
     assert!(!page.contains("<script>alert") && page.contains("&lt;script&gt;alert"));
     assert!(!page.contains("http://") && !page.contains("https://"));
     // What it shows it holds: nothing is fetched, from the network or from beside it.
-    assert!(!page.contains(" src=") && page.matches("href=").count() == page.matches("href=\"data:").count() + 1);
+    assert!(
+        !page.contains(" src=") && page.matches("href=").count() == page.matches("href=\"data:").count() + 1
+    );
 }
 
 #[test]

@@ -71,10 +71,13 @@ impl Model {
         };
         let (min_mm, max_mm) = (with(f64::min), with(f64::max));
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of the box")]
-        let step = |at: f64, i: usize| ((at - min_mm[i]) / (max_mm[i] - min_mm[i]).max(1e-9) * 65535.0).round() as u16;
+        let step = |at: f64, i: usize| {
+            ((at - min_mm[i]) / (max_mm[i] - min_mm[i]).max(1e-9) * 65535.0).round() as u16
+        };
         let positions = places().flat_map(|p| [step(p[0], 0), step(p[1], 1), step(p[2], 2)]);
         #[expect(clippy::cast_possible_truncation, reason = "clamped")]
-        let um = |off: Option<f64>| off.map_or(i16::MIN, |mm| (mm * 1e3).round().clamp(-32767.0, 32767.0) as i16);
+        let um =
+            |off: Option<f64>| off.map_or(i16::MIN, |mm| (mm * 1e3).round().clamp(-32767.0, 32767.0) as i16);
         Some(Self {
             min_mm,
             max_mm,
@@ -94,9 +97,14 @@ mod tests {
 
     #[test]
     fn base64_of_the_standard_s_examples() {
-        for (bytes, text) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")]
-        {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+        ] {
             assert_eq!(base64(bytes.as_bytes()), text);
         }
     }

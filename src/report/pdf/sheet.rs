@@ -62,7 +62,8 @@ impl Style {
 
     /// How wide a text is; the bold face is taken as a twentieth wider.
     pub(super) fn width(self, text: &str) -> f32 {
-        let of = |byte: u8| byte.checked_sub(32).and_then(|i| WIDTHS.get(usize::from(i))).copied().unwrap_or(556);
+        let of =
+            |byte: u8| byte.checked_sub(32).and_then(|i| WIDTHS.get(usize::from(i))).copied().unwrap_or(556);
         let sum: f32 = encoded(text).into_iter().map(|b| f32::from(of(b))).sum();
         sum / 1000.0 * self.size * if self.bold { 1.05 } else { 1.0 }
     }
@@ -201,7 +202,12 @@ impl Book {
         let [r, g, b] = RULE.map(|c| f32::from(c) / 255.0);
         let y = HEIGHT - self.y;
         let content = &mut self.sheet.content;
-        content.set_stroke_rgb(r, g, b).set_line_width(0.5).move_to(MARGIN, y).line_to(WIDTH - MARGIN, y).stroke();
+        content
+            .set_stroke_rgb(r, g, b)
+            .set_line_width(0.5)
+            .move_to(MARGIN, y)
+            .line_to(WIDTH - MARGIN, y)
+            .stroke();
     }
 
     /// A table, its head on every page.
@@ -240,7 +246,9 @@ impl Book {
         let mut image = self.pdf.image_xobject(id, &data);
         image.filter(Filter::FlateDecode);
         image.bits_per_component(8);
-        image.width(i32::try_from(n_cols).unwrap_or(i32::MAX)).height(i32::try_from(n_rows).unwrap_or(i32::MAX));
+        image
+            .width(i32::try_from(n_cols).unwrap_or(i32::MAX))
+            .height(i32::try_from(n_rows).unwrap_or(i32::MAX));
         if pixels.len() == n_cols * n_rows {
             image.interpolate(true).color_space().device_gray();
         } else {
