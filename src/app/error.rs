@@ -51,6 +51,21 @@ pub enum Error {
     /// The CT of a case is not known on this machine.
     #[error("where the CT of {} lies is not known on this machine: name it with --ct", .0.display())]
     CtUnknown(PathBuf),
+    /// The CT that a report is to be filed with is not the one that the case was made from. The path may name a patient.
+    #[error(
+        "--source: the files at {} are not the CT that {} was made from: its report is filed in the study of that CT only",
+        .ct.display(),
+        .case.display()
+    )]
+    NotItsCt {
+        /// What was named.
+        ct: PathBuf,
+        /// The case directory.
+        case: PathBuf,
+    },
+    /// The report could not be filed in the patient's study. A fault of the CT names its files.
+    #[error(transparent)]
+    Filing(report::filing::Error),
     /// A real printer keeps no record.
     #[error(
         "{} was printed on a real printer, which keeps no record of what it deposits: a report needs `--port sim`", .0.display()
@@ -184,6 +199,7 @@ impl Error {
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
                 | Self::Report(report::Error::Cancelled(_))
+                | Self::Filing(report::filing::Error::Source(ct::Error::Cancelled(_)))
                 | Self::Printer(printer::Error::Left { .. })
         ) || matches!(self, Self::Printer(printer::Error::Cancelled { heat }) if heat.is_safe())
     }
@@ -193,7 +209,12 @@ impl Error {
     #[must_use]
     pub fn text_without_sources(&self) -> String {
         match self {
-            Self::Ct(e) => e.text_with(|_| "a file of the CT".into()),
+            Self::Ct(e) | Self::Filing(report::filing::Error::Source(e)) => {
+                e.text_with(|_| "a file of the CT".into())
+            }
+            Self::NotItsCt { .. } => {
+                "--source: the files there are not the CT that the case was made from".into()
+            }
             Self::CtMissing(_) => {
                 "--ct: found nothing there, expected a folder with the DICOM files of a series".into()
             }
@@ -231,6 +252,7 @@ impl Error {
             | Self::Profile(_)
             | Self::Printer(_)
             | Self::Report(_)
+            | Self::Filing(_)
             | Self::PreviewFolder(_)
             | Self::Preview(_)
             | Self::View(_)
@@ -290,6 +312,8 @@ impl Error {
             | Self::CtUnknown(_)
             | Self::SegmentationMissing(_)
             | Self::SegmentationUnknown(_)
+            | Self::NotItsCt { .. }
+            | Self::Filing(report::filing::Error::Object(_))
             | Self::NoRecord(_)
             | Self::PreviewFolder(_)
             | Self::Profile(_)

@@ -81,9 +81,18 @@ pub(crate) enum Command {
     /// left as it is. `deploy/lumenfab-print@.service` shows how a service manager runs it.
     SafeOff(SafeOffArgs),
     /// Compare image, contours, solid, toolpaths and deposition
+    ///
+    /// With --dicom the report also goes into the patient's study, as an Encapsulated PDF in a new series: who the patient is is
+    /// read from the CT at that moment and kept nowhere else.
     Report {
         /// Case directory
         case: PathBuf,
+        /// Folder for the DICOM object; it names the patient, as the CT does
+        #[arg(long, value_name = "DIR", requires = "source")]
+        dicom: Option<PathBuf>,
+        /// The CT that the case was made from
+        #[arg(long, value_name = "PATH", requires = "dicom")]
+        source: Option<PathBuf>,
     },
     /// Find out whether anything in a case was changed since it was made
     ///

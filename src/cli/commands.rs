@@ -50,8 +50,9 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Print(args) => print(&args, &face, context),
         Command::Resume(args) => resume(&args, &face, context),
         Command::SafeOff(args) => safe_off(&args, &face, &context),
-        Command::Report { case } => {
-            stage(&case, CaseFile::default(), context, Session::report).map(|o| show_case(&face, &o))
+        Command::Report { case, dicom, source } => {
+            let filed = dicom.as_deref().zip(source.as_deref());
+            report(&case, filed, context).map(|o| show_case(&face, &o))
         }
         Command::Verify { case, key } => verify(&case, key.as_deref(), &face, &context),
         Command::Export(args) => export(&args, &face, context),
@@ -284,6 +285,17 @@ fn stage<'a>(
     let mut session = Session::open(case, changes, context)?;
     work(&mut session)?;
     Ok(session.into_outcome())
+}
+
+/// A report, also filed in the patient's study where a folder for that and the CT are named.
+fn report(case: &Path, filed: Option<(&Path, &Path)>, context: Context<'_>) -> Result<Outcome, Error> {
+    stage(case, CaseFile::default(), context, |session| {
+        session.report()?;
+        if let Some((dir, source)) = filed {
+            session.file_report(source, dir)?;
+        }
+        Ok(())
+    })
 }
 
 fn segment(args: &SegmentArgs, face: &Face, context: Context<'_>) -> Result<u8, Error> {

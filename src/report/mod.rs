@@ -19,13 +19,15 @@
 //!
 //! What is wrong is named, with the stage it arose in, place and size ([`Finding`]).
 //!
-//! [`build`] is pure; [`write()`] is the only IO.
+//! [`build`] is pure; [`write()`] and [`filing`] are the only IO.
 
 mod amounts;
 mod anatomy;
 mod course;
 mod deviation;
+pub mod dicom;
 mod faults;
+pub mod filing;
 mod found;
 mod image;
 mod lumen;
@@ -453,7 +455,17 @@ impl Report {
 
 /// A figure as text, a dash where there is none.
 fn shown(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "\u{2013}".into(), |v| format!("{:.decimals$}", v + 0.0))
+    value.map_or_else(
+        || "\u{2013}".into(),
+        |v| {
+            let text = format!("{v:.decimals$}");
+            // What rounds to nothing has no sign.
+            match text.strip_prefix('-') {
+                Some(size) if size.chars().all(|c| matches!(c, '0' | '.')) => size.to_owned(),
+                _ => text,
+            }
+        },
+    )
 }
 
 impl Serialize for Report {

@@ -25,7 +25,7 @@ const WHITE: Colour = [255, 255, 255];
 /// Width of the text.
 const TEXT: f32 = WIDTH - 2.0 * MARGIN;
 /// Most height of a plane's picture, points: three stand above one another.
-const PICTURE: f32 = 205.0;
+const PICTURE: f32 = 196.0;
 
 /// The document.
 ///

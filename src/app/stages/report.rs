@@ -2,7 +2,7 @@
 
 use super::print::RECORD_DIR;
 use super::read_json;
-use super::segment::{SECTIONS_FILE, VOLUME_FILE};
+use super::segment::{SECTIONS_FILE, VOLUME_FILE, hash_of_source};
 use super::slice::{JOB_FILE, LAYERS_FILE};
 use super::solid::SOLID_FILE;
 use crate::app::atomic;
@@ -13,10 +13,11 @@ use crate::app::session::{Made, Session};
 use crate::app::settings::Body;
 use crate::ct::Warning;
 use crate::progress::Task;
+use crate::report::dicom::Instance;
 use crate::report::{self, BodyKind, Gate, Image, Inputs, Job, Record, Report};
 use crate::segment::Polarity;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The report.
 const REPORT_DIR: &str = "report";
@@ -76,6 +77,24 @@ impl Session<'_> {
         self.stage(Stage::Report, Self::write_report)?;
         self.report = Some(self.report_place()?);
         Ok(())
+    }
+
+    /// Files the report's document in the patient's study: an Encapsulated PDF in the folder `dir`, which is its place to be
+    /// sent to an archive from. Who the patient is is read from the CT at `source` and kept nowhere else. Gives the file.
+    ///
+    /// # Errors
+    /// [`Error::NotItsCt`] where the case was made from other files, [`Error`] where there is no report or a file cannot be
+    /// read or written.
+    pub fn file_report(&self, source: &Path, dir: &Path) -> Result<PathBuf, Error> {
+        let report_dir = self.case.output(Stage::Report, REPORT_DIR)?;
+        let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+        let hash = hash_of_source(&crate::ct::reader::files_of(source, &task)?, self.case.id())?;
+        if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) != Some(&hash) {
+            return Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() });
+        }
+        let [series, instance] = [uuid::Uuid::now_v7(), uuid::Uuid::now_v7()].map(|id| id.as_u128());
+        let new = Instance::of_uuids(series, instance, jiff::Zoned::now().datetime());
+        report::filing::file(&report_dir, source, dir, &new, &task).map_err(Error::Filing)
     }
 
     pub(crate) fn report_made_from(&self) -> Result<MadeFrom, Error> {
