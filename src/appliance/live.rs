@@ -50,10 +50,6 @@ impl Board {
         self.live.activity
     }
 
-    pub(super) const fn done(&self) -> Option<f64> {
-        self.live.done
-    }
-
     /// It does something else now; that is told at once.
     pub(super) fn set(&mut self, activity: Activity, says: Option<String>) {
         if self.live.activity == activity && self.live.says == says {

@@ -250,7 +250,7 @@ mod tests {
         let made = |sources: &[InMemDicomObject]| encapsulated(sources, b"%PDF", &instance());
         assert!(matches!(made(&[]), Err(Error::NoImage)));
         let without = header(&[(tags::STUDY_INSTANCE_UID, VR::UI, "")]);
-        assert!(matches!(made(&[without.clone()]), Err(Error::NoStudy)));
+        assert!(matches!(made(std::slice::from_ref(&without)), Err(Error::NoStudy)));
         assert!(matches!(made(&[header(&[]), without]), Err(Error::NoStudy)));
         let of_another = header(&[(tags::PATIENT_ID, VR::LO, "P 18")]);
         let error = made(&[header(&[]), of_another]).unwrap_err();

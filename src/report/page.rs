@@ -183,7 +183,7 @@ pub(super) struct PlaneView {
 }
 
 #[derive(Serialize)]
-struct Labelled {
+pub(super) struct Labelled {
     label: String,
     value: String,
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 pub fn write(report: &Report, dir: &Path, task: &Task<'_>) -> Result<(), Error> {
     let fail = |source| Error::Io { dir: dir.to_owned(), source };
     let html = page::html(report)?;
-    let document = pdf::pdf(report)?;
+    let document = pdf(report)?;
     let json = report.to_json()?;
     let parent = match dir.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
