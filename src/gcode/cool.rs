@@ -10,6 +10,8 @@ use crate::toolpath::{Bead, BeadModel, LayerPaths};
 
 /// The nozzle waits so far beside all that is printed, mm: its heat and what oozes from it stay off the part.
 const ASIDE_MM: f64 = 10.0;
+/// Directions in which a way aside is looked for.
+const N_WAYS: u32 = 64;
 /// What a layer lacks less of than this is worth no way aside, s.
 const SHORTEST_WAIT_S: f64 = 0.1;
 
@@ -58,27 +60,28 @@ pub(super) fn is_too_short(time_s: f64, print: &PrintSettings) -> bool {
     print.min_layer_time_wait && print.min_layer_time_s - time_s >= SHORTEST_WAIT_S
 }
 
-/// Where the nozzle waits: straight beside all that is printed, on the side towards which the way crosses the lumen least, of
-/// these where there is room on the bed, of these the nearest.
-pub(super) fn aside(from: Point2, printed: Bounds2, lumen: &Region, bed_mm: [f64; 3]) -> Point2 {
-    let sides = [
-        Point2::new(printed.min.x - ASIDE_MM, from.y),
-        Point2::new(printed.max.x + ASIDE_MM, from.y),
-        Point2::new(from.x, printed.min.y - ASIDE_MM),
-        Point2::new(from.x, printed.max.y + ASIDE_MM),
-    ];
+/// Where the nozzle waits: beside all that is printed, at the end of the shortest straight way that crosses no lumen. `None` where
+/// there is no such way, or no room on the bed: then it waits where it is, lifted.
+pub(super) fn aside(from: Point2, printed: Bounds2, lumen: &Region, bed_mm: [f64; 3]) -> Option<Point2> {
+    let around = printed.grown(ASIDE_MM);
     let lumen = SegmentIndex::try_new(&lumen.contours);
-    let on_bed =
-        |p: Point2| Point2::from(p.coords.sup(&Vector2::zeros()).inf(&Vector2::new(bed_mm[0], bed_mm[1])));
-    let rated = sides.map(|side| {
-        let to = on_bed(side);
-        let n_crossings = lumen.as_ref().map_or(0, |lumen| lumen.crossings(from, to).len());
-        (n_crossings, (side - to).norm(), (to - from).norm(), to)
+    let is_on_bed = |p: &Point2| (0.0..=bed_mm[0]).contains(&p.x) && (0.0..=bed_mm[1]).contains(&p.y);
+    let is_clear = |p: &Point2| lumen.as_ref().is_none_or(|lumen| lumen.crossings(from, *p).is_empty());
+    let ends = (0..N_WAYS).map(|k| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(N_WAYS)).sin_cos();
+        end_of_way(from, Vector2::new(cos, sin), around)
     });
-    let order = |a: &(usize, f64, f64, Point2), b: &(usize, f64, f64, Point2)| {
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2))
+    let free = ends.filter(is_on_bed).filter(is_clear);
+    free.min_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()))
+}
+
+/// Where a straight way out of a box ends.
+fn end_of_way(from: Point2, along: Vector2, out_of: Bounds2) -> Point2 {
+    let length = |k: usize| {
+        let wall = if along[k] > 0.0 { out_of.max[k] } else { out_of.min[k] };
+        if along[k].abs() < 1e-9 { f64::INFINITY } else { (wall - from[k]) / along[k] }
     };
-    rated.into_iter().min_by(order).map_or(from, |best| best.3)
+    from + along * length(0).min(length(1)).max(0.0)
 }
 
 /// The fan for a layer of a duration: most in short ones, least in long ones, in proportion between.
@@ -97,21 +100,50 @@ mod tests {
     use super::*;
     use crate::geom::Contour;
 
+    fn ring(centre: Point2, radius_mm: f64) -> Contour {
+        Contour::circle(centre, radius_mm, 60)
+    }
+
+    const BED_MM: [f64; 3] = [100.0, 100.0, 100.0];
+
     #[test]
     fn the_way_aside_keeps_out_of_the_lumen_and_on_the_bed() {
-        let circle = Contour::circle(Point2::new(50.0, 50.0), 3.0, 60);
-        let lumen = Region::new(vec![circle]);
+        let lumen = Region::new(vec![ring(Point2::new(50.0, 50.0), 3.0)]);
         let printed = Bounds2::of([Point2::new(46.0, 46.0), Point2::new(54.0, 54.0)]).unwrap();
-        let bed = [100.0, 100.0, 100.0];
-        let nearest = |from| aside(from, printed, &lumen, bed);
-        assert_eq!(nearest(Point2::new(53.5, 50.0)), Point2::new(64.0, 50.0));
-        assert_eq!(nearest(Point2::new(50.5, 46.5)), Point2::new(50.5, 36.0));
+        let is_at = |from, bed, at: Option<Point2>| match (aside(from, printed, &lumen, bed), at) {
+            (Some(found), Some(at)) => (found - at).norm() < 1e-9,
+            (found, at) => found == at,
+        };
+        assert!(is_at(Point2::new(53.5, 50.0), BED_MM, Some(Point2::new(64.0, 50.0))));
+        assert!(is_at(Point2::new(50.5, 46.5), BED_MM, Some(Point2::new(50.5, 36.0))));
         // On a bed that ends beside the part it goes the longer way, but never across the lumen.
         let narrow = [58.0, 100.0, 100.0];
-        assert_eq!(aside(Point2::new(53.0, 53.5), printed, &lumen, narrow), Point2::new(53.0, 64.0));
-        assert_eq!(aside(Point2::new(53.5, 50.0), printed, &lumen, narrow), Point2::new(53.5, 36.0));
-        let beside = Point2::new(53.9, 50.0);
-        let tight = Bounds2 { min: Point2::new(0.0, 0.0), max: Point2::new(58.0, 100.0) };
-        assert_eq!(aside(beside, tight, &lumen, narrow), Point2::new(58.0, 50.0));
+        assert!(is_at(Point2::new(53.5, 50.0), narrow, Some(Point2::new(53.5, 36.0))));
+        // Where there is no room anywhere it stays.
+        let everywhere = Bounds2::of([Point2::new(0.0, 0.0), Point2::new(58.0, 100.0)]).unwrap();
+        assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, &lumen, narrow), None);
+    }
+
+    #[test]
+    fn a_way_out_is_found_between_lumens_and_through_the_mouth_of_one() {
+        let five = [(0.0, 0.0), (12.0, 0.0), (-12.0, 0.0), (0.0, 12.0), (0.0, -12.0)];
+        let lumen = Region::new(five.map(|(x, y)| ring(Point2::new(50.0 + x, 50.0 + y), 2.0)).to_vec());
+        let printed = Bounds2::of([Point2::new(35.0, 35.0), Point2::new(65.0, 65.0)]).unwrap();
+        let is_clear = |from: Point2, lumen: &Region| {
+            let index = SegmentIndex::try_new(&lumen.contours).unwrap();
+            aside(from, printed, lumen, BED_MM).is_some_and(|to| index.crossings(from, to).is_empty())
+        };
+        assert!(is_clear(Point2::new(51.77, 51.77), &lumen));
+        // Open by 60 degrees towards the corner of the bed.
+        let at = |radius: f64, degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            Point2::new(50.0 + radius * cos, 50.0 + radius * sin)
+        };
+        let outer = (0..=60).map(|i| at(12.0, 75.0 + 5.0 * f64::from(i)));
+        let inner = (0..=60).map(|i| at(8.0, 375.0 - 5.0 * f64::from(i)));
+        let arch = Region::new(vec![Contour::new(outer.chain(inner).collect())]);
+        assert!(is_clear(at(7.5, 225.0), &arch));
+        // From within a closed one there is none.
+        assert_eq!(aside(at(0.0, 0.0), printed, &Region::new(vec![ring(at(0.0, 0.0), 9.0)]), BED_MM), None);
     }
 }

@@ -199,15 +199,25 @@ impl<'a> Job<'a> {
         let Some(from) = self.at else { return };
         let bed_mm = self.profile.machine.bed_mm;
         self.lift((self.z + micrometres(ASIDE_LIFT_MM)).min(micrometres(bed_mm[2])).max(self.z));
-        let aside = steps(cool::aside(place(from), printed, &layer.lumen, bed_mm));
+        let missing_s = |writer: &Self| print.min_layer_time_s - writer.elapsed_s;
+        let way_s = |to| distance_mm(from, to) / print.travel_mm_s;
+        let aside = cool::aside(place(from), printed, &layer.lumen, bed_mm).map(steps);
+        // A way that takes longer than there is to wait is none to go.
+        let Some(aside) = aside.filter(|&to| 2.0 * way_s(to) <= missing_s(self)) else {
+            return self.dwell(missing_s(self));
+        };
         self.go(aside, None, print.travel_mm_s);
-        let back_s = distance_mm(aside, from) / print.travel_mm_s;
-        let missing_ms = (1e3 * (print.min_layer_time_s - self.elapsed_s - back_s)).ceil();
-        if missing_ms > 0.0 {
-            // All firmwares know milliseconds, not all of them seconds.
-            self.line(&format!("G4 P{missing_ms}"));
-        }
+        self.dwell(missing_s(self) - way_s(aside));
         self.go(from, None, print.travel_mm_s);
+    }
+
+    /// Stands still.
+    fn dwell(&mut self, seconds: f64) {
+        let ms = (1e3 * seconds).ceil();
+        if ms > 0.0 {
+            // All firmwares know milliseconds, not all of them seconds.
+            self.line(&format!("G4 P{ms}"));
+        }
     }
 
     /// The moves of a layer's beads, as fast as they are driven.

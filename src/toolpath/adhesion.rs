@@ -4,7 +4,7 @@ use super::fill::{FillParams, Path, Role, Vertex};
 use super::travel::Travel;
 use super::{Bead, BeadKind, sequence, simplify};
 use crate::ct::Warning;
-use crate::geom::{Bounds2, Contour, Region};
+use crate::geom::{Bounds2, Contour, Region, SegmentIndex};
 use crate::profile::Profile;
 use crate::slice::Layer;
 
@@ -118,22 +118,29 @@ fn steadying_brim_mm(foot: &Region, height_mm: f64, slenderness: f64) -> f64 {
 }
 
 /// An outer outline of a layer.
-#[derive(Clone, Copy)]
 struct Outline<'a> {
     contour: &'a Contour,
     bounds: Bounds2,
+    index: SegmentIndex,
 }
 
 impl<'a> Outline<'a> {
     fn all(material: &'a Region) -> Vec<Self> {
         let outer = material.contours.iter().filter(|c| c.is_ccw());
-        outer.filter_map(|contour| Some(Self { contour, bounds: contour.bounds()? })).collect()
+        let outline = |contour: &'a Contour| {
+            let index = SegmentIndex::try_new(std::slice::from_ref(contour))?;
+            Some(Self { contour, bounds: contour.bounds()?, index })
+        };
+        outer.filter_map(outline).collect()
     }
 
-    /// Whether a vertex of one of them lies in the other: of one that stands on the other it does.
+    /// Whether they share some of the plane: a vertex of one lies in the other, or their edges cross.
     fn meets(&self, other: &Self) -> bool {
-        let has_of = |a: &Self, b: &Self| b.contour.points.iter().any(|&p| a.contour.contains(p));
-        self.bounds.meets(other.bounds) && (has_of(self, other) || has_of(other, self))
+        let has_of = |a: &Self, b: &Self| {
+            b.contour.points.iter().any(|&p| a.index.signed_distance_mm(p) <= TOLERANCE_MM)
+        };
+        let crosses = || other.contour.edges().any(|(a, b)| self.index.crosses(a, b));
+        self.bounds.meets(other.bounds) && (has_of(self, other) || has_of(other, self) || crosses())
     }
 }
 
@@ -262,6 +269,18 @@ mod tests {
         let disc = |radius: f64| Region::new(vec![Contour::circle(Point2::origin(), radius, 360)]);
         let in_tube = disc(15.0).difference(&disc(14.0)).union(&disc(2.0));
         assert!(brim_for(vec![in_tube; 120], 12.0) < 1e-9);
+    }
+
+    #[test]
+    fn what_lies_across_stands_on_what_is_below() {
+        let rectangle = |x: f64, y: f64| {
+            let corners = [(-x, -y), (x, -y), (x, y), (-x, y)].map(|(x, y)| Point2::new(x, y));
+            Region::new(vec![Contour::new(corners.to_vec())])
+        };
+        // No vertex of the one bar lies in the other; together they are 140 mm high.
+        let (bar, across) = (rectangle(20.0, 2.0), rectangle(2.0, 20.0));
+        let crossed = (0..140).map(|i| if i < 10 { bar.clone() } else { across.clone() }).collect();
+        assert!((brim_for(crossed, 12.0) - 3.833).abs() < 0.01);
     }
 
     #[test]

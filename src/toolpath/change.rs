@@ -19,6 +19,8 @@ use crate::geom::{Point2, Vector2};
 /// How much later than their discs touch a turn the beads beside it give way, mm: more leaves a smaller gap in front of the
 /// turn and overlaps more.
 const OVER_MM: f64 = 0.05;
+/// Beads give way over no shorter a length than this, mm: the narrowest do so at once.
+const LEAST_LENGTH_MM: f64 = 0.06;
 /// Steps in which beads give way.
 const N_STEPS: u32 = 6;
 /// The two skins of a wall may see a change so far apart, mm.
@@ -287,7 +289,7 @@ impl Giving {
         let radius_mm = if turns { end_mm } else { end_mm / 2.0 };
         let circle_mm = [depth_mm - end_mm + radius_mm, radius_mm];
         let reach_mm = if turns { end_mm + depth_mm / n_beads } else { depth_mm / n_beads };
-        let length_mm = (end_mm * reach_mm).sqrt() - OVER_MM;
+        let length_mm = ((end_mm * reach_mm).sqrt() - OVER_MM).max(LEAST_LENGTH_MM);
         let middle = middle(&spot.sample);
         let (spot, side, fewer) = (change.spot, change.side, change.fewer);
         Self { spot, side, fewer, middle, depth_mm, n_beads, circle_mm, length_mm }
@@ -339,6 +341,8 @@ fn between(from: &Spot, to: &Spot, step_mm: f64, spots: &mut Vec<Spot>) {
             share_mm: 0.0,
             depth_mm: mix(a.depth_mm, b.depth_mm),
             wall_mm: mix(a.wall_mm, b.wall_mm),
+            // A corner is at a vertex of the skin alone.
+            sharp: false,
             ..*a
         };
         spots.push(Spot { sample, way, taken_mm: 0.0, ends: [End::Blunt; 2] });
