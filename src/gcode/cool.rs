@@ -118,7 +118,7 @@ mod tests {
         assert!(is_at(Point2::new(50.5, 46.5), BED_MM, Some(Point2::new(50.5, 36.0))));
         // On a bed that ends beside the part it goes the longer way, but never across the lumen.
         let narrow = [58.0, 100.0, 100.0];
-        assert!(is_at(Point2::new(53.5, 50.0), narrow, Some(Point2::new(53.5, 36.0))));
+        assert!(is_at(Point2::new(53.5, 50.0), narrow, Some(Point2::new(53.5, 64.0))));
         // Where there is no room anywhere it stays.
         let everywhere = Bounds2::of([Point2::new(0.0, 0.0), Point2::new(58.0, 100.0)]).unwrap();
         assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, &lumen, narrow), None);
