@@ -303,7 +303,7 @@ fn rod(change: impl Fn(&mut Profile)) -> (String, Profile) {
 
 #[test]
 fn a_layer_that_is_too_short_at_the_slowest_speed_is_waited_for_beside_the_part() {
-    for (name, _) in [("marlin", ()), ("klipper", ()), ("reprapfirmware", ()), ("smoothie", ())] {
+    for name in ["marlin", "klipper", "reprapfirmware", "smoothie"] {
         let (text, profile) = rod(|p| *p = profile::builtin(name).unwrap());
         let task = crate::progress::Task::quiet();
         let took = crate::motion::estimate(&text, &profile, &task).unwrap().layer_s;
