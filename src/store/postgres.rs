@@ -1,6 +1,6 @@
 //! The queue on a PostgreSQL server: several appliances and workers draw from one.
 //!
-//! A connection and a thread of its own, as for SQLite ([`super::thread`]); a connection that broke is made anew with the next call.
+//! A connection and a thread of its own, as for SQLite (`thread`); a connection that broke is made anew with the next call.
 //! Everything is in a schema of its own, `lumenfab`, made at the first start.
 //!
 //! Whoever writes takes the row of `format` first and keeps it to the end of its transaction: the history is one chain, so writers

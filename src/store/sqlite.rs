@@ -1,11 +1,11 @@
 //! The queue in one SQLite file: nothing to set up, safe against whatever ends the program.
 //!
-//! A thread of its own has the connection ([`super::thread`]). Write-ahead log, flushed at every commit: what a call has answered survives a power cut. Other
+//! A thread of its own has the connection (`thread`). Write-ahead log, flushed at every commit: what a call has answered survives a power cut. Other
 //! processes may use the same file (`lumenfab work`, backups); whoever writes waits for the others, five seconds at most.
 //!
 //! Cost: one transaction a change. Taking, listing and changing jobs goes by indices, so that none depends on the length of
 //! the queue or on how much is over; only jobs that need more filament than the spool has are passed over one by one, within the index.
-//! Opening checks the end of the history and, in a file of up to 8 MiB, all pages; [`Store::verify`] reads everything however
+//! Opening checks the end of the history and, in a file of up to 8 MiB, all pages; [`verify`](super::Store::verify) reads everything however
 //! much it is, over a connection of its own that holds up nobody: pages and indices in one go, then records and rows some thousand
 //! at a time, each time at another moment of the file, so that the log can be taken in between. A face asks for it from time to time.
 
