@@ -44,6 +44,9 @@ pub enum Error {
     /// The file is no 3MF.
     #[error(transparent)]
     ThreeMf(#[from] threemf::ThreeMfError),
+    /// It is named as a 3MF.
+    #[error("it is no 3MF, which is a zip archive: export the model again")]
+    NoPackage,
     /// There is nothing in it.
     #[error("it holds no triangle: export the model again")]
     Empty,

@@ -82,6 +82,11 @@ pub enum ThreeMfError {
          the program that made it, and export it again"
     )]
     NothingToPrint,
+    /// It holds objects, but does not say where.
+    #[error(
+        "its build section places none of its objects, so nothing is to be printed: put them on the plate, and export it again"
+    )]
+    NothingPlaced,
     /// Parts of the production extension.
     #[error("it keeps objects in parts of their own: export it as plain 3MF or as STL")]
     OtherPart,
@@ -117,6 +122,9 @@ pub fn read(bytes: &[u8]) -> Result<Contents, ThreeMfError> {
     let warnings: Vec<Warning> = [document.not_printable(), built.no_part()].into_iter().flatten().collect();
     if built.facets.is_empty() && !warnings.is_empty() {
         return Err(ThreeMfError::NothingToPrint);
+    }
+    if document.items.is_empty() {
+        return Err(ThreeMfError::NothingPlaced);
     }
     Ok(Contents { facets: built.facets, warnings })
 }

@@ -30,6 +30,8 @@ const LEAST_CONTACT_MM2: f64 = 0.01;
 const FOOT_MM: f64 = 1.0;
 /// it gets so many times as broad.
 const FOOT_GROWTH: f64 = 2.5;
+/// A part so many times as high as its foot is wide sways under the nozzle; the built-in vessel is 17 times as high.
+const MOST_SLENDER: f64 = 25.0;
 
 /// Where a layer reaches farther beyond the one below than the profile's limit.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,6 +173,28 @@ pub(super) fn overhang(unheld: &[Unheld], frame: &StackFromBed, profile: &Profil
         frame.told(widest.at, widest.z_mm)
     );
     Some(Warning::new("toolpath.overhang", text))
+}
+
+/// Tells of a part that is far higher than what it stands on is wide, where nothing steadies it.
+pub(super) fn slender(
+    layers: &[Layer],
+    placed: &[(Region, Region)],
+    brim_mm: f64,
+    profile: &Profile,
+) -> Option<Warning> {
+    let params = fill_params(profile, layers[0].slot.height_mm);
+    let is_steadied = profile.print.raft_layers > 0
+        || profile.print.support != SupportStyle::None
+        || adhesion::n_brim(brim_mm, &params) > 0;
+    let height_mm: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
+    let width_mm = placed[0].0.least_width_mm();
+    (!is_steadied && height_mm > MOST_SLENDER * width_mm).then(|| {
+        let text = format!(
+            "the part is {height_mm:.0} mm high and stands on {width_mm:.1} mm: it may topple or sway; print.brim_slenderness or print.brim_mm in \
+             the profile gives it a brim"
+        );
+        Warning::new("toolpath.slender", text)
+    })
 }
 
 /// Tells of a part that hardly touches the bed, as a ball does or a tube that lies, where neither brim, raft nor supports are

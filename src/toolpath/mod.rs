@@ -226,7 +226,7 @@ pub enum Error {
     },
     /// Most of a layer's wall is thinner than the thinnest bead.
     #[error(
-        "the wall is {thickness_mm:.3} mm thin in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} in the model); the \
+        "the wall is {thickness_mm:.3} mm thin{after} in layer {layer} at z {z_mm:.2} mm (x {x_mm:.2}, y {y_mm:.2} in the model); the \
          thinnest bead is {thinnest_mm} mm: use a thicker wall or a finer nozzle"
     )]
     WallTooThin {
@@ -240,6 +240,8 @@ pub enum Error {
         y_mm: f64,
         /// Thickness found, mm.
         thickness_mm: f64,
+        /// What had been taken from it before; empty where nothing was.
+        after: &'static str,
         /// Thinnest bead of the profile, mm.
         thinnest_mm: f64,
     },
@@ -304,10 +306,11 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.add(drafts, profile, task)?;
     order.check()?;
     let footing = held::footing(layers, &placed, brim_mm, &frame, profile);
+    let slender = held::slender(layers, &placed, brim_mm, profile);
     order.outlined(placed);
     let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
-    let warnings = told.chain(footing).chain(on_part).chain(unsteady).collect();
+    let warnings = told.chain(footing).chain(slender).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }

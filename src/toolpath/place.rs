@@ -64,6 +64,14 @@ impl StackFromBed {
         self.moved.apply(Point3::new(cooled.x, cooled.y, 0.0)).xy()
     }
 
+    /// What the profile's moves of outlines do to a thickness, as it is told; nothing where it moves none.
+    pub(super) fn moved_outlines(&self) -> &'static str {
+        if self.compensation.lumen_mm == 0.0 && self.compensation.material_mm == 0.0 {
+            return "";
+        }
+        " after what print.hole_compensation_mm and print.squeeze_compensation_mm take"
+    }
+
     /// A place as it is told: in the model's own coordinates, as in the file or the CT that it comes from; the height is theirs.
     pub(super) fn told(&self, on_bed: Point2, z_mm: f64) -> String {
         told(self.point(on_bed), z_mm)

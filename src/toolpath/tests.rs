@@ -679,6 +679,31 @@ fn overhangs_that_nothing_holds_are_told_once_with_their_width() {
 }
 
 #[test]
+fn a_part_far_higher_than_its_foot_is_wide_is_told_unless_it_is_steadied() {
+    let rod: Vec<Layer> = (0..300).map(|idx| slab(idx, disc(0.0, 1.0))).collect();
+    let found = told(&rod, &reference());
+    assert!(found.len() == 1 && found[0].0 == "toolpath.slender", "{found:?}");
+    assert!(found[0].1.starts_with("the part is 60 mm high and stands on 2.0 mm: "), "{found:?}");
+    let mut profile = reference();
+    profile.print.brim_slenderness = 12.0;
+    assert_eq!(told(&rod, &profile), []);
+    assert_eq!(told(&rod[..200], &reference()), []);
+}
+
+#[test]
+fn a_wall_that_compensations_have_thinned_is_told_with_them() {
+    let mut profile = reference();
+    let ring = disc(0.0, 4.0).difference(&disc(0.0, 3.4));
+    let layers: Vec<Layer> =
+        (0..3).map(|idx| Layer { lumen: disc(0.0, 3.4), ..slab(idx, ring.clone()) }).collect();
+    profile.print.hole_compensation_mm = 0.5;
+    let words = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
+    let expected =
+        "mm thin after what print.hole_compensation_mm and print.squeeze_compensation_mm take in layer 0";
+    assert!(words.contains(expected), "{words}");
+}
+
+#[test]
 fn a_part_that_hardly_touches_the_bed_is_told_unless_it_is_held_down() {
     let ball = |idx: usize| {
         let z = 0.2 * idx as f64 + 0.1;

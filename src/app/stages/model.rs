@@ -158,6 +158,10 @@ impl OnBed {
 fn model_of(path: &Path, job: &ModelJob<'_>) -> Result<(usize, Model), Error> {
     let bytes = std::fs::read(path).map_err(atomic::failed("read", path))?;
     let bad = |source: model::Error| Error::Model { path: path.to_owned(), source };
+    let is_named_3mf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("3mf"));
+    if is_named_3mf && !model::threemf::is_package(&bytes) {
+        return Err(bad(model::Error::NoPackage));
+    }
     let Contents { facets, warnings } = model::read(&bytes).map_err(bad)?;
     drop(bytes);
     let mut model = Model::of(&facets).map_err(bad)?;

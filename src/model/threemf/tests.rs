@@ -238,3 +238,8 @@ fn a_file_of_nothing_to_print_is_refused_with_the_reason() {
     let unknown = read(&model("millimeter", &unknown, ITEM)).unwrap_err();
     assert!(unknown.to_string().contains("found type \"wood\", expected model, solidsupport"), "{unknown}");
 }
+
+#[test]
+fn objects_that_are_placed_nowhere_are_told() {
+    assert_eq!(read(&model("millimeter", CORNER, "")).unwrap_err(), ThreeMfError::NothingPlaced);
+}
