@@ -313,7 +313,7 @@ async fn a_print_pauses_goes_on_and_is_cancelled_as_operators_ask() {
     until("the first beads", async || printer.beads().len() > N_SIDES as usize).await;
     site.ask(id, Turn::Pause).await;
     site.is_at(id, State::Paused).await;
-    assert_eq!(site.says().await.0, Activity::Paused);
+    until("the printer to say so", async || site.says().await.0 == Activity::Paused).await;
     site.ask(id, Turn::GoOn).await;
     site.is_at(id, State::Printing).await;
     site.ask(id, Turn::Cancel).await;
@@ -478,7 +478,7 @@ async fn no_other_program_gets_the_port_and_one_that_has_it_makes_the_bed_doubtf
     let site = Site::open(dir, "").await;
     let bed = async || site.client.printer(&name("left")).await.unwrap().bed;
     until("the doubt", async || bed().await == BedView::Unknown).await;
-    assert!(site.says().await.1.contains("in use by another program"), "{:?}", site.says().await);
+    until("its reason", async || site.says().await.1.contains("in use by another program")).await;
     drop(taken);
     until("the port", async || site.says().await.0 == Activity::Idle).await;
     assert_eq!(bed().await, BedView::Unknown, "somebody has to look");

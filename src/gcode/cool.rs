@@ -60,13 +60,13 @@ pub(super) fn is_too_short(time_s: f64, print: &PrintSettings) -> bool {
     print.min_layer_time_wait && print.min_layer_time_s - time_s >= SHORTEST_WAIT_S
 }
 
-/// Where the nozzle waits: beside all that is printed, at the end of the shortest straight way that crosses no lumen. `None` where
-/// there is no such way, or no room on the bed: then it waits where it is, lifted.
-pub(super) fn aside(from: Point2, printed: Bounds2, lumen: &Region, bed_mm: [f64; 3]) -> Option<Point2> {
+/// Where the nozzle waits: beside all that is printed, at the end of the shortest straight way that crosses none of the lumens.
+/// `None` where there is no such way, or no room on the bed: then it waits where it is, lifted.
+pub(super) fn aside(from: Point2, printed: Bounds2, lumens: &[&Region], bed_mm: [f64; 3]) -> Option<Point2> {
     let around = printed.grown(ASIDE_MM);
-    let lumen = SegmentIndex::try_new(&lumen.contours);
+    let lumens: Vec<_> = lumens.iter().filter_map(|lumen| SegmentIndex::try_new(&lumen.contours)).collect();
     let is_on_bed = |p: &Point2| (0.0..=bed_mm[0]).contains(&p.x) && (0.0..=bed_mm[1]).contains(&p.y);
-    let is_clear = |p: &Point2| lumen.as_ref().is_none_or(|lumen| lumen.crossings(from, *p).is_empty());
+    let is_clear = |p: &Point2| lumens.iter().all(|lumen| lumen.crossings(from, *p).is_empty());
     let ends = (0..N_WAYS).map(|k| {
         let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(N_WAYS)).sin_cos();
         end_of_way(from, Vector2::new(cos, sin), around)
@@ -110,7 +110,7 @@ mod tests {
     fn the_way_aside_keeps_out_of_the_lumen_and_on_the_bed() {
         let lumen = Region::new(vec![ring(Point2::new(50.0, 50.0), 3.0)]);
         let printed = Bounds2::of([Point2::new(46.0, 46.0), Point2::new(54.0, 54.0)]).unwrap();
-        let is_at = |from, bed, at: Option<Point2>| match (aside(from, printed, &lumen, bed), at) {
+        let is_at = |from, bed, at: Option<Point2>| match (aside(from, printed, &[&lumen], bed), at) {
             (Some(found), Some(at)) => (found - at).norm() < 1e-9,
             (found, at) => found == at,
         };
@@ -121,7 +121,19 @@ mod tests {
         assert!(is_at(Point2::new(53.5, 50.0), narrow, Some(Point2::new(53.5, 64.0))));
         // Where there is no room anywhere it stays.
         let everywhere = Bounds2::of([Point2::new(0.0, 0.0), Point2::new(58.0, 100.0)]).unwrap();
-        assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, &lumen, narrow), None);
+        assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, &[&lumen], narrow), None);
+    }
+
+    #[test]
+    fn the_way_aside_keeps_out_of_the_lumen_of_the_layer_to_come_too() {
+        let from = Point2::new(53.5, 50.0);
+        let printed = Bounds2::of([Point2::new(46.0, 46.0), Point2::new(56.0, 54.0)]).unwrap();
+        let lumen = Region::new(vec![ring(Point2::new(50.0, 50.0), 3.0)]);
+        let above = Region::new(vec![ring(Point2::new(55.0, 50.0), 0.5)]);
+        let way = |lumens: &[&Region]| aside(from, printed, lumens, BED_MM).unwrap();
+        let crossed = |to| SegmentIndex::try_new(&above.contours).unwrap().crossings(from, to).len();
+        assert_eq!(crossed(way(&[&lumen])), 2, "else this layer alone would do");
+        assert_eq!(crossed(way(&[&lumen, &above])), 0);
     }
 
     #[test]
@@ -131,7 +143,7 @@ mod tests {
         let printed = Bounds2::of([Point2::new(35.0, 35.0), Point2::new(65.0, 65.0)]).unwrap();
         let is_clear = |from: Point2, lumen: &Region| {
             let index = SegmentIndex::try_new(&lumen.contours).unwrap();
-            aside(from, printed, lumen, BED_MM).is_some_and(|to| index.crossings(from, to).is_empty())
+            aside(from, printed, &[lumen], BED_MM).is_some_and(|to| index.crossings(from, to).is_empty())
         };
         assert!(is_clear(Point2::new(51.77, 51.77), &lumen));
         // Open by 60 degrees towards the corner of the bed.
@@ -144,6 +156,8 @@ mod tests {
         let arch = Region::new(vec![Contour::new(outer.chain(inner).collect())]);
         assert!(is_clear(at(7.5, 225.0), &arch));
         // From within a closed one there is none.
-        assert_eq!(aside(at(0.0, 0.0), printed, &Region::new(vec![ring(at(0.0, 0.0), 9.0)]), BED_MM), None);
+        assert!(
+            aside(at(0.0, 0.0), printed, &[&Region::new(vec![ring(at(0.0, 0.0), 9.0)])], BED_MM).is_none()
+        );
     }
 }

@@ -63,8 +63,8 @@ pub fn write(paths: &Toolpaths, profile: &Profile, header: &Header) -> String {
     for (idx, layer) in paths.layers.iter().enumerate() {
         job.layer(idx, paths.layers.len(), layer);
         // The end script parks the nozzle by itself.
-        if let Some(printed) = printed.filter(|_| idx + 1 < paths.layers.len()) {
-            job.wait(layer, printed);
+        if let (Some(printed), Some(above)) = (printed, paths.layers.get(idx + 1)) {
+            job.wait([layer, above], printed);
         }
         job.label(false);
     }
@@ -189,8 +189,9 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Waits for what a layer lacks of its least time, beside all that is printed; comes back to where it was, lifted and drawn back.
-    fn wait(&mut self, layer: &LayerPaths, printed: Bounds2) {
+    /// Waits for what a layer lacks of its least time before the one above it, beside all that is printed; comes back to where it was,
+    /// lifted and drawn back.
+    fn wait(&mut self, [layer, above]: [&LayerPaths; 2], printed: Bounds2) {
         let print = &self.profile.print;
         if layer.beads.is_empty() || !cool::is_too_short(self.elapsed_s, print) {
             return;
@@ -201,7 +202,7 @@ impl<'a> Job<'a> {
         self.lift((self.z + micrometres(ASIDE_LIFT_MM)).min(micrometres(bed_mm[2])).max(self.z));
         let missing_s = |writer: &Self| print.min_layer_time_s - writer.elapsed_s;
         let way_s = |to| distance_mm(from, to) / print.travel_mm_s;
-        let aside = cool::aside(place(from), printed, &layer.lumen, bed_mm).map(steps);
+        let aside = cool::aside(place(from), printed, &[&layer.lumen, &above.lumen], bed_mm).map(steps);
         // A way that takes longer than there is to wait is none to go.
         let Some(aside) = aside.filter(|&to| 2.0 * way_s(to) <= missing_s(self)) else {
             return self.dwell(missing_s(self));
