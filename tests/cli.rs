@@ -285,6 +285,9 @@ fn a_job_of_a_profile_of_ones_own_is_tried_on_its_machine() {
     place.json(0, &["run", "--ct", "ct", &seed, "--profile", "own.toml", "--out", "case"]);
     fs::copy(place.path("case/job.gcode"), place.path("job.gcode")).unwrap();
     place.json(0, &["print", "job.gcode", "--profile", "own.toml", "--port", "sim"]);
+    // On a bed that it leaves it is refused before anything is sent, to the simulated machine, too.
+    let error = place.refused(1, &["print", "job.gcode", "--profile", "reference", "--port", "sim"]);
+    assert!(error.contains("mm beyond the build space of 0 to 200 mm of the profile reference"), "{error}");
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod arc;
 mod corner;
 mod heat;
 mod smooth;
+mod space;
 
 use crate::gcode::reader::{self, Command};
 use crate::gcode::{Mark, Timing};
@@ -20,6 +21,7 @@ use crate::units::mm_s_from_mm_min;
 use heat::Heaters;
 use rayon::prelude::*;
 use serde::Serialize;
+pub use space::{Leaving, leaving};
 use std::f64::consts::FRAC_PI_4;
 
 /// Time and material of a job.

@@ -13,8 +13,10 @@ use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
 use crate::app::settings::{Fault, SIMULATED_PORT, SettingError, Settings};
 use crate::ct::Warning;
+use crate::motion;
 use crate::printer::device::{self, Device};
 use crate::printer::driver;
+use crate::printer::job;
 use crate::printer::journal::Ending;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::Stats;
@@ -23,6 +25,8 @@ use crate::printer::{self, PortProblem};
 use crate::profile::{self, Profile};
 use crate::progress::{Cancelled, Task};
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 use tokio::sync::mpsc;
 use words::show;
@@ -400,6 +404,9 @@ struct Order<'a> {
 
 impl Order<'_> {
     fn print(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+        if matches!(self.manner, Manner::FromTheBeginning { .. }) {
+            self.check_space(context)?;
+        }
         runtime()?.block_on(async {
             if self.port == SIMULATED_PORT {
                 self.print_simulated(task, context).await
@@ -427,6 +434,27 @@ impl Order<'_> {
                 self.printed(tokio::join!(printing, show(receiver, task, context)).0)
             }
         })
+    }
+
+    /// Refuses a job that leaves the build space; tells of one that goes a little beside the bed, where many machines reach.
+    fn check_space(&self, context: &Context<'_>) -> Result<(), Error> {
+        let failed =
+            |source| printer::Error::from(job::Error::Read { name: self.job.display().to_string(), source });
+        let file = File::open(self.job).map_err(failed)?;
+        let found = motion::leaving(BufReader::new(file), self.profile.machine.bed_mm).map_err(failed)?;
+        match found {
+            Some(leaving) if leaving.is_far => Err(Error::BuildSpace {
+                job: self.job.to_owned(),
+                profile: self.profile.name.clone(),
+                leaving,
+            }),
+            Some(leaving) => {
+                let text = format!("{leaving}: a machine that reaches no further stops at its edge");
+                (context.events)(Event::Told { stage: Stage::Print, code: "printer.beside_the_bed", text });
+                Ok(())
+            }
+            None => Ok(()),
+        }
     }
 
     async fn print_simulated(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
