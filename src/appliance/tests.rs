@@ -414,6 +414,10 @@ async fn what_goes_beyond_the_limits_is_refused_before_the_printer_is_warm() {
     site.is_at(id, State::Failed).await;
     let told = site.told(id).await.pop().unwrap();
     assert!(told.contains("150 and 120 °C are allowed without anybody near"), "{told}");
+    let id = site.add(&rings(1).replace("X110.000", "X910.000"), WishesBody::default()).await;
+    site.is_at(id, State::Failed).await;
+    let told = site.told(id).await.pop().unwrap();
+    assert!(told.contains("it was made for another printer: ") && told.contains("goes to X 910.000"), "{told}");
     let bed = site.client.printer(&name("left")).await.unwrap().bed;
     assert_eq!((bed, printer.has_done("M109")), (BedView::Clear, false));
     let _dir = site.end(OnStop::Finish).await;

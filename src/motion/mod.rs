@@ -6,6 +6,8 @@
 //! warming up take the times that the profile states.
 //!
 //! Not counted: the wire, the firmware's own overhead, limits that the job itself changes.
+//!
+//! And whether a job keeps within the build space (`space`), which is looked at before it is sent.
 
 mod arc;
 mod corner;
