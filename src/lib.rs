@@ -72,6 +72,7 @@ pub mod http;
 pub mod mesh;
 pub mod model;
 pub mod motion;
+mod nearest;
 pub mod phantom;
 pub mod preview;
 pub mod printer;

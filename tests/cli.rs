@@ -262,6 +262,14 @@ fn a_printer_that_cannot_be_is_refused_first_and_not_remembered() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());
     fs::write(place.path("job.gcode"), "G28\n").unwrap();
+    fs::write(place.path("tube.stl"), "solid tube\nendsolid tube\n").unwrap();
+    let error = place.refused(2, &["print", "tube.stl"]);
+    assert!(
+        error.contains("found the model tube.stl") && error.contains("lumenfab slice tube.stl"),
+        "{error}"
+    );
+    let error = place.refused(2, &["slice", "tube.stl", "--out", "job.gcode", "--perimeters", "-1"]);
+    assert!(error.contains("-1 is not in 1..=100"), "{error}");
     let error = place.refused(2, &["print", "job.gcode", "--baud", "115200"]);
     assert!(error.starts_with("--baud: found 115200 with the simulated printer"), "{error}");
 

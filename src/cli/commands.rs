@@ -417,6 +417,13 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         return stage(&args.what, changes, context, |session| session.print_again(args.baud, args.anew))
             .map(|o| show_case(face, &o));
     }
+    if app::is_model(&args.what) {
+        let line = format!(
+            "<CASE|JOB.gcode>: found the model {what}, expected a case or a job; `lumenfab slice {what} --out JOB.gcode` makes one of it",
+            what = args.what.display()
+        );
+        return Ok(face.usage_error(&line));
+    }
     let printer = app::FilePrinter {
         profile_name: args.profile.as_deref(),
         port: args.printer.port.as_deref(),

@@ -74,6 +74,16 @@ pub enum Error {
         /// What the TOML parser says.
         message: String,
     },
+    /// A file of something else.
+    #[error(
+        "{file}: not a profile: none of its keys is one of a profile's (found {found}); a profile begins with `inherits = \"marlin\"`"
+    )]
+    Foreign {
+        /// The file.
+        file: String,
+        /// Its first keys.
+        found: String,
+    },
     /// A key that no profile has.
     #[error("{file}:{line}: {key}: no profile has this key{hint}")]
     UnknownKey {
@@ -116,7 +126,7 @@ pub enum Error {
 }
 
 /// More faults than this are not told one by one.
-const MOST_FAULTS: usize = 20;
+const MOST_FAULTS: usize = 8;
 
 /// Faults line by line.
 fn told(faults: &[Error]) -> String {

@@ -6,6 +6,7 @@
 use super::Error;
 use super::layers::{Layers, Origin};
 use super::scripts;
+use crate::nearest::nearest;
 use toml::Value;
 
 /// The kind of value that a key takes.
@@ -161,6 +162,10 @@ pub(super) const FIELDS: &[Field] = &[
 /// Checks every key by itself: all there, none unknown, each of its type and in its range. Every fault is told.
 pub(super) fn check(layers: &Layers, file: &str) -> Vec<Error> {
     let is_known = |key: &str| FIELDS.iter().any(|f| f.key == key);
+    if !layers.keys.is_empty() && !layers.keys.keys().any(|key| is_known(key)) {
+        let found = layers.keys.keys().take(3).map(String::as_str).collect::<Vec<_>>().join(", ");
+        return vec![Error::Foreign { file: file.to_owned(), found }];
+    }
     let unknown = layers.keys.iter().filter(|(key, _)| !is_known(key));
     let unknown = unknown.map(|(key, (_, origin))| unknown_key(key, origin));
     unknown.chain(FIELDS.iter().filter_map(|field| field.fault(layers, file))).collect()
@@ -186,15 +191,7 @@ fn script_fault(key: &str, value: &Value, origin: &Origin) -> Option<Error> {
 }
 
 fn unknown_key(key: &str, origin: &Origin) -> Error {
-    let last = key.rsplit('.').next().unwrap_or(key);
-    let near = FIELDS.iter().map(|f| f.key).find(|k| k.rsplit('.').next() == Some(last)).or_else(|| {
-        let stem = last.split('_').next().unwrap_or(last);
-        let table = key.rsplit_once('.').map_or("", |(t, _)| t);
-        FIELDS
-            .iter()
-            .map(|f| f.key)
-            .find(|k| k.strip_prefix(table).and_then(|k| k.get(1..)).is_some_and(|k| k.starts_with(stem)))
-    });
+    let near = nearest(key, FIELDS.iter().map(|field| field.key));
     Error::UnknownKey {
         file: origin.file.clone(),
         line: origin.line,
