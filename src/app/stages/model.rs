@@ -136,6 +136,10 @@ impl OnBed {
             toolpath::plan(&sliced.layers, profile, task).map_err(|e| Error::from(e).of_model(path))?;
         warnings.extend(sliced.warnings);
         warnings.extend(planned.warnings);
+        if job.turn.is_some() && !warnings.is_empty() {
+            let text = "what is told above names places of the model as --orient has turned it";
+            warnings.push(Warning::new("model.turned", text.to_owned()));
+        }
         Ok(Self { n_triangles, size_mm, paths: planned.paths, warnings })
     }
 
