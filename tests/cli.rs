@@ -296,6 +296,19 @@ fn a_job_of_a_profile_of_ones_own_is_tried_on_its_machine() {
     // On a bed that it leaves it is refused before anything is sent, to the simulated machine, too.
     let error = place.refused(1, &["print", "job.gcode", "--profile", "reference", "--port", "sim"]);
     assert!(error.contains("mm beyond the build space of 0 to 200 mm of the profile reference"), "{error}");
+    // What machines reach beside their beds is told, and what is wanted so goes there.
+    let said = |x_mm: u32, more: &[&str]| {
+        fs::write(place.path("bead.gcode"), format!("G28\nM83\nG1 X{x_mm} Y10 Z1 F600\nG1 Y20 E1\n"))
+            .unwrap();
+        let out =
+            place.run(&[&["print", "bead.gcode", "--profile", "reference", "--port", "sim"], more].concat());
+        (out.status.success(), String::from_utf8(out.stderr).unwrap())
+    };
+    let (done, words) = said(203, &[]);
+    assert!(done && words.contains("line 3 goes to X 203.000, 3.0 mm beyond"), "{words}");
+    assert!(!said(209, &[]).0);
+    let (done, words) = said(209, &["--beyond-bed"]);
+    assert!(done && words.contains("9.0 mm beyond"), "{words}");
 }
 
 #[test]

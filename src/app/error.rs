@@ -155,7 +155,7 @@ pub enum Error {
     Profile(#[from] profile::Error),
     /// A job that leaves the build space of the printer that it is for.
     #[error(
-        "{}: {leaving} of the profile {profile}; nothing was sent: slice it for this printer, or name the one that it was made for",
+        "{}: {leaving} of the profile {profile}; nothing was sent: slice it for this printer, name the one that it was made for, or let it go there with --beyond-bed",
         job.display()
     )]
     BuildSpace {

@@ -337,6 +337,9 @@ pub(crate) struct PrintArgs {
     /// Print from the beginning although the last print of the job broke off: the bed is free, and it is not to be resumed
     #[arg(long)]
     pub(crate) anew: bool,
+    /// Print a file even where its beads lie beyond the profile's build space, as on machines whose origin is the bed's middle
+    #[arg(long)]
+    pub(crate) beyond_bed: bool,
 }
 
 #[derive(Debug, Args)]

@@ -428,6 +428,7 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         profile_name: args.profile.as_deref(),
         port: args.printer.port.as_deref(),
         baud: args.baud,
+        beyond_bed: args.beyond_bed,
     };
     let printed = app::print_file(&args.what, printer, args.anew, &context)?;
     face.result(&printed, &format!("{printed}\n"));

@@ -11,7 +11,7 @@
 //! and forth again (a wipe): it leaves from where the travel was planned to.
 //!
 //! A layer that is done too soon even at the slowest speed is waited for, as the module `cool` says: the filament drawn back, the
-//! nozzle lifted and beside all that is printed; then it comes back to where it was, and goes on from there.
+//! nozzle lifted and beside all that is printed, where there is room; then it comes back to where it was, and goes on from there.
 //!
 //! How long the job takes is not known here: [`timed`](super::timed) adds it.
 
@@ -189,7 +189,7 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Waits for what a layer lacks of its least time before the one above it, beside all that is printed; comes back to where it was,
+    /// Waits for what a layer lacks of its least time before the one above it, aside where there is room; comes back to where it was,
     /// lifted and drawn back.
     fn wait(&mut self, [layer, above]: [&LayerPaths; 2], printed: Bounds2) {
         let print = &self.profile.print;
@@ -202,9 +202,11 @@ impl<'a> Job<'a> {
         self.lift((self.z + micrometres(ASIDE_LIFT_MM)).min(micrometres(bed_mm[2])).max(self.z));
         let missing_s = |writer: &Self| print.min_layer_time_s - writer.elapsed_s;
         let way_s = |to| distance_mm(from, to) / print.travel_mm_s;
-        let aside = cool::aside(place(from), printed, &[&layer.lumen, &above.lumen], bed_mm).map(steps);
+        let around =
+            cool::Around { printed, material: &layer.material, lumens: [&layer.lumen, &above.lumen], bed_mm };
         // A way that takes longer than there is to wait is none to go.
-        let Some(aside) = aside.filter(|&to| 2.0 * way_s(to) <= missing_s(self)) else {
+        let most_mm = missing_s(self) / 2.0 * print.travel_mm_s;
+        let Some(aside) = around.aside(place(from), most_mm).map(steps) else {
             return self.dwell(missing_s(self));
         };
         self.go(aside, None, print.travel_mm_s);

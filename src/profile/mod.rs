@@ -539,7 +539,7 @@ pub struct PrintSettings {
     pub z_hop_mm: f64,
     /// A layer takes at least this long, s: driven slower where it would not.
     pub min_layer_time_s: f64,
-    /// Whether what it lacks at the slowest speed is waited for, the nozzle beside the part.
+    /// Whether what it lacks at the slowest speed is waited for, the nozzle aside where there is room.
     pub min_layer_time_wait: bool,
     /// Slowest speed that the minimum layer time may ask for.
     pub min_speed_mm_s: f64,

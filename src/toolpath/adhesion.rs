@@ -163,7 +163,7 @@ impl<'a> Branch<'a> {
 
 /// All that stands by itself on the bed: its foot, and up to which height it does, mm. Branches that meet stand together from
 /// there on.
-fn standing(layers: &[Layer], placed: &[(Region, Region)]) -> Vec<(Region, f64)> {
+pub(super) fn standing(layers: &[Layer], placed: &[(Region, Region)]) -> Vec<(Region, f64)> {
     let Some((first, _)) = placed.first() else { return Vec::new() };
     let mut branches: Vec<Branch<'_>> = Outline::all(first).into_iter().map(Branch::of).collect();
     let mut stood = Vec::new();

@@ -175,26 +175,33 @@ pub(super) fn overhang(unheld: &[Unheld], frame: &StackFromBed, profile: &Profil
     Some(Warning::new("toolpath.overhang", text))
 }
 
-/// Tells of a part that is far higher than what it stands on is wide, where nothing steadies it.
+/// Tells of what is far higher than what it stands on is wide, where nothing steadies it. `is_steadied`: whether columns or ribs
+/// stand beside the part.
 pub(super) fn slender(
     layers: &[Layer],
     placed: &[(Region, Region)],
     brim_mm: f64,
+    is_steadied: bool,
     profile: &Profile,
 ) -> Option<Warning> {
     let params = fill_params(profile, layers[0].slot.height_mm);
-    let is_steadied = profile.print.raft_layers > 0
-        || profile.print.support != SupportStyle::None
-        || adhesion::n_brim(brim_mm, &params) > 0;
+    let is_steadied = is_steadied || profile.print.raft_layers > 0 || adhesion::n_brim(brim_mm, &params) > 0;
     let height_mm: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
-    let width_mm = placed[0].0.least_width_mm();
-    (!is_steadied && height_mm > MOST_SLENDER * width_mm).then(|| {
-        let text = format!(
-            "the part is {height_mm:.0} mm high and stands on {width_mm:.1} mm: it may topple or sway; print.brim_slenderness or print.brim_mm in \
-             the profile gives it a brim"
-        );
-        Warning::new("toolpath.slender", text)
-    })
+    let is_slender = |foot: &Region, height_mm: f64| height_mm > MOST_SLENDER * foot.least_width_mm();
+    // Nothing is higher than the part, nothing narrower than an island of its foot.
+    if is_steadied || !placed[0].0.islands().iter().any(|island| is_slender(island, height_mm)) {
+        return None;
+    }
+    let standing = adhesion::standing(layers, placed).into_iter();
+    let slender = standing.filter(|(foot, height_mm)| is_slender(foot, *height_mm));
+    let (foot, height_mm) =
+        slender.max_by(|a, b| (a.1 / a.0.least_width_mm()).total_cmp(&(b.1 / b.0.least_width_mm())))?;
+    let text = format!(
+        "a part is {height_mm:.0} mm high by itself and stands on {:.1} mm: it may topple or sway; print.brim_slenderness or print.brim_mm in \
+         the profile gives it a brim",
+        foot.least_width_mm()
+    );
+    Some(Warning::new("toolpath.slender", text))
 }
 
 /// Tells of a part that hardly touches the bed, as a ball does or a tube that lies, where neither brim, raft nor supports are

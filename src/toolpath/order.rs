@@ -135,7 +135,7 @@ impl Order {
                 x_mm: at.x,
                 y_mm: at.y,
                 thickness_mm: thin.thickness_mm,
-                after: self.frame.moved_outlines(),
+                after: self.frame.taken(self.paths.is_empty()),
                 thinnest_mm: params.limits_mm[0],
             });
         }

@@ -683,7 +683,18 @@ fn a_part_far_higher_than_its_foot_is_wide_is_told_unless_it_is_steadied() {
     let rod: Vec<Layer> = (0..300).map(|idx| slab(idx, disc(0.0, 1.0))).collect();
     let found = told(&rod, &reference());
     assert!(found.len() == 1 && found[0].0 == "toolpath.slender", "{found:?}");
-    assert!(found[0].1.starts_with("the part is 60 mm high and stands on 2.0 mm: "), "{found:?}");
+    let begin = "a part is 60 mm high by itself and stands on 2.0 mm: ";
+    assert!(found[0].1.starts_with(begin), "{found:?}");
+    // Each of three, however wide they stand together; and where columns are allowed but none stands.
+    let three = Region::new(
+        [disc(0.0, 1.0), disc(20.0, 1.0), disc(40.0, 1.0)].into_iter().flat_map(|d| d.contours).collect(),
+    );
+    let three: Vec<Layer> = (0..300).map(|idx| slab(idx, three.clone())).collect();
+    let mut columns = reference();
+    columns.print.support = SupportStyle::Column;
+    for found in [told(&three, &reference()), told(&rod, &columns)] {
+        assert!(found.len() == 1 && found[0].1.starts_with(begin), "{found:?}");
+    }
     let mut profile = reference();
     profile.print.brim_slenderness = 12.0;
     assert_eq!(told(&rod, &profile), []);
@@ -698,9 +709,14 @@ fn a_wall_that_compensations_have_thinned_is_told_with_them() {
         (0..3).map(|idx| Layer { lumen: disc(0.0, 3.4), ..slab(idx, ring.clone()) }).collect();
     profile.print.hole_compensation_mm = 0.5;
     let words = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
-    let expected =
-        "mm thin after what print.hole_compensation_mm and print.squeeze_compensation_mm take in layer 0";
-    assert!(words.contains(expected), "{words}");
+    assert!(words.contains("mm thin after what print.hole_compensation_mm takes in layer 0"), "{words}");
+    // What thickens is not blamed; what thins the layer on the bed alone is.
+    (profile.print.hole_compensation_mm, profile.print.first_layer_compensation_mm) = (-0.1, 0.32);
+    let words = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
+    assert!(
+        words.contains("mm thin after what print.first_layer_compensation_mm takes in layer 0"),
+        "{words}"
+    );
 }
 
 #[test]

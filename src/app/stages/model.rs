@@ -104,6 +104,10 @@ pub fn slice_model(
     let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Slice));
+    if job.turn.is_some() {
+        let text = "places are told of the model as --orient turns it".to_owned();
+        events(Event::Told { stage: Stage::Slice, code: "model.orient", text });
+    }
     let planned = OnBed::of(path, job, &profile, &task)?;
     let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings(job), &task)?;
     paper::refuse_replacing(out, job.gives_up_print)?;
@@ -136,10 +140,6 @@ impl OnBed {
             toolpath::plan(&sliced.layers, profile, task).map_err(|e| Error::from(e).of_model(path))?;
         warnings.extend(sliced.warnings);
         warnings.extend(planned.warnings);
-        if job.turn.is_some() && !warnings.is_empty() {
-            let text = "what is told above names places of the model as --orient has turned it";
-            warnings.push(Warning::new("model.turned", text.to_owned()));
-        }
         Ok(Self { n_triangles, size_mm, paths: planned.paths, warnings })
     }
 

@@ -276,7 +276,7 @@ impl<S: Store> Station<S> {
         if job.made.as_ref().is_none_or(|made| made.gcode != digest) {
             return Err("the job's G-code is not what was prepared: it was changed".to_owned());
         }
-        if let Some(leaving) = leaving.filter(|leaving| leaving.is_far) {
+        if let Some(leaving) = leaving.filter(|leaving| leaving.is_lost) {
             return Err(format!("it was made for another printer: {leaving}"));
         }
         if survey.hotend_c > limits.hotend_c || survey.bed_c > limits.bed_c {
