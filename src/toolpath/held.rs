@@ -9,7 +9,7 @@ use super::interior::Stack;
 use super::skin::Skins;
 use super::supports::{AIR_LAYERS, Support};
 use super::travel::{Island, Net};
-use super::{StackFromBed, adhesion, fill_params};
+use super::{BeadKind, LayerPaths, StackFromBed, adhesion, fill_params};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Region, SegmentIndex};
 use crate::profile::{Profile, SupportStyle};
@@ -32,6 +32,8 @@ const FOOT_MM: f64 = 1.0;
 const FOOT_GROWTH: f64 = 2.5;
 /// A part so many times as high as its foot is wide sways under the nozzle; the built-in vessel is 17 times as high.
 const MOST_SLENDER: f64 = 25.0;
+/// Lines over air hold so far by themselves, mm.
+const LONGEST_BRIDGE_MM: f64 = 20.0;
 
 /// Where a layer reaches farther beyond the one below than the profile's limit.
 #[derive(Debug, Clone, PartialEq)]
@@ -173,6 +175,25 @@ pub(super) fn overhang(unheld: &[Unheld], frame: &StackFromBed, profile: &Profil
         frame.told(widest.at, widest.z_mm)
     );
     Some(Warning::new("toolpath.overhang", text))
+}
+
+/// Tells of lines that span far over air, as roofs over an inside without fill do.
+pub(super) fn bridges(paths: &[LayerPaths], frame: &StackFromBed) -> Option<Warning> {
+    let spans = paths.iter().flat_map(|layer| {
+        let lines = layer.beads.iter().filter(|bead| bead.kind == BeadKind::Bridge);
+        let ends = lines.flat_map(|bead| bead.points.windows(2).map(|p| (p[0].at, p[1].at)));
+        ends.map(move |(a, b)| ((b - a).norm(), nalgebra::center(&a, &b), layer.slot.z_mid_mm))
+    });
+    let (longest_mm, at, z_mm) = spans.reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    (longest_mm > LONGEST_BRIDGE_MM).then(|| {
+        let text = format!(
+            "lines span up to {:.0} mm over air, the longest at {}: they may sag or fall; give the inside some fill (--infill-percent, \
+             print.infill_percent in the profile) or turn the part",
+            frame.length_mm(longest_mm),
+            frame.told(at, z_mm)
+        );
+        Warning::new("toolpath.long_bridge", text)
+    })
 }
 
 /// Tells of what is far higher than what it stands on is wide, where nothing steadies it. `is_steadied`: whether columns or ribs

@@ -308,10 +308,11 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.check()?;
     let footing = held::footing(layers, &placed, brim_mm, &frame, profile);
     let slender = held::slender(layers, &placed, brim_mm, is_steadied, profile);
+    let bridges = held::bridges(&order.paths, &frame);
     order.outlined(placed);
     let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
-    let warnings = told.chain(footing).chain(slender).chain(on_part).chain(unsteady).collect();
+    let warnings = told.chain(footing).chain(slender).chain(bridges).chain(on_part).chain(unsteady).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }

@@ -702,6 +702,26 @@ fn a_part_far_higher_than_its_foot_is_wide_is_told_unless_it_is_steadied() {
 }
 
 #[test]
+fn a_roof_that_spans_far_over_nothing_is_told() {
+    let box_of = |side_mm: f64| -> Vec<Layer> {
+        let corners = [(0.0, 0.0), (side_mm, 0.0), (side_mm, side_mm), (0.0, side_mm)];
+        let square = Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec())]);
+        (0..20).map(|idx| slab(idx, square.clone())).collect()
+    };
+    let mut profile = reference();
+    profile.print.infill_percent = 0.0;
+    let found = told(&box_of(40.0), &profile);
+    let expected = "lines span up to 38 mm over air, the longest at z ";
+    assert!(
+        found.len() == 1 && found[0].0 == "toolpath.long_bridge" && found[0].1.starts_with(expected),
+        "{found:?}"
+    );
+    assert_eq!(told(&box_of(18.0), &profile), []);
+    profile.print.infill_percent = 20.0;
+    assert_eq!(told(&box_of(40.0), &profile), []);
+}
+
+#[test]
 fn a_wall_that_compensations_have_thinned_is_told_with_them() {
     let mut profile = reference();
     let ring = disc(0.0, 4.0).difference(&disc(0.0, 3.4));

@@ -59,6 +59,8 @@ pub struct SlicedModel {
     pub filament_g: f64,
     /// Where the model's origin lies on the bed, mm.
     pub bed_from_model_mm: [f64; 3],
+    /// What the operator should look at.
+    pub warnings: Vec<Warning>,
 }
 
 impl std::fmt::Display for SlicedModel {
@@ -114,8 +116,8 @@ pub fn slice_model(
     atomic::write_export(out, text.as_bytes())?;
     job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
     let told = planned.told(&text, &estimate);
-    for warning in planned.warnings {
-        events(Event::Warned { stage: Stage::Slice, warning });
+    for warning in &told.warnings {
+        events(Event::Warned { stage: Stage::Slice, warning: warning.clone() });
     }
     Ok(told)
 }
@@ -154,6 +156,7 @@ impl OnBed {
             filament_mm: estimate.filament_mm,
             filament_g: estimate.filament_g,
             bed_from_model_mm: [by.x, by.y, by.z],
+            warnings: self.warnings.clone(),
         }
     }
 }
