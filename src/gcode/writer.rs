@@ -132,10 +132,9 @@ impl<'a> Job<'a> {
         hasher.update(header.settings.as_bytes());
         let origin = paths.bed_from_stack.apply(Point3::origin());
         let volume: f64 = paths.layers.iter().map(|l| volume_mm3(l, self.profile)).sum();
-        let filament_mm = volume * self.filament_per_mm3;
-        let mass_g = volume * self.profile.filament.flow_percent / 100.0
-            * self.profile.filament.density_g_cm3
-            / 1000.0;
+        let filament_mm = volume * self.filament_per_mm3 + self.profile.primed_filament_mm();
+        let area_mm2 = FRAC_PI_4 * self.profile.machine.filament_mm.powi(2);
+        let mass_g = filament_mm * area_mm2 * self.profile.filament.density_g_cm3 / 1000.0;
         let n_ct = paths.layers.iter().filter(|l| l.slot.ct_plane.is_some()).count();
         // Another program's model knows neither CT nor stack.
         let (on_ct, shift) = match n_ct {

@@ -16,12 +16,14 @@
 mod check;
 mod layers;
 pub mod load;
+mod primed;
 mod schema;
 mod scripts;
 #[cfg(test)]
 mod tests;
 
 pub use load::from_file;
+pub use primed::Primed;
 pub use scripts::ResumePoint;
 
 use crate::units::Celsius;

@@ -33,6 +33,7 @@ mod interior;
 mod lead;
 mod order;
 mod place;
+mod primed;
 mod raft;
 mod raster;
 mod ribs;
@@ -312,7 +313,9 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.outlined(placed);
     let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
-    let warnings = told.chain(footing).chain(slender).chain(bridges).chain(on_part).chain(unsteady).collect();
+    let in_the_way = primed::in_the_way(&order.paths, profile);
+    let rest = [footing, slender, bridges, on_part, unsteady, in_the_way].into_iter().flatten();
+    let warnings = told.chain(rest).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }
