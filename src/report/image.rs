@@ -276,20 +276,49 @@ impl<'a> Plane<'a> {
     }
 
     pub(super) fn bilinear(&self, p: Point2) -> f64 {
-        let x = (p.x - self.origin.x) / self.pixel_mm[0];
-        let y = (p.y - self.origin.y) / self.pixel_mm[1];
-        let inside = x >= 0.0 && y >= 0.0 && x <= (self.n_cols - 1) as f64 && y <= (self.n_rows - 1) as f64;
-        if !inside {
-            return f64::NAN;
+        match (self.column(p.x), self.row(p.y)) {
+            (Some(column), Some(row)) => self.value(column, row),
+            _ => f64::NAN,
+        }
+    }
+
+    /// The columns beside a place; `None` outside.
+    pub(super) fn column(&self, x_mm: f64) -> Option<Between> {
+        Between::of((x_mm - self.origin.x) / self.pixel_mm[0], self.n_cols)
+    }
+
+    /// The rows beside a place; `None` outside.
+    pub(super) fn row(&self, y_mm: f64) -> Option<Between> {
+        Between::of((y_mm - self.origin.y) / self.pixel_mm[1], self.n_rows)
+    }
+
+    /// Linear between the four pixels.
+    pub(super) fn value(&self, column: Between, row: Between) -> f64 {
+        let along = |j: usize| {
+            let at = |i: usize| f64::from(self.hu[j * self.n_cols + i]);
+            at(column.low) * (1.0 - column.part) + at(column.high) * column.part
+        };
+        along(row.low) * (1.0 - row.part) + along(row.high) * row.part
+    }
+}
+
+/// A place between two neighbours of a row of pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Between {
+    low: usize,
+    high: usize,
+    /// How far it lies from `low` to `high`, 0 to 1.
+    part: f64,
+}
+
+impl Between {
+    fn of(place: f64, n: usize) -> Option<Self> {
+        if !(place >= 0.0 && place <= (n - 1) as f64) {
+            return None;
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the grid")]
-        let (i, j) = (x as usize, y as usize);
-        let (i1, j1) = ((i + 1).min(self.n_cols - 1), (j + 1).min(self.n_rows - 1));
-        let (fx, fy) = (x - i as f64, y - j as f64);
-        let at = |i: usize, j: usize| f64::from(self.hu[j * self.n_cols + i]);
-        let low = at(i, j) * (1.0 - fx) + at(i1, j) * fx;
-        let high = at(i, j1) * (1.0 - fx) + at(i1, j1) * fx;
-        low * (1.0 - fy) + high * fy
+        let low = place as usize;
+        Some(Self { low, high: (low + 1).min(n - 1), part: place - low as f64 })
     }
 }
 

@@ -13,34 +13,6 @@ use crate::geom::Region;
 use crate::slice::Layer;
 use rayon::prelude::*;
 
-/// How the further figures came about: name and text.
-pub(super) const METHODS: [(&str, &str); 6] = [
-    (
-        "Defects",
-        "Recorded beads are laid over the planned ones of their layer (lengths and moments; where these differ, a robust fit of shift, turn and scale), outlines over those of the stage before (offset and shift, robust; one similarity of all planes first). Series over layers and planes are cut where they jump. Sizes carry a standard uncertainty. Nothing of it changes the figures.",
-    ),
-    (
-        "Largest diameter",
-        "Largest distance of two points of the lumen in the CT plane; exact on the outline's polygon.",
-    ),
-    (
-        "Centreline and tortuosity",
-        "Through the centroids in the CT planes, by cubics with the slopes of the polynomial through five planes; length by Gauss's rule. Tortuosity is length over chord minus one.",
-    ),
-    (
-        "Divisions",
-        "Height at which the section of the solid falls apart, by bisection to 0.001 mm; place: the middle between the nearest points of both pieces. Angles between the straight lines that fit the first 10 mm of each centreline best.",
-    ),
-    (
-        "Wall",
-        "From places 0.1 mm apart along the lumen the exact distance to the outline of the whole part, in the plane: more than the thickness in space where the wall stands obliquely. Filled: material over all between the outlines.",
-    ),
-    (
-        "Volumes",
-        "Lumen: areas in the CT planes integrated by cubics; its uncertainty is half of what leaving out every second plane changes. Layers: area times height. Material: cross-section of the beads times length; recorded: the record's own volumes.",
-    ),
-];
-
 /// The wall of every stage that has one.
 pub(super) fn walls(inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[LayerWork]) -> Vec<WallStage> {
     if inputs.body == BodyKind::Cast {

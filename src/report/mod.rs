@@ -32,6 +32,7 @@ mod found;
 mod image;
 mod lumen;
 mod measures;
+mod methods;
 mod page;
 mod pdf;
 mod picture;
@@ -59,7 +60,6 @@ pub use deviation::{Figures, STEP_MM};
 pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
 pub use image::Polarity;
 pub use page::html;
-pub use pdf::pdf;
 pub use picture::Picture;
 pub use record::Record;
 pub use stages::build;
@@ -487,8 +487,7 @@ impl Serialize for Report {
         map.serialize_entry("uncertainty_mm", &self.uncertainty)?;
         map.serialize_entry("layers", &self.layers)?;
         map.serialize_entry("notes", &self.notes)?;
-        let methods = page::METHODS.iter().chain(&measures::METHODS);
-        let methods: Vec<String> = methods.map(|(name, text)| format!("{name}: {text}")).collect();
+        let methods = methods::METHODS.map(|(name, text)| format!("{name}: {text}"));
         map.serialize_entry("methods", &methods)?;
         map.end()
     }

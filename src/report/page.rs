@@ -4,7 +4,7 @@
 //! text goes through the template engine's HTML escaping.
 
 use super::plate::{Grey, UNITS_PER_MM};
-use super::{BodyKind, Error, Figures, INTENDED_USE, Report, Stage, shown};
+use super::{BodyKind, Error, Figures, INTENDED_USE, Report, Stage, methods, shown};
 use minijinja::{AutoEscape, Environment};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -16,34 +16,6 @@ mod unrolled;
 
 /// Most bytes of all grey pictures together; beyond, they are shown with half as many pixels each way.
 const GREY_BYTES_MOST: usize = 7_000_000;
-
-/// How the figures came about: name and text.
-pub(super) const METHODS: [(&str, &str); 6] = [
-    (
-        "Distances",
-        "Each outline is walked in steps of 0.05 mm and the exact distance to the other one is taken, both ways, pooled. Sampling errs by less than 0.001 mm on the mean; the maximum may miss a corner by 0.025 mm.",
-    ),
-    (
-        "Boundary in the image",
-        "Half-way between the grey levels inside and outside, along the normal of the contour, linear between pixels, averaged over about a pixel along the contour; found from the grey values alone. Behind a wall hardly thicker than the blur, the wall's own level is found from all profiles of the contour together. Blur draws the half-way point of a curved boundary inward by s\u{b2}k/2; this is measured (blur s from the steepness of the edge, curvature k from the contour) and undone. Where no clear edge exists, the place is left out.",
-    ),
-    (
-        "Beads",
-        "Strokes of their width with round joints and ends, united per layer. The lumen of a hollow wall is what the beads enclose and leave open; that of a cast is what they cover, with the pores between them.",
-    ),
-    (
-        "Registration",
-        "Image, solid and job stay where the job was planned; nothing is fitted to the recorded material. The planned geometry was checked to lie within 0.01 mm of the layers. Recorded pieces belong to the layer at whose height they were deposited.",
-    ),
-    (
-        "Areas and Dice",
-        "Boolean operations on polygons on a grid of 10 nm. Dice is twice the common area over the sum of both areas; IoU the common over the united area; both are 1 for identical areas.",
-    ),
-    (
-        "Diameters and stenosis",
-        "In the CT plane. Equivalent: of the circle of the same area. Minimum: least distance between parallel lines that enclose the lumen. NASCET: 1 - narrowest / first normal segment beyond (5 mm or more, within 5 % of its mean), minimum diameters.",
-    ),
-];
 
 #[derive(Serialize)]
 pub(super) struct View {
@@ -204,11 +176,14 @@ pub(super) struct AnatomyRow {
 /// # Errors
 /// [`Error::Page`] where the template cannot be rendered, [`Error::Drawing`] where a picture cannot be encoded.
 pub fn html(report: &Report) -> Result<String, Error> {
+    render(&view(report)?)
+}
+
+pub(super) fn render(view: &View) -> Result<String, Error> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     environment.add_template("index.html", include_str!("index.html"))?;
-    let view = minijinja::value::Serde(view(report)?);
-    Ok(environment.get_template("index.html")?.render(view)?)
+    Ok(environment.get_template("index.html")?.render(minijinja::value::Serde(view))?)
 }
 
 /// What page and document say.
@@ -249,7 +224,7 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         sides,
         planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
         anatomy: anatomy_rows(report),
-        methods: METHODS.map(|(name, text)| Method { name, text }).into(),
+        methods: methods::METHODS.map(|(name, text)| Method { name, text }).into(),
         intended_use: INTENDED_USE,
     })
 }

@@ -30,17 +30,16 @@ const PICTURE: f32 = 196.0;
 /// The document.
 ///
 /// # Errors
-/// [`Error::Pdf`] where pixels cannot be packed, [`Error::Drawing`], [`Error::Json`].
-pub fn pdf(report: &Report) -> Result<Vec<u8>, Error> {
-    let view = page::view(report)?;
+/// [`Error::Pdf`] where pixels cannot be packed, [`Error::Drawing`] where a picture cannot be encoded.
+pub(super) fn document(report: &Report, view: &View) -> Result<Vec<u8>, Error> {
     let mut book = Book::new();
-    summary(&mut book, &view);
-    stages(&mut book, &view);
+    summary(&mut book, view);
+    stages(&mut book, view);
     charts(&mut book, &view.charts);
-    maps(&mut book, &view)?;
-    pictures(&mut book, report, &view)?;
-    tables(&mut book, &view);
-    methods(&mut book, &view);
+    maps(&mut book, view)?;
+    pictures(&mut book, report, view)?;
+    tables(&mut book, view);
+    methods(&mut book, view);
     sign_off(&mut book);
     Ok(book.finish(
         TITLE,
@@ -394,6 +393,10 @@ mod tests {
     use super::super::{Inputs, build, tests::inputs};
     use super::*;
     use crate::progress::Task;
+
+    fn pdf(report: &Report) -> Result<Vec<u8>, Error> {
+        document(report, &page::view(report)?)
+    }
 
     fn count(file: &[u8], what: &str) -> usize {
         file.windows(what.len()).filter(|w| *w == what.as_bytes()).count()
