@@ -1,14 +1,10 @@
-//! Walls, volumes and uncertainties from the work of the comparison.
+//! Walls and volumes from the work of the comparison.
 
 use super::amounts::{Amounts, lumen_volume};
-use super::course::DIVISION_MM;
-use super::deviation::STEP_MM;
 use super::faults::volumes_mm3;
-use super::image::median;
-use super::stages::{LayerWork, Lumen, PlaneWork, SECTION_TOLERANCE_MM, STAGES, layer_lumen, layer_of};
-use super::strokes;
+use super::stages::{LayerWork, Lumen, PlaneWork, STAGES, layer_lumen, layer_of};
 use super::thickness::{self, WallStage};
-use super::{BodyKind, Inputs, Stage, Uncertainty};
+use super::{BodyKind, Inputs};
 use crate::geom::Region;
 use crate::slice::Layer;
 use rayon::prelude::*;
@@ -53,23 +49,5 @@ pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork]) -> Amounts {
         planned_material_mm3: Some(planned_mm3),
         recorded_material_mm3: Some(recorded_mm3),
         job: inputs.job,
-    }
-}
-
-/// The local scatter of the boundary in the image: contours that follow it are off by it, wherever they lie on average.
-pub(super) fn uncertainty(planes: &[PlaneWork]) -> Uncertainty {
-    let scatter =
-        planes.iter().filter_map(|p| p.comparisons[Stage::Segmentation as usize].as_ref().ok()).map(|c| {
-            let n = c.distances_mm.len().max(1) as f64;
-            let mean = c.distances_mm.iter().sum::<f64>() / n;
-            (c.distances_mm.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n).sqrt()
-        });
-    Uncertainty {
-        image_place: median(scatter),
-        sampling: STEP_MM,
-        section: SECTION_TOLERANCE_MM,
-        grid: 1e-5,
-        bead: strokes::ARC_MM,
-        division: DIVISION_MM,
     }
 }

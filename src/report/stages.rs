@@ -8,9 +8,10 @@ use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
 use super::strokes::{self, Stroke};
 use super::surface::Surface;
+use super::verdict::Judged;
 use super::{
-    Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
-    Verdict,
+    Block, BodyKind, Error, Histogram, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report,
+    Stage, Uncertainty, Verdict,
 };
 use super::{found, measures};
 use crate::ct::Warning;
@@ -52,18 +53,33 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let branches = Branches::of(inputs.sections);
     let lumina = lumina(&branches, &planes);
     let findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let uncertainty = Uncertainty::of(&planes);
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
+    let mut anatomy = branches.measure(&lumina, &section);
+    uncertainty.state(&mut anatomy);
+    let walls = measures::walls(inputs, &planes, &layers);
+    let amounts = measures::amounts(inputs, &planes);
+    let judged = Judged {
+        pixel_mm,
+        meant: if compensation_mm(inputs) == 0.0 { "contours" } else { "planned" },
+        blocks: &blocks,
+        findings: &findings,
+        anatomy: &anatomy,
+        walls: &walls,
+        amounts: &amounts,
+    };
     Ok(Report {
         body: inputs.body,
-        anatomy: branches.measure(&lumina, &section),
-        walls: measures::walls(inputs, &planes, &layers),
-        amounts: measures::amounts(inputs, &planes),
-        uncertainty: measures::uncertainty(&planes),
+        verdict: Verdict::of(inputs.gate, &judged),
+        anatomy,
+        walls,
+        amounts,
+        uncertainty,
+        triangles: inputs.triangles.to_vec(),
         plane_z_mm: inputs.sections.plane_z_mm(),
         surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes),
-        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings),
         findings,
         layers: figures,
         blocks,
@@ -360,6 +376,7 @@ fn block(stage: Stage, inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[Laye
     }
     let measured = planes.iter().filter_map(|p| p.comparisons[stage as usize].as_ref().ok());
     let n_planes = measured.clone().count();
+    let histogram = Histogram::of(measured.clone());
     let mut overall = Overall { figures: Figures::of(measured), n_planes, ..Overall::default() };
     if stage == Stage::Deposition {
         deposited_material(&mut overall, layers);
@@ -370,6 +387,7 @@ fn block(stage: Stage, inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[Laye
     let something = n_planes > 0 || overall.iou_mean.is_some();
     Block {
         overall: something.then_some(overall),
+        histogram,
         planes: planes
             .iter()
             .enumerate()

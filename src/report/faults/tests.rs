@@ -4,7 +4,9 @@ use crate::ct::Voxels;
 use crate::geom::{Contour, Point2, Region, Vector2};
 use crate::progress::Task;
 use crate::report::record::Segment;
-use crate::report::testing::{BEAD_MM, Forked, INTERVAL_MM, LAYER_MM, RADIUS_MM, fork, print, region_of};
+use crate::report::testing::{
+    BEAD_MM, Forked, INTERVAL_MM, LAYER_MM, RADIUS_MM, fork, inputs, print, region_of,
+};
 use crate::report::*;
 
 const N_PLANES: usize = 10;
@@ -15,19 +17,7 @@ fn case() -> Forked {
 }
 
 fn report(case: &Forked) -> Report {
-    let inputs = Inputs {
-        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
-        sections: &case.sections,
-        solid: &case.solid,
-        body: BodyKind::Wall,
-        layers: &case.layers,
-        paths: &case.paths,
-        record: &case.record,
-        warnings: &[],
-        job: Job::default(),
-        gate: Gate::default(),
-    };
-    build(&inputs, &Task::quiet()).unwrap()
+    build(&inputs(case), &Task::quiet()).unwrap()
 }
 
 fn told(report: &Report) -> String {
