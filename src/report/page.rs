@@ -34,7 +34,7 @@ pub(super) struct View {
     /// Limits that are not kept, but for those that a defect tells.
     pub(super) failures: Vec<String>,
     pub(super) defects: Vec<defects::DefectRow>,
-    pub(super) not_seen: [&'static str; 4],
+    pub(super) not_seen: [&'static str; NOT_SEEN.len()],
     pub(super) cards: Vec<Card>,
     pub(super) notes: Vec<crate::ct::Warning>,
     pub(super) stages: Vec<StageRow>,

@@ -369,6 +369,7 @@ fn tables(book: &mut Book, view: &View) {
     for table in &view.tables {
         book.heading(table.title);
         book.paragraph(table.caption, Style::soft(8.5));
+        book.skip(4.0);
         let columns: Vec<Column> = table.columns.iter().map(|c| column((c.width, !c.is_text))).collect();
         let head: Vec<&str> = table.columns.iter().map(|c| c.head).collect();
         book.table(&columns, &head, &table.rows, 8.0);

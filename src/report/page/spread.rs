@@ -13,7 +13,7 @@ const TOP: f64 = 26.0;
 /// How the signed distances of every stage are spread: a panel each.
 pub(super) fn histograms(report: &Report) -> Option<Chart> {
     let mut chart = Chart {
-        title: "How the error of each step is spread: part of the samples over signed distance, mm",
+        title: "Spread of the error of each step: samples over signed distance, mm",
         description: "Six histograms of the signed distance, one a step, positive outside; the numbers are in report.json."
             .into(),
         height: 2.0 * ROW,

@@ -127,13 +127,7 @@ fn divisions(report: &Report) -> Table {
             |[x, y, z]| format!("x {x:.2}, y {y:.2}, z {z:.3} \u{b1} {:.3}", division.uncertainty_mm),
         );
         let turns: Vec<String> = angles.from_trunk_deg.iter().map(|a| shown(*a, 1)).collect();
-        vec![
-            format!("{}: {} and {}", division.kind, division.trunk, division.branches.join(", ")),
-            at,
-            angles.stage.into(),
-            shown(angles.between_deg, 1),
-            turns.join(", "),
-        ]
+        vec![joined(division), at, angles.stage.into(), shown(angles.between_deg, 1), turns.join(", ")]
     };
     let divisions = report.anatomy.divisions.iter();
     Table {
@@ -147,6 +141,16 @@ fn divisions(report: &Report) -> Table {
             number("Off the trunk", 80.0),
         ],
         rows: divisions.flat_map(|d| d.angles.iter().map(move |a| row(d, a))).collect(),
+    }
+}
+
+/// Which branches become which, upward.
+fn joined(division: &Division) -> String {
+    let (trunk, branches) = (division.trunk.as_str(), division.branches.join(", "));
+    if division.kind == "junction" {
+        format!("{branches} into {trunk}")
+    } else {
+        format!("{trunk} into {branches}")
     }
 }
 
