@@ -98,7 +98,7 @@ pub struct Size {
     /// The size.
     #[serde(serialize_with = "rounded_value")]
     pub size: f64,
-    /// `mm`, `percent`, `degrees`, `mm2`, `mm3` or `layers`.
+    /// `mm`, `percent`, `degrees`, `mm2`, `mm3`, `layers` or `planes`.
     pub unit: &'static str,
     /// Standard uncertainty of the size.
     #[serde(serialize_with = "rounded_value")]

@@ -28,6 +28,8 @@ const LEAST_SCALE: f64 = 0.002;
 /// Steps until a fit has settled, and when it has, mm.
 const MOST_STEPS: usize = 8;
 const SETTLED_MM: f64 = 2e-3;
+/// An offset that this part of all outlines has is one of all.
+const MOST_ALIKE: f64 = 0.8;
 /// Lumina whose areas differ by more than this factor are not one lumen moved.
 const MOST_AREA: f64 = 2.0;
 
@@ -94,8 +96,12 @@ struct Fit {
 pub(in crate::report) fn moved(pair: &StagePair<'_>, names: &[String], z_mm: &[f64]) -> Vec<Finding> {
     let outlines: Vec<Vec<Option<Outlines>>> =
         (0..z_mm.len()).map(|k| (0..names.len()).map(|b| pair.outlines(k, b, z_mm)).collect()).collect();
-    let similarity = Similarity::of(&outlines, pair);
-    let mut findings = similarity.map_or_else(Vec::new, |s| s.findings(pair, z_mm));
+    let of_all = Similarity::of(&outlines, pair).map(|s| (s, s.findings(pair, z_mm)));
+    // What is only beside its place is told plane by plane: it may not be so in all of them.
+    let (similarity, mut findings) = match of_all.filter(|(_, findings)| !findings.is_empty()) {
+        Some((similarity, findings)) => (Some(similarity), findings),
+        None => (None, Vec::new()),
+    };
     let of_sections = findings.iter_mut().find(|f| f.kind == Kind::Stretched);
     match (of_sections, pair.stretch_of_ends()) {
         // The ends tell it more sharply, where they tell the same.
@@ -373,9 +379,6 @@ impl Similarity {
             let text = format!("{to} is turned by {degrees:+.2} degrees against {from}, {planes}");
             findings.push(pair.finding(Kind::Turned, place(), size, text));
         }
-        if self.shift.norm() > pair.least_mm && findings.is_empty() {
-            findings.push(pair.shifted(place(), self.shift, 0.005));
-        }
         findings
     }
 }
@@ -458,19 +461,18 @@ impl Search<'_> {
     }
 
     fn offsets(&self) -> Vec<Finding> {
-        let all = self.fits.iter().flatten().flatten().map(|f| f.offset_mm);
-        let usual = median(all).unwrap_or(0.0);
+        let all = || self.fits.iter().flatten().flatten().map(|f| f.offset_mm);
+        let middle = median(all()).unwrap_or(0.0);
+        let noise = self.noise(|f| f.offset_mm - middle);
+        let alike_mm = self.pair.least_mm.max(0.3 * middle.abs());
+        let n_alike = all().filter(|o| (o - middle).abs() <= alike_mm).count();
+        // What holds for nearly all outlines is told once; what holds for many of them, where it holds.
+        let usual = if n_alike as f64 >= MOST_ALIKE * all().count() as f64 { middle } else { 0.0 };
         let mut findings = Vec::new();
-        let is_off = usual.abs() > self.pair.least_mm;
-        let last = self.z_mm.len() - 1;
-        if is_off {
-            findings.push(self.pair.offset(
-                Place::of_planes(self.z_mm, 0, last),
-                usual,
-                self.noise(|f| f.offset_mm - usual),
-            ));
+        if usual.abs() > self.pair.least_mm {
+            let place = Place::of_planes(self.z_mm, 0, self.z_mm.len() - 1);
+            findings.push(self.pair.offset(place, usual, noise));
         }
-        let noise = self.noise(|f| f.offset_mm - usual);
         let least = self.pair.least_mm.max(5.0 * noise);
         let mut found = Vec::new();
         for branch in 0..self.names.len() {
@@ -486,7 +488,11 @@ impl Search<'_> {
     }
 
     fn shifts(&self) -> Vec<Finding> {
-        let noise = self.noise(|f| f.shift.norm());
+        let part = |get: fn(&Vector2) -> f64| {
+            median(self.fits.iter().flatten().flatten().map(|f| get(&f.shift))).unwrap_or(0.0)
+        };
+        let middle = Vector2::new(part(|v| v.x), part(|v| v.y));
+        let noise = self.noise(|f| (f.shift - middle).norm());
         let least = self.pair.least_mm.max(5.0 * noise);
         let mut found = Vec::new();
         for branch in 0..self.names.len() {
@@ -502,7 +508,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// The usual size of a deviation (1.48 times the median, the standard deviation of normal noise).
+    /// The usual size of a deviation from the median (1.48 times the median, the standard deviation of normal noise).
     fn noise(&self, of: impl Fn(&Fit) -> f64) -> f64 {
         1.48 * median(self.fits.iter().flatten().flatten().map(|f| of(f).abs())).unwrap_or(0.0)
     }

@@ -574,6 +574,17 @@ fn a_single_plane_beside_its_place_is_found() {
 }
 
 #[test]
+fn what_holds_for_most_planes_is_told_of_these_alone() {
+    let mut shifted = case();
+    for plane in &mut shifted.sections.planes[2..] {
+        plane.contours.iter_mut().flat_map(|c| &mut c.points).for_each(|p| p.x += 0.3);
+    }
+    let found = only(&report(&shifted));
+    assert_eq!((found.kind, found.place.planes), (Kind::OutlineShifted, Some([2, 9])));
+    is_near(&found, 0.3);
+}
+
+#[test]
 fn a_twisted_and_a_shrunken_solid_are_errors_of_reconstruction() {
     let mut twisted = case();
     twisted.solid.lumen = Box::new(|z_mm| {

@@ -92,7 +92,10 @@ fn place(place: &Place) -> String {
 
 fn size(Size { size, unit, uncertainty }: Size) -> String {
     match unit {
-        "layers" => format!("{size:.0} {}", if size < 1.5 { "layer" } else { "layers" }),
+        "layers" | "planes" => {
+            let unit = if size < 1.5 { unit.trim_end_matches('s') } else { unit };
+            format!("{size:.0} {unit}")
+        }
         "mm" => format!("{size:.3} \u{b1} {uncertainty:.3} mm"),
         "mm2" => format!("{size:.2} \u{b1} {uncertainty:.2} mm\u{b2}"),
         "mm3" => format!("{size:.3} \u{b1} {uncertainty:.3} mm\u{b3}"),
@@ -135,6 +138,8 @@ mod tests {
         assert_eq!((row.what, row.step, row.fails), ("Layers shifted", "Deposition", true));
         assert_eq!(row.place, "branch 2, layers 40 to 43, z 6.50 to 7.30 mm");
         assert_eq!((row.size.as_str(), row.plane), ("0.400 \u{b1} 0.001 mm", Some(2)));
+        let number = |size, unit| super::size(Size { size, unit, uncertainty: 0.0 });
+        assert_eq!([number(1.0, "layers"), number(2.0, "planes")], ["1 layer", "2 planes"]);
         let at_planes = Place { planes: Some([1, 3]), ..Place::default() };
         assert_eq!(plane(&at_planes, &[0.0, 3.0, 6.0, 9.0]), Some(1));
         assert_eq!(
