@@ -154,6 +154,33 @@ fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
 }
 
 #[test]
+fn a_stricter_gate_fails_the_report_with_3_and_makes_nothing_else_again() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let profile = |gate: &str| {
+        fs::write(place.path("lab.toml"), format!("inherits = \"reference\"\nname = \"lab\"\n{gate}"))
+            .unwrap();
+    };
+    profile("");
+    let run = ["run", "--ct", "ct", &seed, "--profile", "lab.toml", "--out", "case"];
+    assert_eq!(place.json(0, &run)["cases"][0]["report"]["passed"], true);
+
+    profile("[gate]\ntotal_dice = 1.0\n");
+    let strict = &place.json(3, &["run", "case"])["cases"][0];
+    assert_eq!(done_and_kept(strict), (vec!["report"], STAGES[..4].to_vec()));
+    assert_eq!(strict["stages"][4]["because_of"], serde_json::json!(["gate"]));
+    let report: Value =
+        serde_json::from_slice(&fs::read(place.path("case/report/report.json")).unwrap()).unwrap();
+    assert_eq!(report["verdict"]["gate"]["total_dice"], 1.0);
+    let failures = report["verdict"]["failures"].as_array().unwrap();
+    assert!(failures.len() == 1 && failures[0].as_str().unwrap().contains("by Dice"), "{failures:?}");
+
+    profile("[gate]\ntotal_dice = 2.0\n");
+    let error = place.refused(2, &["report", "case"]);
+    assert!(error.contains("lab.toml:4") && error.contains("gate.total_dice"), "{error}");
+}
+
+#[test]
 fn whatever_is_changed_in_a_case_is_found() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());

@@ -556,7 +556,7 @@ fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
             face.result(&json!({"profiles": rows}), &text);
         }
         ProfilesCommand::Show { profile } => {
-            let profile = profile::load::by_name(profile)?;
+            let profile = profile::load::whole_by_name(profile)?;
             face.result(&profile, &toml::to_string(&profile).expect("a profile can be written as TOML"));
         }
         ProfilesCommand::Detect { port, baud } => {

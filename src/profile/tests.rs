@@ -31,7 +31,7 @@ fn every_profile_file_is_built_in() {
 
 #[test]
 fn the_schema_knows_exactly_the_keys_of_a_profile() {
-    let text = to_toml(&builtin("marlin").unwrap());
+    let text = toml::to_string(&builtin_whole("marlin").unwrap()).unwrap();
     let layers = Layers::parse(&text, "x").unwrap();
     let mut known: Vec<_> = schema::FIELDS.iter().map(|f| f.key.to_owned()).collect();
     known.sort();
@@ -253,4 +253,21 @@ fn every_fault_of_a_profile_is_told() {
     assert_eq!(error_of(at_odds).lines().count(), 3, "{}", error_of(at_odds));
     let nothing = error_of("name = \"mine\"\n");
     assert!(nothing.lines().count() == MOST_FAULTS + 1 && nothing.contains("\nand "), "{nothing}");
+}
+
+#[test]
+fn a_profile_changes_single_limits_of_the_gate_and_nothing_of_the_job() {
+    let usual = gate::builtin("marlin").unwrap();
+    for name in builtin_names() {
+        assert_eq!(gate::builtin(name).unwrap(), usual);
+    }
+    let strict =
+        parse_whole("inherits = \"marlin\"\nname = \"marlin\"\n[gate]\ntotal_p95_mm = 0.1\n", "x").unwrap();
+    assert_eq!(strict.gate, Gate { total_p95_mm: 0.1, ..usual });
+    assert_eq!(strict.profile, builtin("marlin").unwrap());
+    // What was written without a gate is judged by the usual one.
+    assert_eq!(parse_whole(&to_toml(&strict.profile), "x").unwrap().gate, usual);
+    let wrong = "inherits = \"marlin\"\n[gate]\nlayer_iou = 97\n";
+    let error = parse_whole(wrong, "x.toml").unwrap_err().to_string();
+    assert!(error.contains("x.toml:3") && error.contains("gate.layer_iou"), "{error}");
 }

@@ -9,13 +9,17 @@ use crate::app::atomic;
 use crate::app::case::{CaseError, MadeFrom};
 use crate::app::error::Error;
 use crate::app::event::Stage;
-use crate::app::session::{Made, Session};
+use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
 use crate::ct::Warning;
+use crate::mesh::{self, Tessellation};
+use crate::profile::{self, Gate};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
-use crate::report::{self, BodyKind, Gate, Image, Inputs, Job, Record, Report};
+use crate::report::{self, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
 use crate::segment::Polarity;
+use crate::solid::{SkinChoice, Solid};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -64,6 +68,24 @@ struct PrintSummary {
     filament_mm: f64,
 }
 
+/// Deflections that the lumen's triangles are counted for, mm.
+const DEFLECTIONS_MM: [f64; 4] = [0.1, 0.05, 0.02, 0.01];
+
+/// How many triangles the lumen takes. That a mesh cannot be made is no reason to have no report; it is told.
+fn triangles(solid: &Solid, warnings: &mut Vec<Warning>, task: &Task<'_>) -> Result<Vec<Triangles>, Error> {
+    let count = |&deflection_mm: &f64| {
+        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
+        Ok(Triangles { deflection_mm, n_triangles: mesh.triangles.len() })
+    };
+    let counted: Result<_, mesh::Error> = DEFLECTIONS_MM.par_iter().map(count).collect();
+    task.check()?;
+    Ok(counted.unwrap_or_else(|error| {
+        let text = format!("The lumen's triangles were not counted: {error}.");
+        warnings.push(Warning { code: "report.no_triangles".into(), text });
+        Vec::new()
+    }))
+}
+
 impl Session<'_> {
     /// Compares image, contours, solid, toolpaths and deposition.
     ///
@@ -105,6 +127,7 @@ impl Session<'_> {
             ("layers", hash(Stage::Slice, LAYERS_FILE)?),
             ("job", hash(Stage::Slice, JOB_FILE)?),
             ("record", hash(Stage::Print, RECORD_DIR)?),
+            ("gate", hash_of(&self.gate()?)),
         ]);
         if self.has_image() {
             made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
@@ -124,7 +147,7 @@ impl Session<'_> {
     }
 
     fn build_report(&mut self, task: &Task<'_>) -> Result<Report, Error> {
-        let warnings = self.earlier_warnings()?;
+        let mut warnings = self.earlier_warnings()?;
         let polarity = self.segmentation_note()?.map(|n| match n.polarity {
             Polarity::Dark => report::Polarity::Dark,
             Polarity::Bright | Polarity::Auto => report::Polarity::Bright,
@@ -142,6 +165,7 @@ impl Session<'_> {
         self.sliced(task)?;
         let held = &self.held;
         let sliced = held.sliced.as_ref().expect("planned just now");
+        let triangles = triangles(held.solid.as_ref().expect("read just now"), &mut warnings, task)?;
         let inputs = Inputs {
             image: held.volume.as_ref().zip(polarity).map(|(volume, polarity)| Image { volume, polarity }),
             sections: held.sections.as_ref().expect("read just now"),
@@ -152,9 +176,15 @@ impl Session<'_> {
             record: &record,
             warnings: &warnings,
             job,
-            gate: Gate::default(),
+            triangles: &triangles,
+            gate: self.gate()?,
         };
         Ok(report::build(&inputs, task)?)
+    }
+
+    /// The limits of the case's profile.
+    fn gate(&self) -> Result<Gate, Error> {
+        Ok(profile::load::whole_by_name(&self.settings().profile)?.gate)
     }
 
     fn record(&self) -> Result<Record, Error> {
