@@ -15,7 +15,7 @@ use crate::sections::Boundary;
 use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::{ArgGroup, Args, Parser, Subcommand};
-use queue::{QueueArgs, ServeArgs};
+use queue::{BackupArgs, QueueArgs, ServeArgs};
 use std::path::PathBuf;
 use values::{
     colouring, deflection_mm, deflection_relative, help, infill_percent, layer_mm, named, noise_hu, orient,
@@ -115,6 +115,13 @@ pub(crate) enum Command {
     Serve(ServeArgs),
     /// The print queue of a running server
     Queue(QueueArgs),
+    /// Write all that a server keeps into one file, while it goes on: queue, configuration, keys, files of jobs
+    Backup(BackupArgs),
+    /// Make a state directory from a backup
+    ///
+    /// Into a directory that is not there yet, or empty, and only where all of the backup is as it was written. Jobs that were queued
+    /// then are held: they may have been printed since. `lumenfab queue release JOB` lets one go.
+    Restore(BackupArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),

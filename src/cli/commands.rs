@@ -34,6 +34,8 @@ pub(super) fn run(cli: Cli) -> u8 {
         // A server has signals of its own.
         Command::Serve(args) => return answered(&face, serve::run(&args)),
         Command::Queue(args) => return answered(&face, queue::run(&args)),
+        Command::Backup(args) => return answered(&face, serve::backup(&args)),
+        Command::Restore(args) => return answered(&face, serve::restore(&args)),
         command => command,
     };
     let events = |event: Event| face.event(event);
@@ -58,7 +60,9 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
-        Command::Serve(_) | Command::Queue(_) => unreachable!("they have returned above"),
+        Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
+            unreachable!("they have returned above")
+        }
     };
     done.unwrap_or_else(|e| face.failed(&e))
 }
