@@ -475,7 +475,7 @@ impl<S: Store> Station<S> {
     }
 }
 
-fn no_thread(held: &Held, error: &std::io::Error) -> Outcome {
+fn no_thread(held: &Held, error: &io::Error) -> Outcome {
     let why = format!("the system gives no thread for the print: {error}");
     if held.is_laid {
         return Outcome::Waits(why);
