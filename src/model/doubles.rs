@@ -13,12 +13,17 @@
 //! balance in several ways (five doubled sides of a cube whose sixth is shared), it is one of them, not always that of the fewest
 //! triangles.
 //!
+//! Of one triangle no more than [`MOST_ALIKE`] copies are weighed; no more bodies share a piece of wall, and what is beyond is dropped.
+//!
 //! Cost: a look at each triangle where there is no copy, else O(n log k) for k copies, and O(k log k) for each time that
 //! the rest is looked at: as often as sheets of copies hang on each other, plus one.
 
 use super::edges;
 use crate::mesh::TriMesh;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Copies of one triangle beyond the first that may be needed.
+const MOST_ALIKE: usize = 8;
 
 /// An edge of a copy, the lesser vertex first.
 type Edge = [u32; 2];
@@ -28,15 +33,23 @@ type Use = (usize, i32);
 
 /// Drops copies that the surface does not need; gives how many. The triangles are in order, and stay so.
 pub(super) fn dropped(mesh: &mut TriMesh) -> usize {
+    let n_before = mesh.triangles.len();
     let all = &mesh.triangles;
     let is_copy = |&i: &usize| all[i] == all[i - 1];
-    let copies: Vec<usize> = (1..all.len()).filter(is_copy).collect();
-    if copies.is_empty() {
+    if !(1..all.len()).any(|i| is_copy(&i)) {
         return 0;
     }
-    let mut copies = Copies::of(all, copies);
+    let beyond = MOST_ALIKE + 1;
+    let is_weighed: Vec<bool> = (0..all.len()).map(|i| i < beyond || all[i] != all[i - beyond]).collect();
+    let mut i = 0;
+    mesh.triangles.retain(|_| {
+        i += 1;
+        is_weighed[i - 1]
+    });
+    let all = &mesh.triangles;
+    let is_copy = |&i: &usize| all[i] == all[i - 1];
+    let mut copies = Copies::of(all, (1..all.len()).filter(is_copy).collect());
     copies.drop_surplus();
-    let n_before = mesh.triangles.len();
     let mut left =
         copies.places.iter().zip(&copies.is_dropped).filter(|(_, d)| **d).map(|(i, _)| *i).peekable();
     let mut i = 0;
@@ -102,9 +115,8 @@ impl<'a> Copies<'a> {
                 was_one = true;
                 patch.iter().for_each(|&copy| self.is_dropped[copy] = true);
                 for (edge, by) in own {
-                    if let Some((balance, uses)) = self.edges.get_mut(&edge) {
+                    if let Some((balance, _)) = self.edges.get_mut(&edge) {
                         *balance -= by;
-                        uses.retain(|(copy, _)| !self.is_dropped[*copy]);
                     }
                 }
             }
@@ -115,6 +127,7 @@ impl<'a> Copies<'a> {
     /// What is left of the copies, in patches.
     fn patches(&self, across: Across) -> Vec<Vec<usize>> {
         let mut is_seen = self.is_dropped.clone();
+        let mut is_crossed = BTreeSet::new();
         let mut patches = Vec::new();
         for first in 0..self.places.len() {
             let mut open = vec![first];
@@ -122,9 +135,15 @@ impl<'a> Copies<'a> {
             while let Some(copy) = open.pop() {
                 if !std::mem::replace(&mut is_seen[copy], true) {
                     patch.push(copy);
-                    open.extend(
-                        self.edges_of(copy).flat_map(|(edge, by)| self.beside(edge, (copy, by), across)),
-                    );
+                    for (edge, by) in self.edges_of(copy) {
+                        match across {
+                            Across::Balanced => open.extend(self.across_balanced(edge, (copy, by))),
+                            Across::Any if is_crossed.insert(edge) => {
+                                open.extend(self.edges[&edge].1.iter().map(|(copy, _)| *copy));
+                            }
+                            Across::Any => {}
+                        }
+                    }
                 }
             }
             if !patch.is_empty() {
@@ -138,19 +157,19 @@ impl<'a> Copies<'a> {
         directed(&self.all[self.places[copy]]).into_iter()
     }
 
-    /// The copies of its patch across an edge of a copy.
-    fn beside(&self, edge: Edge, of: Use, across: Across) -> Vec<usize> {
+    /// The copy that stays or goes with a copy across an edge, if two triangles meet there, in balance.
+    fn across_balanced(&self, edge: Edge, of: Use) -> Option<usize> {
         let (balance, uses) = &self.edges[&edge];
-        let (same, other): (Vec<Use>, Vec<Use>) = uses.iter().partition(|(_, by)| *by == of.1);
-        match across {
-            Across::Any => uses.iter().map(|(copy, _)| *copy).collect(),
-            // The copies of one triangle are alike: each goes with one of those of the other.
-            Across::Balanced if *balance == 0 && self.are_of_one(&same) && self.are_of_one(&other) => {
-                let number = same.iter().position(|use_| *use_ == of);
-                number.and_then(|k| other.get(k)).map(|(copy, _)| *copy).into_iter().collect()
-            }
-            Across::Balanced => Vec::new(),
+        // More than of two triangles.
+        if *balance != 0 || uses.len() > 2 * MOST_ALIKE {
+            return None;
         }
+        let left = uses.iter().filter(|(copy, _)| !self.is_dropped[*copy]);
+        let (same, other): (Vec<Use>, Vec<Use>) = left.partition(|(_, by)| *by == of.1);
+        // The copies of one triangle are alike: each goes with one of those of the other.
+        let number = same.iter().position(|use_| *use_ == of)?;
+        let are_alike = self.are_of_one(&same) && self.are_of_one(&other);
+        other.get(number).filter(|_| are_alike).map(|(copy, _)| *copy)
     }
 
     fn are_of_one(&self, uses: &[Use]) -> bool {
@@ -218,6 +237,35 @@ mod tests {
             assert_eq!(dropped(&mut mesh), extra.len(), "case {case}");
             assert_eq!(mesh, welded(&both).unwrap(), "case {case}");
         }
+    }
+
+    #[test]
+    fn a_triangle_a_hundred_thousand_times_more_is_dropped_as_often() {
+        let cube = cuboid([2.0; 3]);
+        let mut mesh = welded(&[cube.clone(), vec![cube[0]; 100_000]].concat()).unwrap();
+        assert_eq!(dropped(&mut mesh), 100_000);
+        assert_eq!(mesh, welded(&cube).unwrap());
+    }
+
+    #[test]
+    fn pairs_of_bodies_about_one_axis_stay_whatever_their_number() {
+        // Of each pair the one body holds the other, and they share a side that has the axis for an edge.
+        let n = 20_000;
+        let at = |k: usize| {
+            let angle = std::f32::consts::TAU * k as f32 / n as f32;
+            [angle.cos(), angle.sin(), 0.5]
+        };
+        let (low, high) = ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        let pair = |k: usize| {
+            let (side, near) = (at(2 * k), at(2 * k + 1));
+            let far = near.map(|c| 0.9 * c);
+            [near, far].into_iter().flat_map(move |apex| {
+                [[low, side, high], [low, apex, side], [side, apex, high], [high, apex, low]]
+            })
+        };
+        let mut mesh = welded(&(0..n / 2).flat_map(pair).collect::<Vec<Facet>>()).unwrap();
+        let before = mesh.clone();
+        assert_eq!((dropped(&mut mesh), mesh == before), (0, true));
     }
 
     const GRID: [i32; 3] = [3, 2, 2];
