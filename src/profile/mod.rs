@@ -200,6 +200,7 @@ pub fn parse(text: &str, file: &str) -> Result<Profile, Error> {
 /// Those of [`parse`].
 pub fn parse_whole(text: &str, file: &str) -> Result<Whole, Error> {
     let mut layers = with_bases(text, file)?;
+    schema::check_kind(&layers, file)?;
     layers.inherit(usual_gate()?);
     Error::all_of(schema::check(&layers, file))?;
     let mut table = layers.table();

@@ -171,13 +171,19 @@ pub(super) const FIELDS: &[Field] = &[
     field("scripts.recovery", "", Kind::Script),
 ];
 
+/// Refuses a file of which no key is a profile's: one of something else, in which every key would be a fault.
+pub(super) fn check_kind(layers: &Layers, file: &str) -> Result<(), Error> {
+    let is_known = |key: &String| FIELDS.iter().any(|f| f.key == key);
+    if layers.keys.is_empty() || layers.keys.keys().any(is_known) {
+        return Ok(());
+    }
+    let found = layers.keys.keys().take(3).map(String::as_str).collect::<Vec<_>>().join(", ");
+    Err(Error::Foreign { file: file.to_owned(), found })
+}
+
 /// Checks every key by itself: all there, none unknown, each of its type and in its range. Every fault is told.
 pub(super) fn check(layers: &Layers, file: &str) -> Vec<Error> {
     let is_known = |key: &str| FIELDS.iter().any(|f| f.key == key);
-    if !layers.keys.is_empty() && !layers.keys.keys().any(|key| is_known(key)) {
-        let found = layers.keys.keys().take(3).map(String::as_str).collect::<Vec<_>>().join(", ");
-        return vec![Error::Foreign { file: file.to_owned(), found }];
-    }
     let unknown = layers.keys.iter().filter(|(key, _)| !is_known(key));
     let unknown = unknown.map(|(key, (_, origin))| unknown_key(key, origin));
     unknown.chain(FIELDS.iter().filter_map(|field| field.fault(layers, file))).collect()
