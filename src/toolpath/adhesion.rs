@@ -134,10 +134,10 @@ impl<'a> Outline<'a> {
         outer.filter_map(outline).collect()
     }
 
-    /// Whether they share some of the plane: a vertex of one lies in the other, or their edges cross.
+    /// Whether they share some of the plane. Where no edges cross one lies in the other with all of its vertices, or with none.
     fn meets(&self, other: &Self) -> bool {
         let has_of = |a: &Self, b: &Self| {
-            b.contour.points.iter().any(|&p| a.index.signed_distance_mm(p) <= TOLERANCE_MM)
+            b.contour.points.first().is_some_and(|&p| a.index.signed_distance_mm(p) <= TOLERANCE_MM)
         };
         let crosses = || other.contour.edges().any(|(a, b)| self.index.crosses(a, b));
         self.bounds.meets(other.bounds) && (has_of(self, other) || has_of(other, self) || crosses())
