@@ -23,6 +23,8 @@ const EXPLAINED: f64 = 0.8;
 /// Heights are taken for stretched where that leaves less than this part of what is off without it, and at least this part of all.
 const LEFT_BY_STRETCH: f64 = 0.3;
 const GAIN_OF_STRETCH: f64 = 0.005;
+/// Scale, turn and stretch leave at most this part of what a shift of all leaves.
+const LEFT_BY_SHIFT: f64 = 0.5;
 /// Smaller changes of scale are none, as a part.
 const LEAST_SCALE: f64 = 0.002;
 /// Steps until a fit has settled, and when it has, mm.
@@ -243,6 +245,14 @@ fn robust(rows: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
     Some(x)
 }
 
+/// What a fit of all planes may change.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+enum Freedom {
+    Shift,
+    Similarity,
+    Stretch,
+}
+
 /// One similarity of all planes: x + shift + scale (x - about) + turn J (x - about) + drift (lift + stretch (z - middle)).
 #[derive(Debug, Clone, Copy)]
 struct Similarity {
@@ -279,9 +289,10 @@ impl Similarity {
         if (total / n).sqrt() < 0.3 * pair.least_mm {
             return None;
         }
-        let (mut similarity, mut own) = same.settled(&all, false)?;
+        let (_, beside) = same.settled(&all, Freedom::Shift)?;
+        let (mut similarity, mut own) = same.settled(&all, Freedom::Similarity)?;
         if matches!(pair.stage, Stage::Reconstruction | Stage::Slicing)
-            && let Some((stretched, left)) = same.settled(&all, true)
+            && let Some((stretched, left)) = same.settled(&all, Freedom::Stretch)
             && left < LEFT_BY_STRETCH * own
             && own - left > GAIN_OF_STRETCH * total
         {
@@ -293,7 +304,8 @@ impl Similarity {
         let tie = 0.02 * total;
         let better =
             if pair.stage == Stage::Segmentation { own + tie < of_offset } else { own <= of_offset + tie };
-        (own < (1.0 - EXPLAINED) * total && better).then_some(similarity)
+        let earned = own < LEFT_BY_SHIFT * beside;
+        (own < (1.0 - EXPLAINED) * total && better && earned).then_some(similarity)
     }
 
     /// How far outside all places lie after it was taken back, mm.
@@ -302,11 +314,11 @@ impl Similarity {
     }
 
     /// The best similarity from here on, and the squares that it leaves.
-    fn settled(self, all: &[(&Outlines, OutlinePlace)], may_stretch: bool) -> Option<(Self, f64)> {
+    fn settled(self, all: &[(&Outlines, OutlinePlace)], freedom: Freedom) -> Option<(Self, f64)> {
         let mut best = self;
         let mut rest = best.off_mm(all);
         for _ in 0..MOST_STEPS {
-            let (next, reach_mm) = best.step(all, &rest, may_stretch)?;
+            let (next, reach_mm) = best.step(all, &rest, freedom)?;
             rest = next.off_mm(all);
             best = next;
             if reach_mm < SETTLED_MM {
@@ -321,21 +333,22 @@ impl Similarity {
         &self,
         all: &[(&Outlines, OutlinePlace)],
         off_mm: &[f64],
-        may_stretch: bool,
+        freedom: Freedom,
     ) -> Option<(Self, f64)> {
         let (mut own, mut right) = (Matrix6::identity() * 1e-9, Vector6::zeros());
         let (mut reach_mm, mut rise_mm): (f64, f64) = (0.0, 0.0);
         for ((o, p), off_mm) in all.iter().zip(off_mm) {
             let arm = p.at - self.about;
             let height_mm = o.z_mm - self.middle_mm;
-            let rise = if may_stretch { o.rise(p) } else { 0.0 };
+            let rise = if freedom >= Freedom::Stretch { o.rise(p) } else { 0.0 };
+            let similar = if freedom >= Freedom::Similarity { 1.0 } else { 0.0 };
             reach_mm = reach_mm.max(arm.norm());
             rise_mm = rise_mm.max((height_mm * rise).abs());
             let row = Vector6::new(
                 p.normal.x,
                 p.normal.y,
-                p.normal.dot(&arm),
-                p.normal.dot(&Vector2::new(-arm.y, arm.x)),
+                similar * p.normal.dot(&arm),
+                similar * p.normal.dot(&Vector2::new(-arm.y, arm.x)),
                 rise,
                 rise * height_mm,
             );
