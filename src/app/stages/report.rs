@@ -70,20 +70,32 @@ struct PrintSummary {
 
 /// Deflections that the lumen's triangles are counted for, mm.
 const DEFLECTIONS_MM: [f64; 4] = [0.1, 0.05, 0.02, 0.01];
+/// Meshes that are likely to have more triangles are not made for a chart alone.
+const MOST_TRIANGLES: f64 = 6e4;
 
 /// How many triangles the lumen takes. That a mesh cannot be made is no reason to have no report; it is told.
 fn triangles(solid: &Solid, warnings: &mut Vec<Warning>, task: &Task<'_>) -> Result<Vec<Triangles>, Error> {
-    let count = |&deflection_mm: &f64| {
-        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
-        Ok(Triangles { deflection_mm, n_triangles: mesh.triangles.len() })
-    };
-    let counted: Result<_, mesh::Error> = DEFLECTIONS_MM.par_iter().map(count).collect();
+    let counted = counted(solid, task);
     task.check()?;
     Ok(counted.unwrap_or_else(|error| {
         let text = format!("The lumen's triangles were not counted: {error}.");
         warnings.push(Warning { code: "report.no_triangles".into(), text });
         Vec::new()
     }))
+}
+
+/// From the coarsest deflection on; their number is about inversely proportional to it.
+fn counted(solid: &Solid, task: &Task<'_>) -> Result<Vec<Triangles>, mesh::Error> {
+    let count = |&deflection_mm: &f64| -> Result<Triangles, mesh::Error> {
+        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
+        Ok(Triangles { deflection_mm, n_triangles: mesh.triangles.len() })
+    };
+    let (coarsest, finer) = DEFLECTIONS_MM.split_first().expect("there are four");
+    let first = count(coarsest)?;
+    let likely = |deflection_mm: f64| first.n_triangles as f64 * coarsest / deflection_mm;
+    let finer: Result<Vec<Triangles>, mesh::Error> =
+        finer.par_iter().filter(|mm| likely(**mm) <= MOST_TRIANGLES).map(count).collect();
+    Ok(std::iter::once(first).chain(finer?).collect())
 }
 
 impl Session<'_> {

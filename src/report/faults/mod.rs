@@ -17,6 +17,7 @@ mod matched;
 mod order;
 mod outlines;
 mod series;
+mod similarity;
 #[cfg(test)]
 mod tests;
 
