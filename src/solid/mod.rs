@@ -32,6 +32,7 @@ mod skin;
 mod slab;
 mod sound;
 mod spacing;
+mod steady;
 mod stored;
 mod sweep;
 mod tangent;

@@ -6,6 +6,7 @@ use super::event::{Crotch, Slab};
 use super::lean::{Leans, end_slopes};
 use super::mend::mended;
 use super::spacing::{LEAST_COMPUTED, Notch, Round, SECTION_POINTS, fractions};
+use super::steady::steadying;
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2};
 use crate::spline::{ClosedCurve, SplineError, TubeSurface};
@@ -139,17 +140,18 @@ fn completed(
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
-    let tube = loft(&strand)?;
+    let mut tube = loft(&strand)?;
     if correspondence == Correspondence::Published || !is_measured {
         return Ok((strand, tube));
     }
-    let further = between(&tube.surface, &strand.sections);
-    if further.is_empty() {
-        return Ok((strand, tube));
+    for ask in [steadying, between] {
+        let further = ask(&tube.surface, &strand);
+        if !further.is_empty() {
+            strand.sections.extend(further);
+            strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+            tube = loft(&strand)?;
+        }
     }
-    strand.sections.extend(further);
-    strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let tube = loft(&strand)?;
     Ok((strand, tube))
 }
 
