@@ -28,6 +28,7 @@ mod mend;
 mod neck;
 mod notch;
 mod section;
+mod sites;
 mod skin;
 mod slab;
 mod sound;
