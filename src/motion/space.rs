@@ -234,8 +234,8 @@ impl Nozzle {
 
     fn set(&mut self, command: &Command) {
         self.filament = command.value('E').unwrap_or(self.filament);
-        for k in 0..3 {
-            if let Some(value) = command.value(AXES[k]) {
+        for (k, axis) in AXES.into_iter().enumerate() {
+            if let Some(value) = command.value(axis) {
                 self.offset_mm[k] = self.at_mm[k].map(|at_mm| at_mm - self.unit_mm * value);
             }
         }

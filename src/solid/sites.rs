@@ -51,7 +51,7 @@ pub(super) fn misses(points: &[Point2], sites: &[f64]) -> Vec<bool> {
         let along = (points[i + 1] - points[i - 1]).try_normalize(1e-12).unwrap_or_default();
         (points[i] - Point2::new(at[0], at[1])).perp(&along).abs() > ARC_TOLERANCE_MM
     };
-    inner.map(|i| is_off(i)).collect()
+    inner.map(is_off).collect()
 }
 
 #[cfg(test)]

@@ -328,12 +328,12 @@ impl View<'_> {
             Place::Legs => saddle.legs.clone(),
             Place::Between => {
                 if let [Some(first), Some(second)] = arcs.each_ref().map(|arc| self.traced(saddle, arc, w)) {
-                    return Ok([first, second].map(|polyline| Arc::along(&polyline, u, &refine)));
+                    return Ok([first, second].map(|polyline| Arc::along(&polyline, u, refine)));
                 }
                 self.loops(saddle, w)?
             }
         };
-        let lateral = |side: usize| Arc::along(&arcs[side].polyline(&loops[side]), u, &refine);
+        let lateral = |side: usize| Arc::along(&arcs[side].polyline(&loops[side]), u, refine);
         Ok([lateral(0), lateral(1)])
     }
 

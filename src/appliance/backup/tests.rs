@@ -44,7 +44,7 @@ async fn what_was_saved_beside_a_living_server_is_restored_with_its_jobs_held() 
     let same = |name: &str| {
         assert_eq!(std::fs::read(new.join(name)).unwrap(), std::fs::read(dir.join(name)).unwrap())
     };
-    ["config.toml", "jobs/a/job.gcode", "files/b.gcode"].map(same);
+    ["config.toml", "jobs/a/job.gcode", "files/b.gcode"].into_iter().for_each(same);
     assert!(!new.join("files/link").exists() && !new.join("owner.lock").exists());
     let of_state = new.metadata().unwrap().mode() & 0o777;
     assert_eq!((of_state, new.join("queue.db").metadata().unwrap().mode() & 0o777), (0o700, 0o600));

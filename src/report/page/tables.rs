@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn an_uncertainty_stands_beside_what_is_known_alone() {
-        assert_eq!(sure(Some(3.14159), Some(0.0042), 3), "3.142 \u{b1} 0.004");
+        assert_eq!(sure(Some(3.24159), Some(0.0042), 3), "3.242 \u{b1} 0.004");
         assert_eq!((sure(Some(2.0), None, 1), sure(None, Some(1.0), 1)), ("2.0".into(), "\u{2013}".into()));
     }
 }
