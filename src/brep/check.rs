@@ -6,8 +6,9 @@
 //! of handles that the branches make (Mäntylä, *An Introduction to Solid Modeling*, 1988).
 //!
 //! Crossings and orientation are tested in horizontal sections at all knots of all tubes, half-way between them and
-//! across every event: there all curves must be simple and apart, and go round the material once. What happens
-//! between two such heights only is not seen; a triangle test of the mesh sees it.
+//! across every event: there all curves must be simple and apart, and go round the material once. Where no section shows a
+//! fault, tubes are proved to keep clear of themselves and each other between them, too ([`super::clearance`]). What the three
+//! patches of one event do between two such heights is not seen; a triangle test of the mesh sees it.
 
 use super::fault::MOST_FAULTS;
 use super::sections::{Cutter, Piece, winding};

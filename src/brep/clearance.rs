@@ -16,7 +16,8 @@
 
 use super::check::Corners;
 use super::patch::{
-    Boxes, NOWHERE, Pair, Patch, Rows, are_apart, boxes, cubic_through, goes_forward, range, united,
+    Boxes, NOWHERE, Pair, Patch, Rows, are_apart, boxes, cubic_through, goes_forward, range as range_of,
+    united,
 };
 use super::{Brep, Fault, Kind, Surface};
 use crate::geom::{Point3, Vector3};
@@ -32,10 +33,10 @@ pub(super) fn crossings(brep: &Brep, corners: &Corners) -> Vec<Fault> {
     let faces: Vec<Ready<'_>> = (0..brep.faces.len()).filter_map(|i| Ready::of(brep, i)).collect();
     let (tubes, patches): (Vec<_>, Vec<_>) = faces.into_iter().partition(|f| f.is_tube);
     let look = Look { brep, corners };
-    let pieces: Vec<Vec<Strip<'_>>> = patches.par_iter().map(Ready::strips).collect();
-    let pieces: Vec<&[Strip<'_>]> = pieces.iter().map(Vec::as_slice).collect();
-    let of_patches = pieces.par_iter().enumerate().flat_map_iter(|(k, piece)| {
-        pieces[..k].iter().flat_map(move |other| look.between_patches(other, piece))
+    let patches: Vec<Cut<'_>> = patches.par_iter().map(Ready::cut).collect();
+    let of_patches = patches.par_iter().enumerate().flat_map_iter(|(k, patch)| {
+        let beside = patches[..k].iter().filter(|other| overlap(patch.z_mm, other.z_mm));
+        beside.flat_map(move |other| look.between_patches(other, patch))
     });
     let sheets = sheets(&tubes);
     let of_tubes = sheets.par_iter().flat_map_iter(|sheet| {
@@ -44,8 +45,9 @@ pub(super) fn crossings(brep: &Brep, corners: &Corners) -> Vec<Fault> {
         for (k, strip) in strips.iter().enumerate() {
             faults.extend(look.within(strip));
             faults.extend(strips[..k].iter().filter_map(|other| look.between(strip, other, Rows::Level)));
-            let beside = pieces.iter().flat_map(|p| p.iter()).filter(|p| !look.meet(strip, p));
-            faults.extend(beside.filter_map(|piece| look.between(strip, piece, Rows::Any)));
+            let beside = patches.iter().filter(|p| overlap(p.z_mm, sheet.z_mm)).flat_map(|p| &p.strips);
+            let apart = beside.filter(|piece| !look.meet(strip, piece));
+            faults.extend(apart.filter_map(|piece| look.between(strip, piece, Rows::Any)));
         }
         faults
     });
@@ -85,14 +87,29 @@ impl<'a> Ready<'a> {
         let rows = thirds(range).map(|v| self.surface.row(v));
         let point = |row: &PatchRow<'_>, i: usize| Point3::from_slice(&row.control()[3 * i..3 * i + 3]);
         let [n_u, _] = self.surface.n_functions();
-        let columns = (0..n_u).map(|i| cubic_through(rows.each_ref().map(|row| point(row, i)))).collect();
-        Strip::new(self.face, &self.pieces, self.surface.bases()[0].degree(), columns)
+        let columns: Vec<[Point3; 4]> =
+            (0..n_u).map(|i| cubic_through(rows.each_ref().map(|row| point(row, i)))).collect();
+        let z_mm = if self.is_tube { range } else { range_of(columns.iter().flatten().map(|p| p.z)) };
+        Strip::new(self, columns, z_mm)
     }
 
-    fn strips(&self) -> Vec<Strip<'_>> {
+    fn cut(&self) -> Cut<'_> {
         let [_, v] = self.surface.bases();
-        stops(v).windows(2).map(|p| self.strip([p[0], p[1]])).collect()
+        let strips: Vec<Strip<'_>> = stops(v).windows(2).map(|p| self.strip([p[0], p[1]])).collect();
+        let z_mm = range_of(strips.iter().flat_map(|s| s.z_mm));
+        Cut { strips, z_mm }
     }
+}
+
+/// A patch of an event in strips.
+struct Cut<'a> {
+    strips: Vec<Strip<'a>>,
+    z_mm: [f64; 2],
+}
+
+/// Whether two ranges have more than an end in common.
+fn overlap([a, b]: [f64; 2], [c, d]: [f64; 2]) -> bool {
+    a < d && c < b
 }
 
 /// Where the pieces of a basis begin, and where the last one ends.
@@ -172,10 +189,11 @@ impl Part {
 }
 
 impl<'a> Strip<'a> {
-    fn new(face: usize, pieces: &'a [Piece], degree: usize, columns: Vec<[Point3; 4]>) -> Self {
+    fn new(of: &'a Ready<'_>, columns: Vec<[Point3; 4]>, z_mm: [f64; 2]) -> Self {
+        let Ready { face, pieces, .. } = of;
         let tree = vec![NOWHERE; 2 * pieces.len() - 1];
-        let z_mm = range(columns.iter().flatten().map(|p| p.z));
-        let mut strip = Self { face, pieces, degree, columns, tree, z_mm };
+        let degree = of.surface.bases()[0].degree();
+        let mut strip = Self { face: *face, pieces, degree, columns, tree, z_mm };
         strip.fill(strip.all());
         strip
     }
@@ -240,8 +258,7 @@ impl Look<'_> {
 
     /// Where two strips meet.
     fn between(self, first: &Strip<'_>, second: &Strip<'_>, rows: Rows) -> Option<Fault> {
-        let ([a, b], [c, d]) = (first.z_mm, second.z_mm);
-        if a >= d || c >= b {
+        if !overlap(first.z_mm, second.z_mm) {
             return None;
         }
         let shared = self.shared(first, second);
@@ -250,8 +267,8 @@ impl Look<'_> {
     }
 
     /// Where the patches of different events meet.
-    fn between_patches(self, first: &[Strip<'_>], second: &[Strip<'_>]) -> Vec<Fault> {
-        let pairs = first.iter().flat_map(|a| second.iter().map(move |b| (a, b)));
+    fn between_patches(self, first: &Cut<'_>, second: &Cut<'_>) -> Vec<Fault> {
+        let pairs = first.strips.iter().flat_map(|a| second.strips.iter().map(move |b| (a, b)));
         pairs.filter(|(a, b)| !self.meet(a, b)).filter_map(|(a, b)| self.between(a, b, Rows::Any)).collect()
     }
 

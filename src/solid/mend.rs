@@ -64,8 +64,8 @@ pub(super) fn mended(
 
 /// For each strand, sections in the middle of the intervals in which its tube crosses itself or another one.
 fn further(lofted: &[(Strand, Tube)]) -> Vec<Vec<GivenSection>> {
-    let intervals: Vec<Interval<'_>> = (0..lofted.len()).flat_map(|k| Interval::of(lofted, k)).collect();
-    let crossed: Vec<Vec<[usize; 2]>> = intervals.par_iter().map(|i| i.crossed(&intervals)).collect();
+    let all = Stacked::new((0..lofted.len()).flat_map(|k| Interval::of(lofted, k)), |i| i.z_mm);
+    let crossed: Vec<Vec<[usize; 2]>> = all.items.par_iter().map(|i| i.crossed(&all)).collect();
     let mut found = vec![BTreeSet::new(); lofted.len()];
     for [strand, section] in crossed.into_iter().flatten() {
         found[strand].insert(section);
@@ -75,6 +75,33 @@ fn further(lofted: &[(Strand, Tube)]) -> Vec<Vec<GivenSection>> {
         pairs.filter_map(|[low, high]| halfway(low, high)).collect()
     };
     found.into_par_iter().zip(lofted).map(halved).collect()
+}
+
+/// Things between two heights each, found by a height.
+struct Stacked<T> {
+    /// By their lower heights.
+    items: Vec<T>,
+    z_mm: Vec<[f64; 2]>,
+    /// For each the greatest upper height of all up to it.
+    highest_mm: Vec<f64>,
+}
+
+impl<T> Stacked<T> {
+    fn new(items: impl Iterator<Item = T>, z_mm: impl Fn(&T) -> [f64; 2]) -> Self {
+        let mut items: Vec<T> = items.collect();
+        items.sort_by(|a, b| z_mm(a)[0].total_cmp(&z_mm(b)[0]));
+        let z_mm: Vec<[f64; 2]> = items.iter().map(z_mm).collect();
+        let mut highest_mm: Vec<f64> = z_mm.iter().map(|z| z[1]).collect();
+        (1..highest_mm.len()).for_each(|i| highest_mm[i] = highest_mm[i].max(highest_mm[i - 1]));
+        Self { items, z_mm, highest_mm }
+    }
+
+    /// Those that a height lies in or at the end of.
+    fn at(&self, height_mm: f64) -> impl Iterator<Item = &T> {
+        let n = self.z_mm.partition_point(|z| z[0] <= height_mm);
+        let near = (0..n).rev().take_while(move |&i| self.highest_mm[i] >= height_mm);
+        near.filter(move |&i| self.z_mm[i][1] >= height_mm).map(|i| &self.items[i])
+    }
 }
 
 /// A tube between two of its sections.
@@ -115,14 +142,14 @@ impl<'a> Interval<'a> {
 
     /// Strand and section of the intervals that cross at the heights at which this one is looked at; itself, if it
     /// crosses itself.
-    fn crossed(&self, all: &[Self]) -> Vec<[usize; 2]> {
+    fn crossed(&self, all: &Stacked<Self>) -> Vec<[usize; 2]> {
         let [low, high] = self.z_mm;
         let mut found = Vec::new();
         for z_mm in SHARES.map(|share| low + share * (high - low)) {
             if self.crosses_itself(z_mm) {
                 found.push([self.strand, self.section]);
             }
-            let beside = all.iter().filter(|other| self.is_beside(other, z_mm));
+            let beside = all.at(z_mm).filter(|other| self.is_beside(other));
             for other in beside.filter(|other| self.crosses(other, z_mm)) {
                 found.extend([[self.strand, self.section], [other.strand, other.section]]);
             }
@@ -130,10 +157,10 @@ impl<'a> Interval<'a> {
         found
     }
 
-    fn is_beside(&self, other: &Self, z_mm: f64) -> bool {
+    fn is_beside(&self, other: &Self) -> bool {
         let (a, b) = (self.bounds, other.bounds);
         let apart = a.min.x > b.max.x || b.min.x > a.max.x || a.min.y > b.max.y || b.min.y > a.max.y;
-        self.strand != other.strand && !apart && z_mm >= other.z_mm[0] && z_mm <= other.z_mm[1]
+        self.strand != other.strand && !apart
     }
 }
 
@@ -175,6 +202,20 @@ mod tests {
             !middle.is_ccw() && (middle.signed_area_mm2() + 2.5 * 2.5 * std::f64::consts::PI).abs() < 0.05
         );
         assert!(halfway(&(0.0, disk(0.0, 1.0)), &(1.0, disk(9.0, 1.0))).is_none(), "nothing lies between");
+    }
+
+    #[test]
+    fn what_a_height_lies_in_is_found_and_nothing_else() {
+        let ranges: [[f64; 2]; 6] = [[4.0, 5.0], [0.0, 1.0], [1.0, 2.0], [0.5, 9.0], [2.0, 3.0], [0.2, 0.4]];
+        let stacked = Stacked::new(ranges.into_iter(), |r| *r);
+        for k in -2..=20 {
+            let height = 0.5 * f64::from(k);
+            let mut found: Vec<[f64; 2]> = stacked.at(height).copied().collect();
+            let mut expected: Vec<[f64; 2]> =
+                ranges.into_iter().filter(|r| r[0] <= height && height <= r[1]).collect();
+            [&mut found, &mut expected].map(|all| all.sort_by(|a, b| a[0].total_cmp(&b[0])));
+            assert_eq!(found, expected, "{height}");
+        }
     }
 
     #[test]

@@ -5,6 +5,8 @@ use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
 /// Spacing of vertices beside a corner over the distance from it, and how often an edge is halved at most.
 const GROWTH: f64 = 0.12;
 const MOST_HALVINGS: usize = 8;
+/// A vertex that is nearer to a corner than this share of the least spacing is moved onto it.
+const NEAR: f64 = 0.3;
 
 /// The contour with the corners among its vertices, and with more vertices beside them, where it bends more sharply than
 /// its vertices are set: their spacing grows with the distance from the nearest corner, from `least_mm` on. `refine` moves
@@ -16,19 +18,28 @@ pub(super) fn denser(
     refine: impl Fn(Point2, Vector2) -> Point2,
 ) -> Contour {
     let Some(index) = SegmentIndex::try_new(std::slice::from_ref(contour)) else { return contour.clone() };
-    let feet: Vec<usize> = corners.iter().map(|c| edge_of(contour, index.nearest(*c).edge_idx, *c)).collect();
     let spacing_mm = |p: Point2| {
         let d = corners.iter().map(|c| (c - p).norm()).fold(f64::INFINITY, f64::min);
         (GROWTH * d).max(least_mm)
     };
+    let (mut vertices, mut inner) = (contour.points.clone(), vec![Vec::new(); contour.len()]);
+    let mut is_corner = vec![false; contour.len()];
+    for corner in corners {
+        let k = edge_of(contour, index.nearest(*corner).edge_idx, *corner);
+        let ends = [k, (k + 1) % contour.len()];
+        let near = |i: &usize| !is_corner[*i] && (contour.points[*i] - corner).norm() <= NEAR * least_mm;
+        // A vertex right beside a corner would be one too many.
+        match ends.into_iter().find(near) {
+            Some(i) => (vertices[i], is_corner[i]) = (*corner, true),
+            None => inner[k].push(*corner),
+        }
+    }
     let mut points = Vec::with_capacity(2 * contour.len());
-    for (k, (from, to)) in contour.edges().enumerate() {
-        let mut stops = vec![from];
-        let mut inner: Vec<Point2> =
-            corners.iter().zip(&feet).filter(|(_, foot)| **foot == k).map(|(c, _)| *c).collect();
+    for (k, mut inner) in inner.into_iter().enumerate() {
+        let (from, to) = (vertices[k], vertices[(k + 1) % vertices.len()]);
         inner.sort_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()));
-        let apart = |p: &Point2| (p - from).norm() > 0.3 * least_mm && (p - to).norm() > 0.3 * least_mm;
-        stops.extend(inner.into_iter().filter(apart));
+        let mut stops = vec![from];
+        stops.extend(inner);
         stops.push(to);
         for pair in stops.windows(2) {
             points.push(pair[0]);
@@ -77,6 +88,19 @@ fn halved(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_corner_right_beside_a_vertex_takes_its_place() {
+        let square =
+            Contour::new([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]].map(Point2::from).to_vec());
+        let corner = Point2::new(0.05, 0.0);
+        let found = denser(&square, &[corner], 0.3, |p| p).points;
+        assert!(found.contains(&corner) && !found.contains(&square.points[0]), "{found:?}");
+        // Of two beside one vertex, one takes its place, the other one is put between.
+        let pair = [corner, Point2::new(0.08, 0.0)];
+        let found = denser(&square, &pair, 0.3, |p| p).points;
+        assert_eq!(found[..2], pair);
+    }
 
     #[test]
     fn a_corner_in_a_notch_that_the_contour_cuts_across_lies_between_its_neighbours() {

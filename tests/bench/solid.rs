@@ -1,6 +1,6 @@
 //! Sections to solid, solid to triangles: the reference phantom's contours, lumen alone and with its wall.
 
-use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
+use criterion::{Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
 use lumenfab::brep::{Brep, check};
 use lumenfab::geom::RigidTransform;
 use lumenfab::mesh::{Deflection, SkinChoice, Tessellation, tessellate};
@@ -33,7 +33,39 @@ fn finer_stacks() -> [(u32, SectionStack); 3] {
     })
 }
 
-/// Which contour continues which: the cost is linear.
+/// The reference phantom several times one above the other, every second one upside down: as many more splits and merges.
+fn longer_stack(n_copies: u32) -> SectionStack {
+    let vessel = Vessel::new(Kind::Carotid);
+    let plane = |k: u32| {
+        let (copy, rest) = (k / 46, k % 46);
+        let of_vessel = if copy % 2 == 0 { rest } else { 45 - rest };
+        let contours = vessel.region_at(3.0 * f64::from(of_vessel), 128).contours;
+        PlaneSections { z_mm: 3.0 * f64::from(k), contours }
+    };
+    let planes = (0..46 * n_copies).map(plane).collect();
+    SectionStack { planes, patient_from_stack: RigidTransform::identity() }
+}
+
+/// From sections to a wall that was found valid, of a vessel that is longer and branches more often: the cost of a plane
+/// stays the same.
+fn checked_wall(c: &mut Criterion) {
+    let mut group = c.benchmark_group("checked wall");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    for n_copies in [1, 4, 16] {
+        let stack = longer_stack(n_copies);
+        group.throughput(Throughput::Elements(stack.planes.len() as u64));
+        group.bench_function(format!("{n_copies} vessels"), |b| {
+            b.iter(|| {
+                let built =
+                    build(black_box(&stack), &Params::new(Body::Wall { wall_mm: 1.0 }), &Task::quiet());
+                check(&Brep::of(&built.expect("the phantom builds").solid, SkinChoice::All)).expect("valid");
+            });
+        });
+    }
+    group.finish();
+}
+
+/// Which contour continues which, the same vessel cut more finely.
 fn graph(c: &mut Criterion) {
     let mut group = c.benchmark_group("graph");
     group.sample_size(10);
@@ -45,7 +77,7 @@ fn graph(c: &mut Criterion) {
     group.finish();
 }
 
-/// From sections to a solid that was found valid: the cost is linear.
+/// From sections to a solid that was found valid, the same vessel cut more finely.
 fn checked_solid(c: &mut Criterion) {
     let mut group = c.benchmark_group("checked solid");
     group.sample_size(10).sampling_mode(SamplingMode::Flat);
@@ -89,5 +121,5 @@ fn tessellation(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, graph, checked_solid, solid, tessellation);
+criterion_group!(benches, graph, checked_solid, checked_wall, solid, tessellation);
 criterion_main!(benches);
