@@ -1,5 +1,6 @@
-//! Random vessel trees: splits, merges, loops, births, deaths and holes. What is built is right, what is not is refused by
-//! name, and what contradicts itself is refused with its plane named.
+//! Random vessel trees: splits, merges, loops, births, deaths and holes. What is built is right: it meets the contours of its planes
+//! and lies near the exact field between them, its wall is as thick as asked, its mesh sound and within the deflection. What is not
+//! built is refused with its place named, and what contradicts itself with its plane.
 //!
 //! `cargo test --release --test solid_trees` tries a sample; `LUMENFAB_TREES=1000 cargo test --release --test solid_trees --
 //! --nocapture` tries a thousand and lists what was refused, `LUMENFAB_TREES=200..300` some of them; with
@@ -12,11 +13,11 @@ mod field;
 use field::{Branch, Course, Hole, Tree};
 use lumenfab::brep::{self, Brep};
 use lumenfab::geom::{Contour, Point2, RigidTransform, SegmentIndex, Vector2};
-use lumenfab::mesh::{SkinChoice, Tessellation, TriMesh, fit_for_files, parted};
+use lumenfab::mesh::{SkinChoice, Tessellation, fit_for_files, tessellate};
 use lumenfab::progress::Task;
 use lumenfab::sections::format::to_json;
 use lumenfab::sections::{PlaneSections, SectionStack};
-use lumenfab::solid::{Body, Built, Params, Sectioned, Solid, build};
+use lumenfab::solid::{Body, Built, Params, Sectioned, Solid, Thickness, build};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::{RngSeed, TestRunner};
@@ -168,36 +169,90 @@ fn check_interpolation(stack: &SectionStack, built: &Built) -> Result<(), TestCa
     Ok(())
 }
 
+/// Heights in each interval between two planes at which the lumen is compared with the exact field, as shares of it.
+const SHARES_BETWEEN: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+/// How far the lumen may lie off it there, mm.
+const MOST_OFF_MM: f64 = 0.3;
+/// Wall that is asked for, mm, and within which part of it that must be as built.
+const WALL_MM: f64 = 1.0;
+const THICKNESS: std::ops::RangeInclusive<f64> = 0.9..=1.1;
+
 /// What became of a tree.
 #[derive(Debug, Clone, PartialEq)]
 enum Outcome {
     Valid,
     /// Refused, with the message.
     Refused(String),
+    /// Built, but not as asked.
+    Off(String),
 }
 
 fn solid_of(case: &Case, stack: &SectionStack) -> Result<Built, String> {
-    let body = if case.wall { Body::Wall { wall_mm: 1.0 } } else { Body::Cast };
+    let body = if case.wall { Body::Wall { wall_mm: WALL_MM } } else { Body::Cast };
     let built = build(stack, &Params::new(body), &Task::quiet()).map_err(|e| e.to_string())?;
     brep::check(&Brep::of(&built.solid, SkinChoice::All)).map_err(|e| e.to_string())?;
     Ok(built)
 }
 
-/// A mesh as a file holds it: closed, and meeting itself nowhere. Where it does not keep the deflection `export` says so
-/// and by how much: that is no fault of the solid.
-fn mesh_of(solid: &Solid) -> Result<TriMesh, String> {
+/// Whether a message begins by telling where: a plane or a height with its number.
+fn names_a_place(message: &str) -> bool {
+    let begun = ["the solid is not valid: ", "outer skin of the wall, ", "the branch from "];
+    let about = begun.into_iter().fold(message, |text, start| text.strip_prefix(start).unwrap_or(text));
+    let number =
+        ["plane ", "planes ", "between planes ", "z "].into_iter().find_map(|p| about.strip_prefix(p));
+    let is_numeric = |c: char| c.is_ascii_digit() || c == '-';
+    number.is_some_and(|n| n.starts_with(is_numeric))
+}
+
+/// A mesh as a file holds it must be closed, meet itself nowhere, and keep the deflection.
+fn check_mesh(solid: &Solid) -> Result<(), TestCaseError> {
     let how = Tessellation::within(0.05, SkinChoice::All);
-    let mesh = parted(solid, &how, &Task::quiet()).map_err(|e| e.to_string())?.mesh;
-    fit_for_files(&mesh, &Task::quiet()).map_err(|e| e.to_string())
+    let mesh = tessellate(solid, &how, &Task::quiet());
+    let fit = mesh.and_then(|mesh| fit_for_files(&mesh, &Task::quiet()));
+    prop_assert!(fit.is_ok(), "valid surfaces without a mesh: {}", fit.unwrap_err());
+    Ok(())
+}
+
+/// How far the lumen's sections between planes lie off the tree's own field, mm, at most, and at which height.
+fn farthest_off(case: &Case, stack: &SectionStack, solid: &Solid) -> (f64, f64) {
+    let off = |z_mm: f64| {
+        let cut = solid.section(z_mm, 1e-3);
+        let lumen = if solid.outer.is_some() { cut.lumen } else { cut.outer };
+        let points = lumen.contours.iter().flat_map(|c| &c.points);
+        (points.map(|p| case.tree.value(*p, z_mm).abs()).fold(0.0, f64::max), z_mm)
+    };
+    let between = |pair: &[PlaneSections]| {
+        let [low, high] = [pair[0].z_mm, pair[1].z_mm];
+        SHARES_BETWEEN.map(|share| low + share * (high - low))
+    };
+    let heights = stack.planes.windows(2).flat_map(between);
+    heights.map(off).fold((0.0, 0.0), |most, one| if one.0 > most.0 { one } else { most })
+}
+
+/// What is not as it was asked for in a solid that is valid.
+fn fault(case: &Case, stack: &SectionStack, built: &Built) -> Option<String> {
+    if case.wall {
+        let Some(Thickness { least_mm, most_mm, .. }) = built.thickness else {
+            return Some("a wall whose thickness is not told".into());
+        };
+        if ![least_mm, most_mm].iter().all(|mm| THICKNESS.contains(&(mm / WALL_MM))) {
+            return Some(format!("the wall is {least_mm:.3} to {most_mm:.3} mm thick"));
+        }
+    }
+    let (off_mm, z_mm) = farthest_off(case, stack, &built.solid);
+    (off_mm > MOST_OFF_MM).then(|| format!("the lumen is {off_mm:.3} mm off at z {z_mm:.2} mm"))
 }
 
 /// Builds a tree. What is built must be right: its planes' contours met, its mesh sound; a contradiction must be
-/// refused, naming the plane.
+/// refused, naming the plane, and whatever else is refused must name a place.
 fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
     let stack = stack_of(case);
     let built = match solid_of(case, &stack) {
         Ok(built) => built,
-        Err(message) if case.contradiction.is_none() => return Ok(Outcome::Refused(message)),
+        Err(message) if case.contradiction.is_none() => {
+            prop_assert!(names_a_place(&message), "no place is named: {}", message);
+            return Ok(Outcome::Refused(message));
+        }
         Err(message) => {
             let place = case.place(&stack);
             prop_assert!(message.starts_with(&place), "{}: expected {}", message, place);
@@ -206,10 +261,8 @@ fn tried(case: &Case) -> Result<Outcome, TestCaseError> {
     };
     prop_assert!(case.contradiction.is_none(), "{:?} was not noticed", case.contradiction);
     check_interpolation(&stack, &built)?;
-    Ok(mesh_of(&built.solid).map_or_else(Outcome::Refused, |mesh| {
-        assert!(mesh.volume_mm3() > 0.0);
-        Outcome::Valid
-    }))
+    check_mesh(&built.solid)?;
+    Ok(fault(case, &stack, &built).map_or(Outcome::Valid, Outcome::Off))
 }
 
 /// Writes the sections of a refused tree, where a directory for them is named.
@@ -221,17 +274,22 @@ fn keep(tree: u32, stack: &SectionStack) {
     }
 }
 
-/// Trees that are tried: `LUMENFAB_TREES=N` asks for the first N of the sequence, `FROM..TO` for a part of it.
-fn trees() -> std::ops::Range<u32> {
-    let asked = std::env::var("LUMENFAB_TREES").unwrap_or_default();
-    let part = asked.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
-    part.unwrap_or_else(|| 0..asked.parse().unwrap_or(40))
+/// Trees that are tried: `N` stands for the first N of the sequence, `FROM..TO` for a part of it.
+fn parsed(asked: &str) -> Option<std::ops::Range<u32>> {
+    let (from, to) = asked.split_once("..").unwrap_or(("0", asked));
+    let range = from.parse().ok()?..to.parse().ok()?;
+    (!range.is_empty()).then_some(range)
 }
 
-/// How many of a hundred trees must become valid solids. The aim is 99. Of the sample of 40 that cargo's seed draws 38 do, of the
-/// one without a seed all. What is still refused are mostly branches that lie side by side for long before they part, and outer skins
-/// of loops.
-const LEAST_VALID_PERCENT: usize = 95;
+/// Those that `LUMENFAB_TREES` asks for.
+fn trees() -> std::ops::Range<u32> {
+    let Some(asked) = std::env::var_os("LUMENFAB_TREES") else { return 0..40 };
+    let range = asked.to_str().and_then(parsed);
+    range.unwrap_or_else(|| panic!("LUMENFAB_TREES is {asked:?}: it must be a number of trees, or FROM..TO"))
+}
+
+/// Of a hundred trees, or a part of a hundred, one may be no valid solid as it was asked for.
+const PER_EXCEPTION: usize = 100;
 
 /// Draws always the same trees, or those of the seed that `PROPTEST_RNG_SEED` names.
 fn runner(config: ProptestConfig) -> TestRunner {
@@ -264,10 +322,11 @@ fn trees_become_valid_solids_or_are_refused_by_name() {
         if i < asked.start {
             continue;
         }
-        if let Outcome::Refused(message) = tried(&case).unwrap_or_else(|e| {
+        let outcome = tried(&case).unwrap_or_else(|e| {
             keep(i, &stack_of(&case));
             panic!("tree {i}: {e}")
-        }) {
+        });
+        if let Outcome::Refused(message) | Outcome::Off(message) = outcome {
             let courses: Vec<Course> = case.tree.branches.iter().map(|b| b.course).collect();
             refused.push(format!("tree {i}, wall {}, {courses:?}: {message}", case.wall));
             eprintln!("{}", refused[refused.len() - 1]);
@@ -275,8 +334,35 @@ fn trees_become_valid_solids_or_are_refused_by_name() {
         }
     }
     let n_valid = asked.len() - refused.len();
-    eprintln!("{n_valid} of {} trees are valid solids; refused: {refused:#?}", asked.len());
-    assert!(100 * n_valid >= LEAST_VALID_PERCENT * asked.len(), "{refused:#?}");
+    eprintln!("{n_valid} of {} trees are valid solids; the others: {refused:#?}", asked.len());
+    assert!(refused.len() <= asked.len().div_ceil(PER_EXCEPTION), "{refused:#?}");
+}
+
+#[test]
+fn what_asks_for_no_trees_is_refused() {
+    assert_eq!([parsed("40"), parsed("200..300")], [Some(0..40), Some(200..300)]);
+    for text in ["", "0", "1e3", "200..100", "7..7", "a..b", "..5", "-3", "1..2..3"] {
+        assert_eq!(parsed(text), None, "{text}");
+    }
+}
+
+#[test]
+fn a_place_is_a_plane_or_a_height_with_its_number() {
+    for text in [
+        "plane 3 (z 9 mm), contour 0: it crosses itself",
+        "planes 2 and 3 lie at one height",
+        "between planes 3 and 4 (z 1.00 to 2.00 mm): what is there",
+        "the branch from z -1.50 to 3.00 mm: it folds",
+        "outer skin of the wall, z 1.00 to 2.00 mm: it folds",
+        "outer skin of the wall, the branch from z 1.00 to 2.00 mm: it folds",
+        "the solid is not valid: z 7.50 mm, x 1.00, y 2.00 (tube): it crosses",
+        "z 7.50 mm, x 1.00, y 2.00: the wall would be 0.10 mm thick",
+    ] {
+        assert!(names_a_place(text), "{text}");
+    }
+    for text in ["cannot", "the solid is not valid", "the lumen has no surface", "plane of the image"] {
+        assert!(!names_a_place(text), "{text}");
+    }
 }
 
 proptest! {
