@@ -46,12 +46,12 @@ pub(super) fn misses(points: &[Point2], sites: &[f64]) -> Vec<bool> {
     let rows: Vec<f64> = points.iter().step_by(2).flat_map(|p| [p.x, p.y]).collect();
     let control = basis.interpolate(&coarse, &rows, 2);
     let mut at = Vec::new();
-    let mut is_off = |i: usize| {
+    let is_off = |i: usize| {
         Basis::combine(basis.at(sites[i]), &control, 2, &mut at);
         let along = (points[i + 1] - points[i - 1]).try_normalize(1e-12).unwrap_or_default();
         (points[i] - Point2::new(at[0], at[1])).perp(&along).abs() > ARC_TOLERANCE_MM
     };
-    inner.map(|i| is_off(i)).collect()
+    inner.map(is_off).collect()
 }
 
 #[cfg(test)]
