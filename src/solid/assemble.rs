@@ -23,7 +23,7 @@ use rayon::prelude::*;
 const EVENT_PLANES: usize = 3;
 /// A plane nearer to the one before it than this share of the interval on that one's other side says nothing of the
 /// course there: noise between the two would be taken for a slope.
-const CLOSE_PLANES: f64 = 0.2;
+const CLOSE_PLANES: f64 = 0.05;
 /// The radius that lengths of slabs and virtual sections are stated for.
 const STATED_RADIUS_MM: f64 = 3.0;
 /// Virtual sections in the daughters' first full interval and in the parent's last one.

@@ -43,7 +43,7 @@ pub(super) const MOST_GROWTH: f64 = 4.0;
 /// Steepest course that is looked for, sideways over upward (75 degrees), beyond one radius.
 const STEEPEST: f64 = 3.7;
 /// Planes closer together than this share of the interval that a component is to be moved over tell no drift.
-const CLOSE_PLANES: f64 = 0.2;
+const CLOSE_PLANES: f64 = 0.05;
 /// Rounds in which links found by drift help to find further ones.
 const ROUNDS: usize = 3;
 
