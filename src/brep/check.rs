@@ -6,9 +6,9 @@
 //! of handles that the branches make (Mäntylä, *An Introduction to Solid Modeling*, 1988).
 //!
 //! Crossings and orientation are tested in horizontal sections at all knots of all tubes, half-way between them and
-//! across every event: there all curves must be simple and apart, and go round the material once. Where no section shows a
-//! fault, tubes are proved to keep clear of themselves and each other between them, too ([`super::clearance`]). What the three
-//! patches of one event do between two such heights is not seen; a triangle test of the mesh sees it.
+//! across every event: there all curves must be simple and apart, and go round the material once. Whether tubes keep clear of
+//! themselves and each other between those heights, too, is proved by [`unproved`], which tells where that cannot be; what the three
+//! patches of one event do between them a triangle test of the mesh sees.
 
 use super::fault::MOST_FAULTS;
 use super::sections::{Cutter, Piece, winding};
@@ -43,16 +43,18 @@ pub fn check(brep: &Brep) -> Result<(), Invalid> {
         faults.par_extend(brep.faces.par_iter().enumerate().filter_map(|(i, f)| fold(i, f)));
         faults.extend(shells(brep));
         faults.extend(euler(brep));
-        let corners = Corners::of(brep);
-        let crossed = sections(brep, &corners);
-        let is_clear = crossed.is_empty();
-        faults.extend(crossed);
-        if is_clear {
-            faults.extend(clearance::crossings(brep, &corners));
-        }
+        faults.extend(sections(brep, &Corners::of(brep)));
     }
     faults.truncate(MOST_FAULTS);
     if faults.is_empty() { Ok(()) } else { Err(Invalid(faults)) }
+}
+
+/// Where faces of a boundary representation that [`check`] has passed are not proved to keep clear of themselves and each other at
+/// every height (`clearance`): there they meet, by micrometres between the heights that were looked at, or lie closer than can be
+/// told apart.
+#[must_use]
+pub fn unproved(brep: &Brep) -> Vec<Fault> {
+    clearance::crossings(brep, &Corners::of(brep))
 }
 
 impl Brep {

@@ -22,7 +22,7 @@ mod sections;
 mod tests;
 mod volume;
 
-pub use check::check;
+pub use check::{check, unproved};
 pub use fault::{Fault, Invalid, Kind};
 
 use crate::geom::{Point3, Vector3};

@@ -13,6 +13,7 @@ use crate::ct::Warning;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, SkinChoice, Solid};
 use crate::topology::{Matching, drawing};
+use crate::units::counted;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -37,6 +38,18 @@ struct Document {
 struct DocumentRef<'a> {
     warnings: &'a [Warning],
     solid: &'a Solid,
+}
+
+/// Tells of surfaces that may meet between the heights that the check looks at.
+fn unproved(brep: &Brep) -> Option<Warning> {
+    let places = brep::unproved(brep);
+    let text = format!(
+        "{} where surfaces lie too close to be proved apart at every height, the first at {}: they may meet there by some \
+         micrometres; look at the contours near that height",
+        counted(places.len(), "place"),
+        places.first()?
+    );
+    Some(Warning::new("solid.unproved", text))
 }
 
 impl Session<'_> {
@@ -90,8 +103,10 @@ impl Session<'_> {
 
     fn build_solid(&mut self, task: &Task<'_>) -> Result<Made, Error> {
         let params = self.solid_params();
-        let built = solid::build(self.sections()?, &params, task)?;
-        brep::check(&Brep::of(&built.solid, SkinChoice::All))?;
+        let mut built = solid::build(self.sections()?, &params, task)?;
+        let brep = Brep::of(&built.solid, SkinChoice::All);
+        brep::check(&brep)?;
+        built.warnings.extend(unproved(&brep));
         let staging = self.case.staging()?;
         let document = DocumentRef { warnings: &built.warnings, solid: &built.solid };
         let bytes = packed::to_bytes(DOCUMENT, &document).expect("every list of a solid knows its length");
