@@ -126,7 +126,7 @@ var is = {red: function (r, g, b) { return r > 200 && g < 110 && b < 110; },
           any: function (r, g, b) { return Math.max(r, g, b) > 60; }}[arguments[1]];
 for (var i = 0; i < d.length; i += 4) { if (is(d[i], d[i + 1], d[i + 2])) { n += 1; } }
 return n;"""
-SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 200); }); });"
+SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 300); }); });"
 SCRUB = """
 var done = arguments[0], n = document.querySelectorAll('#gallery figure').length, i = 0, from = performance.now(), frames = window.lumenfabView.frames();
 function step() {
