@@ -164,6 +164,15 @@ def planes(driver, check):
     check("the table marks the plane", shown == 1)
 
 
+def defects(driver, check):
+    if not driver.run("return !!document.querySelector('#defect-table button')"):
+        return
+    driver.keys([END])
+    wanted = driver.run("var b = document.querySelector('#defect-table button'); b.click(); return b.dataset.plane")
+    plane = driver.run("return document.querySelectorAll('#gallery figure')[window.lumenfabView.plane()].dataset.plane")
+    check("a click on a defect's place shows its plane", plane == wanted, f"plane {plane}")
+
+
 def layers(driver, check):
     pixels = lambda colour: driver.run(PIXELS, "#view", colour)
     driver.run_async(SETTLE)
@@ -235,6 +244,7 @@ def with_script(page, folder, check):
         driver.open(page)
         look(driver, "top", folder)
         planes(driver, check)
+        defects(driver, check)
         driver.run("window.lumenfabView.show(Math.floor(document.querySelectorAll('#gallery figure').length / 2))")
         look(driver, "viewer", folder, "#browser")
         layers(driver, check)
