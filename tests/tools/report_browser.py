@@ -126,7 +126,7 @@ var is = {red: function (r, g, b) { return r > 200 && g < 110 && b < 110; },
           any: function (r, g, b) { return Math.max(r, g, b) > 60; }}[arguments[1]];
 for (var i = 0; i < d.length; i += 4) { if (is(d[i], d[i + 1], d[i + 2])) { n += 1; } }
 return n;"""
-SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 200); }); });"
+SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 300); }); });"
 SCRUB = """
 var done = arguments[0], n = document.querySelectorAll('#gallery figure').length, i = 0, from = performance.now(), frames = window.lumenfabView.frames();
 function step() {
@@ -162,6 +162,15 @@ def planes(driver, check):
     driver.run_async(SETTLE)
     shown = driver.run("return document.querySelectorAll('#plane-table tr.current').length")
     check("the table marks the plane", shown == 1)
+
+
+def defects(driver, check):
+    if not driver.run("return !!document.querySelector('#defect-table button')"):
+        return
+    driver.keys([END])
+    wanted = driver.run("var b = document.querySelector('#defect-table button'); b.click(); return b.dataset.plane")
+    plane = driver.run("return document.querySelectorAll('#gallery figure')[window.lumenfabView.plane()].dataset.plane")
+    check("a click on a defect's place shows its plane", plane == wanted, f"plane {plane}")
 
 
 def layers(driver, check):
@@ -235,6 +244,7 @@ def with_script(page, folder, check):
         driver.open(page)
         look(driver, "top", folder)
         planes(driver, check)
+        defects(driver, check)
         driver.run("window.lumenfabView.show(Math.floor(document.querySelectorAll('#gallery figure').length / 2))")
         look(driver, "viewer", folder, "#browser")
         layers(driver, check)

@@ -15,7 +15,7 @@
   var data = byId("view-data").textContent, setting = JSON.parse(data);
   var range = setting.range_hu, shown = setting.window_hu ? setting.window_hu.slice() : null;
   var current = 0, zoom = 1, centre = null, measuring = false, line = null, grip = null, asked = false;
-  var PAUSE_MS = 120, telling = 0, told = -PAUSE_MS, marked = [];
+  var PAUSE_MS = 200, telling = 0, told = -PAUSE_MS, marked = [];
   var onShow = [];
 
   // A plane's parts, taken from its picture in the document when it is first shown.
