@@ -94,11 +94,11 @@ mod tests {
         let square =
             Contour::new([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]].map(Point2::from).to_vec());
         let corner = Point2::new(0.05, 0.0);
-        let found = denser(&square, &[corner], 0.3, |p| p).points;
+        let found = denser(&square, &[corner], 0.3, |p, _| p).points;
         assert!(found.contains(&corner) && !found.contains(&square.points[0]), "{found:?}");
         // Of two beside one vertex, one takes its place, the other one is put between.
         let pair = [corner, Point2::new(0.08, 0.0)];
-        let found = denser(&square, &pair, 0.3, |p| p).points;
+        let found = denser(&square, &pair, 0.3, |p, _| p).points;
         assert_eq!(found[..2], pair);
     }
 

@@ -209,8 +209,7 @@ fn check_mesh(solid: &Solid) -> Result<(), TestCaseError> {
     let how = Tessellation::within(0.05, SkinChoice::All);
     let mesh = tessellate(solid, &how, &Task::quiet());
     let fit = mesh.and_then(|mesh| fit_for_files(&mesh, &Task::quiet()));
-    prop_assert!(fit.is_ok(), "valid surfaces without a mesh: {}", fit.unwrap_err());
-    Ok(())
+    fit.map(drop).map_err(|fault| TestCaseError::fail(format!("valid surfaces without a mesh: {fault}")))
 }
 
 /// How far the lumen's sections between planes lie off the tree's own field, mm, at most, and at which height.
