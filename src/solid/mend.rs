@@ -213,7 +213,7 @@ mod tests {
             let mut found: Vec<[f64; 2]> = stacked.at(height).copied().collect();
             let mut expected: Vec<[f64; 2]> =
                 ranges.into_iter().filter(|r| r[0] <= height && height <= r[1]).collect();
-            [&mut found, &mut expected].map(|all| all.sort_by(|a, b| a[0].total_cmp(&b[0])));
+            [&mut found, &mut expected].into_iter().for_each(|all| all.sort_by(|a, b| a[0].total_cmp(&b[0])));
             assert_eq!(found, expected, "{height}");
         }
     }
