@@ -6,6 +6,7 @@ use super::image::{ImageBoundary, boundary, median};
 use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
+use super::scan::{self, Scanned};
 use super::strokes::{self, Stroke};
 use super::surface::Surface;
 use super::{
@@ -50,25 +51,46 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
     let pixel_mm = inputs.image.map(|i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
     let branches = Branches::of(inputs.sections);
-    let lumina = lumina(&branches, &planes);
-    let findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let mut lumina = lumina(&branches, &planes);
+    let mut findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let scanned = scanned(inputs, &planes, task)?;
+    let scan = scanned.as_ref().map(|s| s.stage(branches.z_mm()));
+    if let Some(scanned) = &scanned {
+        let sections: Vec<&CrossSection> = planes.iter().map(|p| &p.section).collect();
+        findings.extend(scanned.findings(&lumina[SOLID], &branches, &sections, inputs.body));
+        lumina.extend(scanned.lumina(&branches));
+    }
+    let (scan, scan_failures) = scan.unzip();
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
     Ok(Report {
         body: inputs.body,
+        origin: inputs.record.origin,
         anatomy: branches.measure(&lumina, &section),
-        walls: measures::walls(inputs, &planes, &layers),
-        amounts: measures::amounts(inputs, &planes),
+        walls: measures::walls(inputs, &planes, &layers, scanned.as_ref()),
+        amounts: measures::amounts(inputs, &planes, scanned.as_ref()),
         uncertainty: measures::uncertainty(&planes),
         plane_z_mm: inputs.sections.plane_z_mm(),
         surface: Surface::of(inputs, &pictures),
-        notes: notes(inputs, &recorded, &figures, &planes),
-        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings),
+        notes: notes(inputs, &recorded, &figures, &planes)
+            .into_iter()
+            .chain(scanned.iter().flat_map(Scanned::notes))
+            .collect(),
+        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings)
+            .with_failures(scan_failures.unwrap_or_default()),
+        scan,
         findings,
         layers: figures,
         blocks,
         pictures,
     })
+}
+
+/// The scan of the replica at all planes.
+fn scanned(inputs: &Inputs<'_>, planes: &[PlaneWork], task: &Task<'_>) -> Result<Option<Scanned>, Error> {
+    let heights = inputs.sections.planes.iter().map(|p| p.z_mm);
+    let sections: Vec<(f64, &CrossSection)> = heights.zip(planes.iter().map(|p| &p.section)).collect();
+    inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()
 }
 
 struct Counter<'a> {
@@ -311,7 +333,7 @@ fn plane(
     Ok(work)
 }
 
-fn section_lumen(section: &CrossSection, body: BodyKind) -> &Region {
+pub(super) fn section_lumen(section: &CrossSection, body: BodyKind) -> &Region {
     match body {
         BodyKind::Wall => &section.lumen,
         BodyKind::Cast => &section.outer,
@@ -342,6 +364,7 @@ impl PlaneWork {
                 (planned()?, recorded()?, ["lumen in the planned beads", "lumen in the deposited material"])
             }
             Stage::Total => (image()?, recorded()?, ["edge in the image", "lumen in the deposited material"]),
+            Stage::Scan => return Err("a scan is compared by itself".into()),
         };
         let absent = [reference, tested].map(|o| o.region.is_empty());
         match absent.iter().position(|&absent| absent) {
@@ -421,6 +444,8 @@ fn plane_figures(
 /// How a stage's lumen is found in the work of a plane.
 pub(super) type Lumen = fn(&PlaneWork) -> Option<&Region>;
 
+/// The place of the solid in [`STAGES`].
+const SOLID: usize = 2;
 /// Every stage that has a lumen.
 pub(super) const STAGES: [(&str, Lumen); 6] = [
     ("image", |p| p.image.as_ref().map(ImageBoundary::region)),

@@ -350,5 +350,5 @@ pub(super) fn print(paths: &Toolpaths) -> Record {
             })
         })
     });
-    Record { segments: segments.collect(), warnings: Vec::new() }
+    Record { segments: segments.collect(), ..Record::default() }
 }

@@ -18,6 +18,7 @@ pub(super) fn inputs(case: &Case) -> Inputs<'_> {
         layers: &case.layers,
         paths: &case.paths,
         record: &case.record,
+        scan: None,
         warnings: &[],
         job: Job::default(),
         gate: Gate::default(),

@@ -34,7 +34,7 @@ pub const NOT_SEEN: [&str; 4] = [
     "An image that is mirrored, or whose planes are all in reverse order, before it was segmented: image, contours and replica then agree. Compare the orientation letters with the patient.",
     "Planes exchanged before the segmentation are seen only where the vessel's course breaks; a straight vessel looks the same in any order.",
     "A lumen that the image does not show, or shows beside the contours by more than a few pixels, where no contour leads there.",
-    "What a printer does beyond its record: the deposition is what was recorded, not what a scan of the replica shows.",
+    "What a printer does beyond its record: the deposition is what was recorded. What was really made is seen where a scan of the replica is given.",
 ];
 
 /// What kind of defect.

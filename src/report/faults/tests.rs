@@ -22,6 +22,7 @@ fn report(case: &Forked) -> Report {
         body: BodyKind::Wall,
         layers: &case.layers,
         paths: &case.paths,
+        scan: None,
         record: &case.record,
         warnings: &[],
         job: Job::default(),
