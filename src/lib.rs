@@ -36,7 +36,7 @@
 //! | [`preview`] | beads of a layer to a picture and to SVG |
 //! | [`profile`] | firmware and machine profiles, as data |
 //! | [`gcode`] | commands, writer, reader, checksum |
-//! | [`motion`] | acceleration model: how long a job takes |
+//! | [`motion`] | acceleration model: how long a job takes; whether it keeps within the build space |
 //! | [`printer`] | the protocol core and the session (pure), journal and resuming, links, the driver |
 //! | [`queue`] | states of jobs, claims, beds, history, schedule (pure) |
 //! | [`store`] | where the queue is kept: SQLite |
@@ -72,6 +72,7 @@ pub mod http;
 pub mod mesh;
 pub mod model;
 pub mod motion;
+mod nearest;
 pub mod phantom;
 pub mod preview;
 pub mod printer;

@@ -154,6 +154,33 @@ fn a_run_ends_with_a_report_and_a_second_one_does_nothing_again() {
 }
 
 #[test]
+fn a_stricter_gate_fails_the_report_with_3_and_makes_nothing_else_again() {
+    let place = Place::new();
+    let seed = place.phantom("ct", &small());
+    let profile = |gate: &str| {
+        fs::write(place.path("lab.toml"), format!("inherits = \"reference\"\nname = \"lab\"\n{gate}"))
+            .unwrap();
+    };
+    profile("");
+    let run = ["run", "--ct", "ct", &seed, "--profile", "lab.toml", "--out", "case"];
+    assert_eq!(place.json(0, &run)["cases"][0]["report"]["passed"], true);
+
+    profile("[gate]\ntotal_dice = 1.0\n");
+    let strict = &place.json(3, &["run", "case"])["cases"][0];
+    assert_eq!(done_and_kept(strict), (vec!["report"], STAGES[..4].to_vec()));
+    assert_eq!(strict["stages"][4]["because_of"], serde_json::json!(["gate"]));
+    let report: Value =
+        serde_json::from_slice(&fs::read(place.path("case/report/report.json")).unwrap()).unwrap();
+    assert_eq!(report["verdict"]["gate"]["total_dice"], 1.0);
+    let failures = report["verdict"]["failures"].as_array().unwrap();
+    assert!(failures.len() == 1 && failures[0].as_str().unwrap().contains("by Dice"), "{failures:?}");
+
+    profile("[gate]\ntotal_dice = 2.0\n");
+    let error = place.refused(2, &["report", "case"]);
+    assert!(error.contains("lab.toml:4") && error.contains("gate.total_dice"), "{error}");
+}
+
+#[test]
 fn whatever_is_changed_in_a_case_is_found() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());
@@ -262,6 +289,14 @@ fn a_printer_that_cannot_be_is_refused_first_and_not_remembered() {
     let place = Place::new();
     let seed = place.phantom("ct", &small());
     fs::write(place.path("job.gcode"), "G28\n").unwrap();
+    fs::write(place.path("tube.stl"), "solid tube\nendsolid tube\n").unwrap();
+    let error = place.refused(2, &["print", "tube.stl"]);
+    assert!(
+        error.contains("found the model tube.stl") && error.contains("lumenfab slice tube.stl"),
+        "{error}"
+    );
+    let error = place.refused(2, &["slice", "tube.stl", "--out", "job.gcode", "--perimeters", "-1"]);
+    assert!(error.contains("-1 is not in 1..=100"), "{error}");
     let error = place.refused(2, &["print", "job.gcode", "--baud", "115200"]);
     assert!(error.starts_with("--baud: found 115200 with the simulated printer"), "{error}");
 
@@ -285,6 +320,22 @@ fn a_job_of_a_profile_of_ones_own_is_tried_on_its_machine() {
     place.json(0, &["run", "--ct", "ct", &seed, "--profile", "own.toml", "--out", "case"]);
     fs::copy(place.path("case/job.gcode"), place.path("job.gcode")).unwrap();
     place.json(0, &["print", "job.gcode", "--profile", "own.toml", "--port", "sim"]);
+    // On a bed that it leaves it is refused before anything is sent, to the simulated machine, too.
+    let error = place.refused(1, &["print", "job.gcode", "--profile", "reference", "--port", "sim"]);
+    assert!(error.contains("mm beyond the build space of 0 to 200 mm of the profile reference"), "{error}");
+    // What machines reach beside their beds is told, and what is wanted so goes there.
+    let said = |x_mm: u32, more: &[&str]| {
+        fs::write(place.path("bead.gcode"), format!("G28\nM83\nG1 X{x_mm} Y10 Z1 F600\nG1 Y20 E1\n"))
+            .unwrap();
+        let out =
+            place.run(&[&["print", "bead.gcode", "--profile", "reference", "--port", "sim"], more].concat());
+        (out.status.success(), String::from_utf8(out.stderr).unwrap())
+    };
+    let (done, words) = said(203, &[]);
+    assert!(done && words.contains("line 3 goes to X 203.000, 3.0 mm beyond"), "{words}");
+    assert!(!said(209, &[]).0);
+    let (done, words) = said(209, &["--beyond-bed"]);
+    assert!(done && words.contains("9.0 mm beyond"), "{words}");
 }
 
 #[test]

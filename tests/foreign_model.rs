@@ -62,6 +62,7 @@ fn a_model_becomes_a_job_of_its_volume_only_moved_onto_the_bed() {
     assert_eq!(code, Some(0), "{stderr}");
     let answer: Value = serde_json::from_str(&answer).unwrap();
     assert_eq!((answer["n_triangles"].as_u64(), answer["n_layers"].as_u64()), (Some(2048), Some(20)));
+    assert_eq!(answer["warnings"].as_array().map(Vec::len), Some(0));
     // The bed of 200 x 200 mm has its middle where the tube's axis comes to lie.
     let moved: Vec<f64> =
         answer["bed_from_model_mm"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
@@ -116,8 +117,11 @@ fn a_mesh_that_is_inside_out_or_goes_through_itself_is_printed_and_the_operator_
         [("in.stl", inverted, "turned inside out"), ("through.stl", through, "was united")]
     {
         fs::write(dir.path().join(name), stl(&facets)).unwrap();
-        let (code, _, stderr) = slice(&dir, &[name, "--out", "a.gcode"]);
+        let (code, answer, stderr) = slice(&dir, &[name, "--out", "a.gcode", "--json"]);
         assert!(code == Some(0) && stderr.contains(expected), "{name}: {stderr}");
+        let answer: Value = serde_json::from_str(&answer).unwrap();
+        let text = answer["warnings"][0]["text"].as_str().unwrap();
+        assert!(text.contains(expected), "{text}");
     }
 }
 

@@ -4,8 +4,11 @@
 #![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
 #![expect(clippy::print_stdout, reason = "what was measured is shown with --nocapture")]
 
+#[path = "shared/rings.rs"]
+mod rings;
+
 use lumenfab::profile;
-use std::fmt::Write as _;
+use rings::Rings;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -21,18 +24,12 @@ const KILLS: usize = 5;
 /// Rings, one on the other.
 fn job_text() -> String {
     let profile = profile::builtin(PROFILE).unwrap();
-    let mut text = profile.start_gcode().join("\n");
-    for layer in 0..N_LAYERS {
-        let z_mm = 0.2 * f64::from(layer + 1);
-        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F1800").unwrap();
-        for side in 1..=N_SIDES {
-            let angle = std::f64::consts::TAU * f64::from(side) / f64::from(N_SIDES);
-            let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
-            write!(text, "\nG1 X{x_mm:.3} Y{y_mm:.3} E0.03266").unwrap();
-        }
-    }
-    text.push('\n');
-    text + &profile.end_gcode(0.2 * f64::from(N_LAYERS)).join("\n")
+    let end = profile.end_gcode(0.2 * f64::from(N_LAYERS));
+    rings::job(
+        &profile.start_gcode(),
+        Rings { n_layers: N_LAYERS, n_sides: N_SIDES, filament_mm: 0.03266 },
+        &end,
+    )
 }
 
 /// A folder with the job, and a simulated printer on `port` in it.

@@ -4,13 +4,16 @@
 #![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
 #![expect(clippy::print_stdout, reason = "what was measured is shown with --nocapture")]
 
+#[path = "shared/rings.rs"]
+mod rings;
+
 use lumenfab::client::Client;
 use lumenfab::http::wire::{Added, Anew, BedClear, BedView, JobView, Turn, WishesBody};
 use lumenfab::profile;
 use lumenfab::queue::{JobId, Name, Reason, State, Subject};
 use lumenfab::store::{Sqlite, Store, Which};
+use rings::Rings;
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -28,17 +31,12 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// Rings, one on the other. Its end leaves the filament where it is, so that the next job on this printer begins at once.
 fn job_text() -> String {
     let profile = profile::builtin(PROFILE).unwrap();
-    let mut text = profile.start_gcode().join("\n");
-    for layer in 0..N_LAYERS {
-        let z_mm = 0.2 * f64::from(layer + 1);
-        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F1800").unwrap();
-        for side in 1..=N_SIDES {
-            let angle = std::f64::consts::TAU * f64::from(side) / f64::from(N_SIDES);
-            let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
-            write!(text, "\nG1 X{x_mm:.3} Y{y_mm:.3} E0.06").unwrap();
-        }
-    }
-    text + "\nM400\nM104 S0\nM140 S0\n"
+    let end = ["M400", "M104 S0", "M140 S0"].map(str::to_owned);
+    rings::job(
+        &profile.start_gcode(),
+        Rings { n_layers: N_LAYERS, n_sides: N_SIDES, filament_mm: 0.06 },
+        &end,
+    )
 }
 
 /// A state directory with a printer that outlives every server.

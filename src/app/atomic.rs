@@ -5,7 +5,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// A file or directory could not be read or written.
@@ -55,14 +55,29 @@ pub fn write_export(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     Pending::write(path, bytes, EXPORT_MODE)?.publish()
 }
 
-/// Writes several files that the operator named: all are on the disk before the first one appears under its name.
+/// Writes several files that the operator named, all of them or none: all are on the disk before the first one appears under its
+/// name, and where one cannot take its name, those before it give theirs back to what was there.
 ///
 /// # Errors
 /// As [`write()`].
 pub fn write_exports(files: &[(&Path, &[u8])]) -> Result<(), FileError> {
     let pending: Result<Vec<Pending<'_>>, FileError> =
         files.iter().map(|(path, bytes)| Pending::write(path, bytes, EXPORT_MODE)).collect();
-    pending?.into_iter().try_for_each(Pending::publish)
+    let mut replaced: Vec<Replaced<'_>> = Vec::new();
+    let n = files.len();
+    for (k, pending) in pending?.into_iter().enumerate() {
+        // Behind the last one nothing can fail.
+        let kept = if k + 1 < n { Replaced::keep(pending.path).map(Some) } else { Ok(None) };
+        let published = kept.and_then(|kept| pending.publish().map(|()| kept));
+        match published {
+            Ok(kept) => replaced.extend(kept),
+            Err(error) => {
+                replaced.into_iter().rev().try_for_each(Replaced::put_back)?;
+                return Err(error);
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Whether a file could be written there, before any work is done for it.
@@ -78,8 +93,25 @@ pub fn check_export(path: &Path) -> Result<(), FileError> {
         return Err(failed("write", path)(io::Error::other(text)));
     }
     let dir = parent(path);
-    let probe = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir);
-    probe.and_then(|probe| probe.close()).map_err(failed("create a file in", dir))
+    let probed = || -> io::Result<u32> {
+        let probe = tempfile::Builder::new().prefix(".lumenfab-").tempfile_in(dir)?;
+        let own = probe.as_file().metadata()?.uid();
+        probe.close().map(|()| own)
+    };
+    let own = probed().map_err(failed("create a file in", dir))?;
+    if let (Ok(folder), Ok(file)) = (fs::metadata(dir), fs::symlink_metadata(path))
+        && !may_replace(own, folder.mode(), [folder.uid(), file.uid()])
+    {
+        let text = "the file there is another user's, and in this directory only he may replace it: choose another name";
+        return Err(failed("write", path)(io::Error::other(text)));
+    }
+    Ok(())
+}
+
+/// Whether a user may replace a file in a directory that he can write: in one with the sticky bit only the owners of the
+/// directory and of the file, and the superuser.
+fn may_replace(user: u32, mode_of_dir: u32, owners: [u32; 2]) -> bool {
+    mode_of_dir & 0o1000 == 0 || user == 0 || owners.contains(&user)
 }
 
 /// Rights of a file that the operator named, before the umask.
@@ -109,6 +141,40 @@ impl<'a> Pending<'a> {
 
     fn publish(self) -> Result<(), FileError> {
         self.file.persist(self.path).map_err(|e| failed("write", self.path)(e.error))?;
+        sync_dir(parent(self.path))
+    }
+}
+
+/// What a file was before another one took its name; forgotten when dropped.
+struct Replaced<'a> {
+    path: &'a Path,
+    /// A second name of the old file; none where there was no file.
+    old: Option<tempfile::NamedTempFile<()>>,
+}
+
+impl<'a> Replaced<'a> {
+    fn keep(path: &'a Path) -> Result<Self, FileError> {
+        // Where the file system knows no second names, or the file is another user's, its bytes are kept.
+        let second = |name: &Path| match fs::hard_link(path, name) {
+            Err(e) if !matches!(e.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::NotFound) => {
+                fs::copy(path, name).map(drop)
+            }
+            linked => linked,
+        };
+        match tempfile::Builder::new().prefix(".lumenfab-").make_in(parent(path), second) {
+            Ok(old) => Ok(Self { path, old: Some(old) }),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Self { path, old: None }),
+            Err(e) => Err(failed("keep the old", path)(e)),
+        }
+    }
+
+    fn put_back(self) -> Result<(), FileError> {
+        match self.old {
+            Some(old) => {
+                old.persist(self.path).map(drop).map_err(|e| failed("put back", self.path)(e.error))?
+            }
+            None => remove(self.path)?,
+        }
         sync_dir(parent(self.path))
     }
 }
@@ -225,6 +291,32 @@ mod tests {
         assert!(entries(dir.path()).unwrap().is_empty());
         write_exports(&[(&good, b"1")]).unwrap();
         assert_eq!(read_text(&good).unwrap(), "1");
+    }
+
+    #[test]
+    fn files_that_have_their_names_already_give_them_back_where_a_later_one_fails() {
+        let dir = tempfile::tempdir().unwrap();
+        let [old, new, bad] = ["a", "b", "c"].map(|n| dir.path().join(n));
+        write(&old, b"old").unwrap();
+        // A file cannot take the name of a directory.
+        fs::create_dir(&bad).unwrap();
+        let error = write_exports(&[(&old, b"1"), (&new, b"2"), (&bad, b"3")]).unwrap_err().to_string();
+        assert!(error.starts_with("cannot write ") && error.contains("/c: "), "{error}");
+        assert_eq!(read_text(&old).unwrap(), "old");
+        assert_eq!(entries(dir.path()).unwrap(), [old.clone(), bad.clone()]);
+        fs::remove_dir(&bad).unwrap();
+        write_exports(&[(&old, b"1"), (&new, b"2"), (&bad, b"3")]).unwrap();
+        assert_eq!([&old, &new, &bad].map(|p| read_text(p).unwrap()), ["1", "2", "3"]);
+        assert_eq!(entries(dir.path()).unwrap(), [old, new, bad]);
+    }
+
+    #[test]
+    fn in_a_sticky_directory_only_owners_replace_a_file() {
+        let (me, other) = (1000, 1001);
+        assert!(may_replace(me, 0o40_777, [other, other]));
+        assert!(!may_replace(me, 0o41_777, [0, other]));
+        assert!(may_replace(me, 0o41_777, [0, me]) && may_replace(me, 0o41_777, [me, other]));
+        assert!(may_replace(0, 0o41_777, [other, other]));
     }
 
     #[test]

@@ -151,6 +151,19 @@ pub enum Error {
     /// The profile.
     #[error(transparent)]
     Profile(#[from] profile::Error),
+    /// A job that leaves the build space of the printer that it is for.
+    #[error(
+        "{}: {leaving} of the profile {profile}; nothing was sent: slice it for this printer, name the one that it was made for, or let it go there with --beyond-bed",
+        job.display()
+    )]
+    BuildSpace {
+        /// The job.
+        job: PathBuf,
+        /// The printer's profile.
+        profile: String,
+        /// Where.
+        leaving: motion::Leaving,
+    },
     /// Printing.
     #[error(transparent)]
     Printer(#[from] printer::Error),
@@ -249,6 +262,7 @@ impl Error {
             | Self::Toolpath(_)
             | Self::Motion(_)
             | Self::Profile(_)
+            | Self::BuildSpace { .. }
             | Self::Printer(_)
             | Self::Report(_)
             | Self::Filing(_)

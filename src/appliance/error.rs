@@ -37,6 +37,14 @@ pub enum Error {
         /// Why.
         source: std::io::Error,
     },
+    /// A backup cannot be made, or not be restored.
+    #[error("{}: {problem}", path.display())]
+    Backup {
+        /// The backup, or the state directory.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// The queue.
     #[error(transparent)]
     Store(#[from] store::Error),
@@ -59,6 +67,12 @@ pub enum Error {
     },
 }
 
+impl From<crate::queue::Refusal> for Error {
+    fn from(refusal: crate::queue::Refusal) -> Self {
+        Self::Store(refusal.into())
+    }
+}
+
 impl Error {
     /// A stable name for programs.
     #[must_use]
@@ -69,6 +83,7 @@ impl Error {
             Self::Config(_) => "serve.config",
             Self::Profile { .. } => "serve.profile",
             Self::Io { .. } => "serve.io",
+            Self::Backup { .. } => "serve.backup",
             Self::Store(error) => error.code(),
             Self::Keys(_) => "serve.keys",
             Self::Bind(_) => "serve.bind",

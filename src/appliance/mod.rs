@@ -15,12 +15,14 @@
 //! - `preparing`: jobs to G-code; `survey`: what G-code tells (pure);
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder
 //!   whose files become jobs; `system`: the service manager;
-//! - `kit`: what they share.
+//! - `kit`: what they share;
+//! - [`backup()`], [`restore()`]: the directory as one file, and back.
 //!
 //! Asked to stop, the server takes no new work, gives back what is not begun, and finishes, parks or cancels its prints as
 //! the configuration says; it never drops one cold. Killed, it leaves to the next server what is in the queue, the journals and the
 //! job folders: see `printing`.
 
+mod backup;
 mod clearing;
 pub mod config;
 mod error;
@@ -37,5 +39,6 @@ mod system;
 mod tests;
 mod watch;
 
+pub use backup::{Restored, Saved, backup, restore};
 pub use error::Error;
 pub use serve::{Setup, serve};

@@ -6,9 +6,8 @@
 use crate::gcode::{profile_in_head, reader};
 use std::f64::consts::FRAC_PI_4;
 use std::io::{self, BufRead};
+use std::ops::ControlFlow;
 
-/// A longer line is no G-code, bytes.
-const MAX_LINE: u64 = 1 << 16;
 /// Lines of a head in which a profile is named.
 const HEAD_LINES: usize = 16;
 /// Comments with which slicers begin a layer: our own and Cura's, PrusaSlicer's, Simplify3D's.
@@ -38,20 +37,13 @@ impl Survey {
     ///
     /// # Errors
     /// What the system says; a line that is too long for G-code.
-    pub(super) fn of(mut job: impl BufRead) -> io::Result<Self> {
+    pub(super) fn of(job: impl BufRead) -> io::Result<Self> {
         let mut reading = Reading::default();
-        let mut raw = Vec::new();
-        loop {
-            raw.clear();
-            let n_bytes = io::Read::take(&mut job, MAX_LINE).read_until(b'\n', &mut raw)? as u64;
-            if n_bytes == 0 {
-                return Ok(reading.end());
-            }
-            if n_bytes == MAX_LINE {
-                return Err(io::Error::new(io::ErrorKind::InvalidData, "a line is too long for G-code"));
-            }
-            reading.take(&String::from_utf8_lossy(&raw));
-        }
+        reader::each_line(job, |_number, line| {
+            reading.take(line);
+            ControlFlow::Continue(())
+        })?;
+        Ok(reading.end())
     }
 
     /// Filament as a volume, mm³; of a filament of this diameter, mm.

@@ -1,5 +1,8 @@
 //! The whole server: a real socket, a real queue, real pseudo-terminals with the simulated printer behind them.
 
+#[path = "../../tests/shared/rings.rs"]
+mod rings;
+
 use super::config::{Config, OnStop};
 use super::place::Place;
 use super::{Error, Setup, serve};
@@ -13,7 +16,7 @@ use hil_sim::printer::Options;
 use hil_sim::profile::Profile as Machine;
 use hil_sim::scenario::Speed;
 use jiff::{SignedDuration, Timestamp};
-use std::fmt::Write as _;
+use rings::Rings;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,18 +35,8 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Rings, one on the other; each has [`N_SIDES`] beads.
 fn rings(n_layers: u32) -> String {
     let profile = profile::builtin(PROFILE).unwrap();
-    let mut text = profile.start_gcode().join("\n");
-    for layer in 0..n_layers {
-        let z_mm = 0.2 * f64::from(layer + 1);
-        write!(text, "\n;LAYER:{layer}\nG1 Z{z_mm:.3} F600\nG0 X110.000 Y100.000 F9000\nG1 F1800").unwrap();
-        for side in 1..=N_SIDES {
-            let angle = std::f64::consts::TAU * f64::from(side) / f64::from(N_SIDES);
-            let (x_mm, y_mm) = (10.0_f64.mul_add(angle.cos(), 100.0), 10.0_f64.mul_add(angle.sin(), 100.0));
-            write!(text, "\nG1 X{x_mm:.3} Y{y_mm:.3} E0.06").unwrap();
-        }
-    }
-    text.push('\n');
-    text + &profile.end_gcode(0.2 * f64::from(n_layers)).join("\n") + "\n"
+    let end = profile.end_gcode(0.2 * f64::from(n_layers));
+    rings::job(&profile.start_gcode(), Rings { n_layers, n_sides: N_SIDES, filament_mm: 0.06 }, &end)
 }
 
 /// A simulated printer, on a thread.
@@ -219,6 +212,15 @@ async fn until(what: &str, mut is_true: impl AsyncFnMut() -> bool) {
     assert!(tokio::time::timeout(PATIENCE, waited).await.is_ok(), "waited in vain for {what}");
 }
 
+/// A printer, and a server that knows its bed to be clear.
+async fn cleared(speed: Speed, more: &str) -> (Simulator, Site) {
+    let dir = tempfile::tempdir().unwrap();
+    let printer = Simulator::start(dir.path(), speed).await;
+    let site = Site::open(dir, more).await;
+    site.clear().await;
+    (printer, site)
+}
+
 fn n_beads(n_layers: u32) -> usize {
     (n_layers * N_SIDES) as usize
 }
@@ -284,10 +286,7 @@ async fn no_bead_is_laid_before_the_queue_has_recorded_it() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_print_whose_claim_was_lost_before_it_began_stops_and_is_printed_once() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Times(20.0)).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Times(20.0), "").await;
     let id = site.add(&rings(1), WishesBody::default()).await;
     site.is_at(id, State::Printing).await;
     // Another appliance with a clock ahead, which takes it from one that it has not heard of for too long.
@@ -305,15 +304,12 @@ async fn a_print_whose_claim_was_lost_before_it_began_stops_and_is_printed_once(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_print_pauses_goes_on_and_is_cancelled_as_operators_ask() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Times(60.0)).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Times(60.0), "").await;
     let id = site.add(&rings(400), WishesBody::default()).await;
     until("the first beads", async || printer.beads().len() > N_SIDES as usize).await;
     site.ask(id, Turn::Pause).await;
     site.is_at(id, State::Paused).await;
-    assert_eq!(site.says().await.0, Activity::Paused);
+    until("the printer to say so", async || site.says().await.0 == Activity::Paused).await;
     site.ask(id, Turn::GoOn).await;
     site.is_at(id, State::Printing).await;
     site.ask(id, Turn::Cancel).await;
@@ -335,10 +331,7 @@ async fn a_print_pauses_goes_on_and_is_cancelled_as_operators_ask() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_ends_finishes_its_print_first() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Times(100.0)).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Times(100.0), "").await;
     let id = site.add(&rings(30), WishesBody::default()).await;
     until("the first beads", async || !printer.beads().is_empty()).await;
     let dir = site.end(OnStop::Finish).await;
@@ -350,10 +343,7 @@ async fn a_server_that_ends_finishes_its_print_first() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_parked_print_goes_on_under_the_next_server_where_somebody_says_so() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Times(100.0)).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Times(100.0), "").await;
     let id = site.add(&rings(60), WishesBody::default()).await;
     until("the first beads", async || printer.beads().len() > N_SIDES as usize).await;
     let dir = site.end(OnStop::Park).await;
@@ -382,10 +372,7 @@ async fn a_parked_print_goes_on_under_the_next_server_where_somebody_says_so() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_printing_part_that_dies_leaves_no_heater_on_and_nothing_is_printed_again() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Times(100.0)).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Times(100.0), "").await;
     let id = site.add(&rings(200), WishesBody::default()).await;
     until("the first beads", async || printer.beads().len() > N_SIDES as usize).await;
     let dir = site.die().await;
@@ -406,14 +393,18 @@ async fn a_printing_part_that_dies_leaves_no_heater_on_and_nothing_is_printed_ag
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_goes_beyond_the_limits_is_refused_before_the_printer_is_warm() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Max).await;
-    let site = Site::open(dir, "max_hotend_c = 150\n").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Max, "max_hotend_c = 150\n").await;
     let id = site.add(&rings(1), WishesBody::default()).await;
     site.is_at(id, State::Failed).await;
     let told = site.told(id).await.pop().unwrap();
     assert!(told.contains("150 and 120 °C are allowed without anybody near"), "{told}");
+    let id = site.add(&rings(1).replace("X110.000", "X910.000"), WishesBody::default()).await;
+    site.is_at(id, State::Failed).await;
+    let told = site.told(id).await.pop().unwrap();
+    assert!(
+        told.contains("it was made for another printer: ") && told.contains("goes to X 910.000"),
+        "{told}"
+    );
     let bed = site.client.printer(&name("left")).await.unwrap().bed;
     assert_eq!((bed, printer.has_done("M109")), (BedView::Clear, false));
     let _dir = site.end(OnStop::Finish).await;
@@ -446,10 +437,7 @@ async fn the_first_layer_is_held_for_a_look_and_a_program_clears_the_bed() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bed_that_nobody_has_watched_is_doubted() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Max).await;
-    let site = Site::open(dir, "").await;
-    site.clear().await;
+    let (printer, site) = cleared(Speed::Max, "").await;
     let dir = site.end(OnStop::Finish).await;
     let site = Site::open(dir, "").await;
     assert_eq!(site.client.printer(&name("left")).await.unwrap().bed, BedView::Clear, "only for a moment");
@@ -478,7 +466,7 @@ async fn no_other_program_gets_the_port_and_one_that_has_it_makes_the_bed_doubtf
     let site = Site::open(dir, "").await;
     let bed = async || site.client.printer(&name("left")).await.unwrap().bed;
     until("the doubt", async || bed().await == BedView::Unknown).await;
-    assert!(site.says().await.1.contains("in use by another program"), "{:?}", site.says().await);
+    until("its reason", async || site.says().await.1.contains("in use by another program")).await;
     drop(taken);
     until("the port", async || site.says().await.0 == Activity::Idle).await;
     assert_eq!(bed().await, BedView::Unknown, "somebody has to look");

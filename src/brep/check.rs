@@ -11,13 +11,11 @@
 
 use super::fault::MOST_FAULTS;
 use super::sections::{Cutter, Piece, winding};
-use super::{Brep, Edge, Face, Fault, Invalid, Kind, Surface, along};
+use super::{Brep, Edge, Face, Fault, Invalid, Kind, Surface, TOLERANCE_MM, along, clearance};
 use crate::geom::{Point2, Point3, Vector2};
 use crate::spline::PatchSurface;
 use rayon::prelude::*;
 
-/// Farthest that curves may be from their vertices and surfaces, mm.
-const TOLERANCE_MM: f64 = 1e-6;
 /// Points of an edge that are tested.
 const EDGE_SAMPLES: usize = 32;
 /// Chords of a section, and of one that is looked at again because two of them seemed to cross.
@@ -44,14 +42,20 @@ pub fn check(brep: &Brep) -> Result<(), Invalid> {
         faults.par_extend(brep.faces.par_iter().enumerate().filter_map(|(i, f)| fold(i, f)));
         faults.extend(shells(brep));
         faults.extend(euler(brep));
-        faults.extend(sections(brep));
+        let corners = Corners::of(brep);
+        let crossed = sections(brep, &corners);
+        let is_clear = crossed.is_empty();
+        faults.extend(crossed);
+        if is_clear {
+            faults.extend(clearance::crossings(brep, &corners));
+        }
     }
     faults.truncate(MOST_FAULTS);
     if faults.is_empty() { Ok(()) } else { Err(Invalid(faults)) }
 }
 
 impl Brep {
-    fn fault(&self, kind: Kind, face: Option<usize>, at: Point3) -> Fault {
+    pub(super) fn fault(&self, kind: Kind, face: Option<usize>, at: Point3) -> Fault {
         let part = face.and_then(|i| self.faces.get(i)).map_or("solid", |f| f.surface.name());
         Fault { kind, face, part, at }
     }
@@ -271,22 +275,21 @@ fn heights(brep: &Brep) -> Vec<f64> {
     all
 }
 
-fn sections(brep: &Brep) -> Vec<Fault> {
+fn sections(brep: &Brep, corners: &Corners) -> Vec<Fault> {
     let n = brep.faces.len();
     let coarse = Cutter::new(brep, 0..n, CHORDS);
     let ends: Vec<f64> = coarse.ranges().flatten().collect();
     // At the end of a face it is not settled which one is cut.
     let inside = |z: &f64| ends.iter().all(|e| (e - z).abs() > TOLERANCE_MM);
     let levels: Vec<f64> = heights(brep).into_iter().filter(inside).collect();
-    let corners = Corners::of(brep);
     let suspect: Vec<f64> =
-        levels.into_par_iter().filter(|&z| section_fault(&coarse.cut(z), &corners).is_some()).collect();
+        levels.into_par_iter().filter(|&z| section_fault(&coarse.cut(z), corners).is_some()).collect();
     if suspect.is_empty() {
         return Vec::new();
     }
     let fine = Cutter::new(brep, 0..n, FINE_CHORDS);
     let place = |&z: &f64| {
-        let (kind, face, p) = section_fault(&fine.cut(z), &corners)?;
+        let (kind, face, p) = section_fault(&fine.cut(z), corners)?;
         Some(brep.fault(kind, Some(face), Point3::new(p.x, p.y, z)))
     };
     suspect.par_iter().filter_map(place).collect()
@@ -308,7 +311,7 @@ fn degenerate(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
 }
 
 /// The vertices of each face, sorted.
-struct Corners(Vec<Vec<usize>>);
+pub(super) struct Corners(Vec<Vec<usize>>);
 
 impl Corners {
     fn of(brep: &Brep) -> Self {
@@ -316,14 +319,20 @@ impl Corners {
             let edges = face.loops.iter().flat_map(|l| &l.coedges).map(|c| &brep.edges[c.edge]);
             let mut vertices: Vec<usize> = edges.flat_map(|e| [e.start, e.end]).collect();
             vertices.sort_unstable();
+            vertices.dedup();
             vertices
         };
         Self(brep.faces.iter().map(of_face).collect())
     }
 
     /// Whether two faces are one or have a vertex in common.
-    fn meet(&self, a: usize, b: usize) -> bool {
-        a == b || self.0[a].iter().any(|v| self.0[b].binary_search(v).is_ok())
+    pub(super) fn meet(&self, a: usize, b: usize) -> bool {
+        a == b || self.common(a, b).next().is_some()
+    }
+
+    /// The vertices that two faces have in common.
+    pub(super) fn common(&self, a: usize, b: usize) -> impl Iterator<Item = usize> {
+        self.0[a].iter().copied().filter(move |v| self.0[b].binary_search(v).is_ok())
     }
 }
 

@@ -14,7 +14,9 @@
 mod build;
 mod caps;
 mod check;
+mod clearance;
 mod fault;
+mod patch;
 mod sections;
 #[cfg(test)]
 mod tests;
@@ -25,6 +27,9 @@ pub use fault::{Fault, Invalid, Kind};
 
 use crate::geom::{Point3, Vector3};
 use crate::spline::{Curve, PatchSurface};
+
+/// Farthest that curves may be from their vertices and surfaces, and what is as good as nothing, mm.
+const TOLERANCE_MM: f64 = 1e-6;
 
 /// A point where edges end.
 #[derive(Debug, Clone, Copy, PartialEq)]

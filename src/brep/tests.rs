@@ -4,6 +4,7 @@ use crate::phantom::{Kind as Vessels, Vessel};
 use crate::progress::Task;
 use crate::sections::{PlaneSections, SectionStack};
 use crate::solid::{Body as Wanted, Params, SkinChoice, Solid, build};
+use crate::spline::TubeSurface;
 
 fn solid(planes: Vec<PlaneSections>, body: Wanted) -> Solid {
     let stack = SectionStack { planes, patient_from_stack: RigidTransform::identity() };
@@ -141,6 +142,43 @@ fn each_fault_is_found_alone_and_in_its_place() {
     });
     let text = text.unwrap_err().to_string();
     assert!(text.starts_with("the solid is not valid: z "), "{text}");
+}
+
+/// Two rods whose distance is g(z) where they are nearest, on planes 3 mm apart.
+fn rods(gap: impl Fn(f64) -> f64) -> Brep {
+    let z_mm: Vec<f64> = (-4..=5).map(|k| 3.0 * f64::from(k)).collect();
+    let apart = |side: f64| {
+        let plane = |z: f64| Contour::circle(Point2::new(side * (2.0 + 0.5 * gap(z)), 0.0), 2.0, 256).points;
+        let sections: Vec<_> = z_mm.iter().map(|&z| plane(z)).collect();
+        TubeSurface::through(&z_mm, &sections).unwrap().clamped()
+    };
+    let pair = |&z_mm: &f64| {
+        let disk = |side: f64| Contour::circle(Point2::new(9.0 * side, 0.0), 2.0, 128);
+        PlaneSections { z_mm, contours: vec![disk(-1.0), disk(1.0)] }
+    };
+    let mut brep = Brep::of(&solid(z_mm.iter().map(pair).collect(), Wanted::Cast), SkinChoice::All);
+    let tubes = brep.faces.iter_mut().filter(|f| matches!(f.surface, Surface::Tube(_)));
+    for (face, side) in tubes.zip([-1.0, 1.0]) {
+        face.surface = Surface::Tube(apart(side));
+    }
+    brep
+}
+
+#[test]
+fn tubes_that_cross_between_the_heights_that_are_looked_at_are_found() {
+    // Of the sections at knots, half-way and at quarters, none crosses.
+    let gap = |least: f64| move |z: f64| least + 0.4 * ((z - 1.875) / 3.0).powi(2);
+    let crossings = |least: f64| {
+        let found = check(&rods(gap(least))).unwrap_err().0;
+        // The ends of the rods have moved away from their edges.
+        found.into_iter().filter(|f| matches!(f.kind, Kind::Crossing)).collect::<Vec<_>>()
+    };
+    for z in [1.5, 0.75, 2.25, 0.0, 3.0] {
+        assert!(gap(-0.0046)(z) > 1e-3);
+    }
+    let found = crossings(-0.0046);
+    assert!(!found.is_empty() && found.iter().all(|f| (f.at.z - 1.875).abs() < 0.4), "{found:?}");
+    assert_eq!(crossings(1e-4), []);
 }
 
 #[test]

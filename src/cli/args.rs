@@ -15,7 +15,7 @@ use crate::sections::Boundary;
 use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::{ArgGroup, Args, Parser, Subcommand};
-use queue::{QueueArgs, ServeArgs};
+use queue::{BackupArgs, QueueArgs, ServeArgs};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use values::{
@@ -126,6 +126,13 @@ pub(crate) enum Command {
     Serve(ServeArgs),
     /// The print queue of a running server
     Queue(QueueArgs),
+    /// Write all that a server keeps into one file, while it goes on: queue, configuration, keys, files of jobs
+    Backup(BackupArgs),
+    /// Make a state directory from a backup
+    ///
+    /// Into a directory that is not there yet, or empty, and only where all of the backup is as it was written. Jobs that were queued
+    /// then are held: they may have been printed since. `lumenfab queue release JOB` lets one go.
+    Restore(BackupArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),
@@ -322,7 +329,7 @@ pub(crate) struct SliceArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) preview: Option<PathBuf>,
     /// Contours along each skin of a model [default: the profile's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub(crate) perimeters: Option<u32>,
     #[arg(long, value_name = "P", value_parser = infill_percent, allow_hyphen_values = true,
           help = format!("{} [default: the profile's]", range_help("Fill of a model between them", settings::INFILL_PERCENT)))]
@@ -343,11 +350,14 @@ pub(crate) struct PrintArgs {
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) profile: Option<String>,
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     pub(crate) baud: Option<u32>,
     /// Print from the beginning although the last print of the job broke off: the bed is free, and it is not to be resumed
     #[arg(long)]
     pub(crate) anew: bool,
+    /// Print a file even where its beads lie beyond the profile's build space, as on machines whose origin is the bed's middle
+    #[arg(long)]
+    pub(crate) beyond_bed: bool,
 }
 
 #[derive(Debug, Args)]
@@ -362,7 +372,7 @@ pub(crate) struct ResumeArgs {
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) profile: Option<String>,
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     pub(crate) baud: Option<u32>,
     /// Go on although the printer was reset: I have looked at the part, and nothing was moved
     #[arg(long)]
@@ -378,7 +388,7 @@ pub(crate) struct SafeOffArgs {
     #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_PROFILE)]
     pub(crate) profile: String,
     /// Rate of the serial port, 1/s, 1200 to 4000000 [default: the profile's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     pub(crate) baud: Option<u32>,
     /// Only after so long, s, 0 to 86400: until then a print may be resumed warm; a port that is in use then is left alone
     #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=86_400))]
@@ -448,14 +458,14 @@ pub(crate) struct PhantomArgs {
           help = range_help("Side of a pixel", settings::PIXEL_MM))]
     pub(crate) pixel_mm: f64,
     /// Pixels along each side of the image, 8 to 2048
-    #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(8..=2048))]
+    #[arg(long, value_name = "N", default_value = "512", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(8..=2048))]
     pub(crate) pixels: u32,
     #[arg(long, value_name = "D", value_parser = |t: &str| settings::PLANE_STEP_MM.parse(t), allow_hyphen_values = true,
           default_value_t = phantom::Params::default().plane_step_mm,
           help = range_help("Distance of the planes", settings::PLANE_STEP_MM))]
     pub(crate) plane_step_mm: f64,
     /// Number of planes, 2 to 2000
-    #[arg(long, value_name = "N", default_value = "46", value_parser = clap::value_parser!(u32).range(2..=2000))]
+    #[arg(long, value_name = "N", default_value = "46", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=2000))]
     pub(crate) planes: u32,
     #[arg(long, value_name = "A", value_parser = |t: &str| settings::TILT_DEG.parse(t), allow_hyphen_values = true,
           default_value_t = phantom::Params::default().tilt_deg,
@@ -479,7 +489,7 @@ pub(crate) enum ProfilesCommand {
         #[arg(long, value_name = "PATH")]
         port: String,
         /// Rate of the serial port, 1/s, 1200 to 4000000 [default: 115200, then 250000]
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
+        #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
         baud: Option<u32>,
     },
     /// Check profile files, or built-in profiles

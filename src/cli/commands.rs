@@ -35,6 +35,8 @@ pub(super) fn run(cli: Cli) -> u8 {
         // A server has signals of its own.
         Command::Serve(args) => return answered(&face, serve::run(&args)),
         Command::Queue(args) => return answered(&face, queue::run(&args)),
+        Command::Backup(args) => return answered(&face, serve::backup(&args)),
+        Command::Restore(args) => return answered(&face, serve::restore(&args)),
         command => command,
     };
     let events = |event: Event| face.event(event);
@@ -61,7 +63,9 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
-        Command::Serve(_) | Command::Queue(_) => unreachable!("they have returned above"),
+        Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
+            unreachable!("they have returned above")
+        }
     };
     done.unwrap_or_else(|e| face.failed(&e))
 }
@@ -428,10 +432,18 @@ fn print(args: &PrintArgs, face: &Face, context: Context<'_>) -> Result<u8, Erro
         return stage(&args.what, changes, context, |session| session.print_again(args.baud, args.anew))
             .map(|o| show_case(face, &o));
     }
+    if app::is_model(&args.what) {
+        let line = format!(
+            "<CASE|JOB.gcode>: found the model {what}, expected a case or a job; `lumenfab slice {what} --out JOB.gcode` makes one of it",
+            what = args.what.display()
+        );
+        return Ok(face.usage_error(&line));
+    }
     let printer = app::FilePrinter {
         profile_name: args.profile.as_deref(),
         port: args.printer.port.as_deref(),
         baud: args.baud,
+        beyond_bed: args.beyond_bed,
     };
     let printed = app::print_file(&args.what, printer, args.anew, &context)?;
     face.result(&printed, &format!("{printed}\n"));
@@ -559,7 +571,7 @@ fn profiles(command: &ProfilesCommand, face: &Face) -> Result<u8, Error> {
             face.result(&json!({"profiles": rows}), &text);
         }
         ProfilesCommand::Show { profile } => {
-            let profile = profile::load::by_name(profile)?;
+            let profile = profile::load::whole_by_name(profile)?;
             face.result(&profile, &toml::to_string(&profile).expect("a profile can be written as TOML"));
         }
         ProfilesCommand::Detect { port, baud } => {

@@ -1,12 +1,14 @@
 //! `lumenfab serve`: the appliance as a process.
 
-use super::args::queue::ServeArgs;
+use super::args::queue::{BackupArgs, ServeArgs, StateArgs};
 use super::{Answer, Failure};
 use crate::appliance::config::OnStop;
 use crate::appliance::place::{self, Place};
-use crate::appliance::{self, Error, Setup};
+use crate::appliance::{self, Error, Restored, Setup};
 use jiff::Timestamp;
 use serde_json::json;
+use std::ffi::OsString;
+use std::path::PathBuf;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
@@ -15,12 +17,7 @@ const THREADS: usize = 2;
 
 /// Serves until a signal asks it to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
-    let env = |name: &str| std::env::var_os(name);
-    let dir = match &args.state.state {
-        Some(dir) => std::path::absolute(dir).map_err(|source| Error::Io { path: dir.clone(), source })?,
-        None => place::default_dir(env)?,
-    };
-    let place = Place::open(&dir)?;
+    let place = Place::open(&state_dir(&args.state)?)?;
     let config = place.config(env)?;
     let program = std::env::current_exe().map_err(Error::Runtime)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build();
@@ -35,6 +32,39 @@ pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
         served
     })?;
     Ok(Answer { document: json!({ "ended": "asked to stop" }), text: String::new() })
+}
+
+fn env(name: &str) -> Option<OsString> {
+    std::env::var_os(name)
+}
+
+fn state_dir(args: &StateArgs) -> Result<PathBuf, Error> {
+    match &args.state {
+        Some(dir) => std::path::absolute(dir).map_err(|source| Error::Io { path: dir.clone(), source }),
+        None => place::default_dir(env),
+    }
+}
+
+/// Writes a backup.
+pub(super) fn backup(args: &BackupArgs) -> Result<Answer, Failure> {
+    let saved = appliance::backup(&state_dir(&args.state)?, &args.file, Timestamp::now())?;
+    let (file, mb) = (args.file.display(), saved.bytes as f64 / 1e6);
+    let text = format!("backup  {} files, {mb:.1} MB: {file}", saved.n_files);
+    Ok(Answer { document: json!(saved), text })
+}
+
+/// Makes a state directory from a backup.
+pub(super) fn restore(args: &BackupArgs) -> Result<Answer, Failure> {
+    let dir = state_dir(&args.state)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().build().map_err(Error::Runtime)?;
+    let restored = runtime.block_on(appliance::restore(&args.file, &dir, Timestamp::now()))?;
+    let Restored { made_at, n_files, n_held } = &restored;
+    let text = format!(
+        "restored  {n_files} files of {made_at} to {}\nheld      {n_held} queued jobs: they may have been printed since; `lumenfab queue \
+         release JOB` lets one go",
+        dir.display()
+    );
+    Ok(Answer { document: json!(restored), text })
 }
 
 /// The first signal ends the server as configured, each further one more strictly. A terminal that is gone ends nothing.

@@ -10,8 +10,11 @@ use crate::toolpath::{Bead, BeadModel, LayerPaths};
 
 /// The nozzle waits so far beside all that is printed, mm: its heat and what oozes from it stay off the part.
 const ASIDE_MM: f64 = 10.0;
-/// Directions in which a way aside is looked for.
+/// Where there is no room for that, at least so far beside what has just been printed, mm.
+const BESIDE_MM: f64 = 2.0;
+/// Directions in which a way aside is looked for, and places that are looked at along each.
 const N_WAYS: u32 = 64;
+const N_PLACES: u32 = 16;
 /// What a layer lacks less of than this is worth no way aside, s.
 const SHORTEST_WAIT_S: f64 = 0.1;
 
@@ -60,19 +63,60 @@ pub(super) fn is_too_short(time_s: f64, print: &PrintSettings) -> bool {
     print.min_layer_time_wait && print.min_layer_time_s - time_s >= SHORTEST_WAIT_S
 }
 
-/// Where the nozzle waits: beside all that is printed, at the end of the shortest straight way that crosses no lumen. `None` where
-/// there is no such way, or no room on the bed: then it waits where it is, lifted.
-pub(super) fn aside(from: Point2, printed: Bounds2, lumen: &Region, bed_mm: [f64; 3]) -> Option<Point2> {
-    let around = printed.grown(ASIDE_MM);
-    let lumen = SegmentIndex::try_new(&lumen.contours);
-    let is_on_bed = |p: &Point2| (0.0..=bed_mm[0]).contains(&p.x) && (0.0..=bed_mm[1]).contains(&p.y);
-    let is_clear = |p: &Point2| lumen.as_ref().is_none_or(|lumen| lumen.crossings(from, *p).is_empty());
-    let ends = (0..N_WAYS).map(|k| {
+/// What the nozzle waits beside.
+pub(super) struct Around<'a> {
+    /// All that is printed in the job.
+    pub(super) printed: Bounds2,
+    /// What has just been printed.
+    pub(super) material: &'a Region,
+    /// What no way crosses.
+    pub(super) lumens: [&'a Region; 2],
+    /// Size of the machine, mm.
+    pub(super) bed_mm: [f64; 3],
+}
+
+impl Around<'_> {
+    /// Where the nozzle waits that comes from a place and has time for a way of so many millimetres: beside all that is printed, at the end
+    /// of the shortest straight way that crosses no lumen; where there is no room or no time for that, on the free place farthest from what
+    /// has just been printed. `None`: there is none either, and it waits where it is, lifted.
+    pub(super) fn aside(&self, from: Point2, most_mm: f64) -> Option<Point2> {
+        let lumens: Vec<_> = self.lumens.iter().filter_map(|l| SegmentIndex::try_new(&l.contours)).collect();
+        let is_clear = |p: &Point2| lumens.iter().all(|lumen| lumen.crossings(from, *p).is_empty());
+        let is_near = |p: &Point2| (p - from).norm() <= most_mm;
+        let is_on_bed = |p: &Point2| [0, 1].iter().all(|&k| (0.0..=self.bed_mm[k]).contains(&p[k]));
+        let is_free = |p: &Point2| is_on_bed(p) && is_near(p) && is_clear(p);
+        let length = |p: &Point2| (p - from).norm();
+        let outside =
+            ways().map(|along| end_of_way(from, along, self.printed.grown(ASIDE_MM))).filter(is_free);
+        outside
+            .min_by(|a, b| length(a).total_cmp(&length(b)))
+            .or_else(|| self.beside(from, most_mm, is_clear))
+    }
+
+    /// The place farthest from what has just been printed, if it is not above it.
+    fn beside(&self, from: Point2, most_mm: f64, is_clear: impl Fn(&Point2) -> bool) -> Option<Point2> {
+        let material = SegmentIndex::try_new(&self.material.contours)?;
+        let corner = |k: usize| Point2::new(k as f64 * self.bed_mm[0], k as f64 * self.bed_mm[1]);
+        let bed = Bounds2 { min: corner(0), max: corner(1) };
+        let places = ways().flat_map(|along| {
+            let way = end_of_way(from, along, bed) - from;
+            let way = way * (most_mm / way.norm().max(1e-9)).min(1.0);
+            (1..=N_PLACES).map(move |k| from + way * (f64::from(k) / f64::from(N_PLACES)))
+        });
+        // Inside of material the distance is negative.
+        let free = places
+            .map(|p| (material.signed_distance_mm(p), p))
+            .filter(|(far_mm, p)| *far_mm >= BESIDE_MM && is_clear(p));
+        free.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, p)| p)
+    }
+}
+
+/// Directions in which a way aside is looked for.
+fn ways() -> impl Iterator<Item = Vector2> {
+    (0..N_WAYS).map(|k| {
         let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(N_WAYS)).sin_cos();
-        end_of_way(from, Vector2::new(cos, sin), around)
-    });
-    let free = ends.filter(is_on_bed).filter(is_clear);
-    free.min_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()))
+        Vector2::new(cos, sin)
+    })
 }
 
 /// Where a straight way out of a box ends.
@@ -106,11 +150,41 @@ mod tests {
 
     const BED_MM: [f64; 3] = [100.0, 100.0, 100.0];
 
+    /// The place for a nozzle with time, all that is printed being in the way.
+    fn aside(from: Point2, printed: Bounds2, lumens: [&Region; 2], bed_mm: [f64; 3]) -> Option<Point2> {
+        let corners = [printed.min, Point2::new(printed.max.x, printed.min.y), printed.max];
+        let all = [corners[0], corners[1], corners[2], Point2::new(printed.min.x, printed.max.y)];
+        let material = Region::new(vec![Contour::new(all.to_vec())]);
+        Around { printed, material: &material, lumens, bed_mm }.aside(from, 1e3)
+    }
+
+    #[test]
+    fn where_there_is_no_room_outside_it_waits_on_the_free_place_farthest_from_what_it_printed() {
+        // Posts near the corners of the bed, and the middle is empty.
+        let posts = [(7.0, 7.0), (93.0, 7.0), (93.0, 93.0), (7.0, 93.0)];
+        let material = Region::new(posts.map(|(x, y)| ring(Point2::new(x, y), 2.0)).to_vec());
+        let printed = Bounds2::of(material.contours.iter().flat_map(|c| c.points.iter().copied())).unwrap();
+        let none = Region::default();
+        let around = Around { printed, material: &material, lumens: [&none; 2], bed_mm: BED_MM };
+        let from = Point2::new(92.0, 92.0);
+        let clearance =
+            |to: Point2| -SegmentIndex::try_new(&material.contours).unwrap().signed_distance_mm(to).min(0.0);
+        let to = around.aside(from, 1e3).unwrap();
+        assert!((to - Point2::new(50.0, 50.0)).norm() < 8.0 && clearance(to) == 0.0, "{to}");
+        // With time for 6 mm alone it goes those.
+        let to = around.aside(from, 6.0).unwrap();
+        assert!(((to - from).norm() - 6.0).abs() < 1e-9, "{to}");
+        // And from the middle of a plate there is no place.
+        let plate = Region::new(vec![ring(Point2::new(50.0, 50.0), 45.0)]);
+        let plate = Around { material: &plate, ..around };
+        assert_eq!(plate.aside(Point2::new(50.0, 50.0), 20.0), None);
+    }
+
     #[test]
     fn the_way_aside_keeps_out_of_the_lumen_and_on_the_bed() {
         let lumen = Region::new(vec![ring(Point2::new(50.0, 50.0), 3.0)]);
         let printed = Bounds2::of([Point2::new(46.0, 46.0), Point2::new(54.0, 54.0)]).unwrap();
-        let is_at = |from, bed, at: Option<Point2>| match (aside(from, printed, &lumen, bed), at) {
+        let is_at = |from, bed, at: Option<Point2>| match (aside(from, printed, [&lumen; 2], bed), at) {
             (Some(found), Some(at)) => (found - at).norm() < 1e-9,
             (found, at) => found == at,
         };
@@ -121,7 +195,19 @@ mod tests {
         assert!(is_at(Point2::new(53.5, 50.0), narrow, Some(Point2::new(53.5, 64.0))));
         // Where there is no room anywhere it stays.
         let everywhere = Bounds2::of([Point2::new(0.0, 0.0), Point2::new(58.0, 100.0)]).unwrap();
-        assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, &lumen, narrow), None);
+        assert_eq!(aside(Point2::new(53.5, 50.0), everywhere, [&lumen; 2], narrow), None);
+    }
+
+    #[test]
+    fn the_way_aside_keeps_out_of_the_lumen_of_the_layer_to_come_too() {
+        let from = Point2::new(53.5, 50.0);
+        let printed = Bounds2::of([Point2::new(46.0, 46.0), Point2::new(56.0, 54.0)]).unwrap();
+        let lumen = Region::new(vec![ring(Point2::new(50.0, 50.0), 3.0)]);
+        let above = Region::new(vec![ring(Point2::new(55.0, 50.0), 0.5)]);
+        let way = |lumens: [&Region; 2]| aside(from, printed, lumens, BED_MM).unwrap();
+        let crossed = |to| SegmentIndex::try_new(&above.contours).unwrap().crossings(from, to).len();
+        assert_eq!(crossed(way([&lumen; 2])), 2, "else this layer alone would do");
+        assert_eq!(crossed(way([&lumen, &above])), 0);
     }
 
     #[test]
@@ -131,7 +217,7 @@ mod tests {
         let printed = Bounds2::of([Point2::new(35.0, 35.0), Point2::new(65.0, 65.0)]).unwrap();
         let is_clear = |from: Point2, lumen: &Region| {
             let index = SegmentIndex::try_new(&lumen.contours).unwrap();
-            aside(from, printed, lumen, BED_MM).is_some_and(|to| index.crossings(from, to).is_empty())
+            aside(from, printed, [lumen; 2], BED_MM).is_some_and(|to| index.crossings(from, to).is_empty())
         };
         assert!(is_clear(Point2::new(51.77, 51.77), &lumen));
         // Open by 60 degrees towards the corner of the bed.
@@ -144,6 +230,8 @@ mod tests {
         let arch = Region::new(vec![Contour::new(outer.chain(inner).collect())]);
         assert!(is_clear(at(7.5, 225.0), &arch));
         // From within a closed one there is none.
-        assert_eq!(aside(at(0.0, 0.0), printed, &Region::new(vec![ring(at(0.0, 0.0), 9.0)]), BED_MM), None);
+        assert!(
+            aside(at(0.0, 0.0), printed, [&Region::new(vec![ring(at(0.0, 0.0), 9.0)]); 2], BED_MM).is_none()
+        );
     }
 }

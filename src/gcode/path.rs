@@ -4,8 +4,8 @@
 //! Slowed are runs of moves of one bead, as long as half of the planner's buffer; a shorter bead may be denser than asked.
 //!
 //! - Where the profile says so, a run of segments that lies on a circle becomes an arc through its two ends. The circle is the
-//!   best one through both ends (least squares over vertices and middles of the segments). It is taken where every vertex and
-//!   every middle is within the profile's tolerance of it, less what the firmware's own chords leave it by, and less what the
+//!   best one through both ends (least squares over vertices and middles of the segments). It is taken where every point of every
+//!   segment is within the profile's tolerance of it, less what the firmware's own chords leave it by, and less what the
 //!   bead's edges move because an arc has one width.
 //! - Segments that would take less than the planner's least time are joined while what is left out lies within the
 //!   tolerance.
@@ -15,6 +15,7 @@
 //! Filament is kept: a move carries what its segments would have. Places are the steps of 1 um that are written.
 
 use crate::geom::Point2;
+use crate::geom::distance::nearest_on_segment;
 use crate::profile::Profile;
 use crate::toolpath::{BeadModel, BeadPoint};
 use crate::units::on_grid_mm;
@@ -199,8 +200,11 @@ fn fit(run: &[BeadPoint], profile: &Profile) -> Option<Arc> {
     let by_width_mm = width_spread_mm(&run[..run.len() - 1]) / 2.0;
     let room_mm = profile.print.tolerance_mm - firmware_deviation_mm(radius, profile) - by_width_mm;
     let is_round = radius < LARGEST_RADIUS_MM && room_mm > 0.0;
-    let off = |p: &Point2| ((p - centre).norm() - radius).abs();
-    if !is_round || off(&end) > room_mm || samples.iter().any(|p| off(p) > room_mm) {
+    // A segment is nearest to the centre at the foot of it, farthest at an end.
+    let is_off = |p: Point2| ((p - centre).norm() - radius).abs() > room_mm;
+    let is_segment_off =
+        |pair: &[BeadPoint]| is_off(pair[1].at) || is_off(nearest_on_segment(centre, pair[0].at, pair[1].at));
+    if !is_round || run.windows(2).any(is_segment_off) {
         return None;
     }
     let sides = run.windows(2).map(|pair| (pair[0].at - centre).perp(&(pair[1].at - centre)));

@@ -6,6 +6,8 @@
 
 use std::borrow::Cow;
 use std::fmt;
+use std::io::{self, BufRead};
+use std::ops::ControlFlow;
 use std::str::FromStr;
 
 /// What a line asks the printer to do.
@@ -120,6 +122,31 @@ fn is_named(code: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_uppercase())
         && name.contains('_')
         && name.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_')
+}
+
+/// A longer line is no G-code, bytes.
+const MAX_LINE: u64 = 1 << 16;
+
+/// Gives the lines of a job with their numbers, from 1, until `see` has seen enough. Bytes that are no text become U+FFFD.
+///
+/// # Errors
+/// What the system says; [`InvalidData`](io::ErrorKind::InvalidData) for a line that is too long for G-code.
+pub fn each_line(mut job: impl BufRead, mut see: impl FnMut(u64, &str) -> ControlFlow<()>) -> io::Result<()> {
+    let mut raw = Vec::new();
+    for number in 1.. {
+        raw.clear();
+        let n_bytes = io::Read::take(&mut job, MAX_LINE).read_until(b'\n', &mut raw)? as u64;
+        if n_bytes == 0 {
+            break;
+        }
+        if n_bytes == MAX_LINE {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "a line is too long for G-code"));
+        }
+        if see(number, &String::from_utf8_lossy(&raw)).is_break() {
+            break;
+        }
+    }
+    Ok(())
 }
 
 /// The part before the comment, with trailing blanks and a checksum kept; what stands behind the semicolon.

@@ -11,7 +11,7 @@
 //! and forth again (a wipe): it leaves from where the travel was planned to.
 //!
 //! A layer that is done too soon even at the slowest speed is waited for, as the module `cool` says: the filament drawn back, the
-//! nozzle lifted and beside all that is printed; then it comes back to where it was, and goes on from there.
+//! nozzle lifted and beside all that is printed, where there is room; then it comes back to where it was, and goes on from there.
 //!
 //! How long the job takes is not known here: [`timed`](super::timed) adds it.
 
@@ -63,8 +63,8 @@ pub fn write(paths: &Toolpaths, profile: &Profile, header: &Header) -> String {
     for (idx, layer) in paths.layers.iter().enumerate() {
         job.layer(idx, paths.layers.len(), layer);
         // The end script parks the nozzle by itself.
-        if let Some(printed) = printed.filter(|_| idx + 1 < paths.layers.len()) {
-            job.wait(layer, printed);
+        if let (Some(printed), Some(above)) = (printed, paths.layers.get(idx + 1)) {
+            job.wait([layer, above], printed);
         }
         job.label(false);
     }
@@ -132,10 +132,9 @@ impl<'a> Job<'a> {
         hasher.update(header.settings.as_bytes());
         let origin = paths.bed_from_stack.apply(Point3::origin());
         let volume: f64 = paths.layers.iter().map(|l| volume_mm3(l, self.profile)).sum();
-        let filament_mm = volume * self.filament_per_mm3;
-        let mass_g = volume * self.profile.filament.flow_percent / 100.0
-            * self.profile.filament.density_g_cm3
-            / 1000.0;
+        let filament_mm = volume * self.filament_per_mm3 + self.profile.primed_filament_mm();
+        let area_mm2 = FRAC_PI_4 * self.profile.machine.filament_mm.powi(2);
+        let mass_g = filament_mm * area_mm2 * self.profile.filament.density_g_cm3 / 1000.0;
         let n_ct = paths.layers.iter().filter(|l| l.slot.ct_plane.is_some()).count();
         // Another program's model knows neither CT nor stack.
         let (on_ct, shift) = match n_ct {
@@ -189,8 +188,9 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Waits for what a layer lacks of its least time, beside all that is printed; comes back to where it was, lifted and drawn back.
-    fn wait(&mut self, layer: &LayerPaths, printed: Bounds2) {
+    /// Waits for what a layer lacks of its least time before the one above it, aside where there is room; comes back to where it was,
+    /// lifted and drawn back.
+    fn wait(&mut self, [layer, above]: [&LayerPaths; 2], printed: Bounds2) {
         let print = &self.profile.print;
         if layer.beads.is_empty() || !cool::is_too_short(self.elapsed_s, print) {
             return;
@@ -201,9 +201,11 @@ impl<'a> Job<'a> {
         self.lift((self.z + micrometres(ASIDE_LIFT_MM)).min(micrometres(bed_mm[2])).max(self.z));
         let missing_s = |writer: &Self| print.min_layer_time_s - writer.elapsed_s;
         let way_s = |to| distance_mm(from, to) / print.travel_mm_s;
-        let aside = cool::aside(place(from), printed, &layer.lumen, bed_mm).map(steps);
+        let around =
+            cool::Around { printed, material: &layer.material, lumens: [&layer.lumen, &above.lumen], bed_mm };
         // A way that takes longer than there is to wait is none to go.
-        let Some(aside) = aside.filter(|&to| 2.0 * way_s(to) <= missing_s(self)) else {
+        let most_mm = missing_s(self) / 2.0 * print.travel_mm_s;
+        let Some(aside) = around.aside(place(from), most_mm).map(steps) else {
             return self.dwell(missing_s(self));
         };
         self.go(aside, None, print.travel_mm_s);

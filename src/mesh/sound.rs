@@ -45,10 +45,19 @@ const ROW_SHARES: [f64; 4] = [0.5, 0.25, 0.12, 0.06];
 /// A deflection out of range, an interruption, or a solid for which no mesh is sound or none of those keeps the deflection,
 /// with the place.
 pub fn tessellate(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<TriMesh, Error> {
-    let Parted { mesh, deviation, .. } = parted(solid, how, task)?;
-    match (deviation, how.deflection) {
-        (Some(found), Deflection::Absolute { mm: asked_mm }) => Err(Error::Deviates { asked_mm, found }),
-        _ => Ok(mesh),
+    Ok(parted(solid, how, task)?.kept(how.deflection)?.mesh)
+}
+
+impl Parted {
+    /// The mesh, if it keeps the deflection that was asked for. One that is made for a fraction of the size always does.
+    ///
+    /// # Errors
+    /// [`Error::Deviates`].
+    pub fn kept(self, asked: Deflection) -> Result<Self, Error> {
+        match (self.deviation, asked) {
+            (Some(found), Deflection::Absolute { mm: asked_mm }) => Err(Error::Deviates { asked_mm, found }),
+            _ => Ok(self),
+        }
     }
 }
 

@@ -265,3 +265,17 @@ fn the_mesh_is_the_same_on_any_number_of_threads() {
     };
     assert!(on(1) == on(2));
 }
+
+#[test]
+fn a_mesh_that_does_not_keep_the_deflection_is_refused_with_its_place() {
+    let found = Deviation { mm: 0.015, at: Point3::new(1.0, 2.0, 73.11) };
+    let off = Parted { deviation: Some(found), ..Parted::default() };
+    let asked = Deflection::Absolute { mm: 0.01 };
+    let message = off.kept(asked).unwrap_err().to_string();
+    assert!(
+        message.starts_with("the surface at x 1.000 y 2.000 z 73.110 mm is 0.01500 mm from"),
+        "{message}"
+    );
+    assert!(message.contains("more than the deflection of 0.01 mm"), "{message}");
+    assert!(Parted::default().kept(asked).is_ok());
+}

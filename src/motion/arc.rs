@@ -2,7 +2,7 @@
 
 use crate::gcode::reader::Command;
 use crate::profile::{Dialect, Firmware};
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Marlin's `MIN_ARC_SEGMENT_MM`.
 const MARLIN_SHORTEST_MM: f64 = 0.1;
@@ -27,6 +27,13 @@ pub(super) struct Arc {
 impl Arc {
     /// The arc that a command asks for, `to` being where it ends; none where it has no centre.
     pub(super) fn of(c: &Command, to: [f64; 2], speed_mm_s: f64, firmware: &Firmware) -> Option<Self> {
+        let arc = Self::turning(c, to)?;
+        let n_chords = n_chords(arc.turn.abs(), arc.radius, speed_mm_s, firmware).clamp(1.0, MOST_CHORDS);
+        Some(Self { n_chords, ..arc })
+    }
+
+    /// The same where nobody asks for its chords: it is one.
+    pub(super) fn turning(c: &Command, to: [f64; 2]) -> Option<Self> {
         let is_clockwise = c.code == 2;
         let centre = match c.value('R') {
             Some(radius) => centre_by_radius(to, radius, is_clockwise)?,
@@ -41,8 +48,22 @@ impl Arc {
         let turn = if is_clockwise { begin - end } else { end - begin }.rem_euclid(TAU);
         let turn = if turn < 1e-9 { TAU } else { turn };
         let turn = if is_clockwise { -turn } else { turn };
-        let n_chords = n_chords(turn.abs(), radius, speed_mm_s, firmware).clamp(1.0, MOST_CHORDS);
-        Some(Self { centre, begin, turn, radius, end: to, n_chords })
+        Some(Self { centre, begin, turn, radius, end: to, n_chords: 1.0 })
+    }
+
+    /// Least and greatest coordinate along x and along y of all of the arc.
+    pub(super) fn extent(&self) -> [[f64; 2]; 2] {
+        let mut extent = self.end.map(|end| [end.min(0.0), end.max(0.0)]);
+        for quarter in 0..4_u8 {
+            let angle = FRAC_PI_2 * f64::from(quarter);
+            let from_begin = if self.turn > 0.0 { angle - self.begin } else { self.begin - angle };
+            if from_begin.rem_euclid(TAU) <= self.turn.abs() {
+                let axis = usize::from(quarter % 2);
+                let at = self.centre[axis] + if quarter < 2 { self.radius } else { -self.radius };
+                extent[axis] = [extent[axis][0].min(at), extent[axis][1].max(at)];
+            }
+        }
+        extent
     }
 
     /// The chords, each as its way.

@@ -6,11 +6,14 @@
 //! warming up take the times that the profile states.
 //!
 //! Not counted: the wire, the firmware's own overhead, limits that the job itself changes.
+//!
+//! And whether a job keeps within the build space (`space`), which is looked at before it is sent.
 
 mod arc;
 mod corner;
 mod heat;
 mod smooth;
+mod space;
 
 use crate::gcode::reader::{self, Command};
 use crate::gcode::{Mark, Timing};
@@ -20,6 +23,7 @@ use crate::units::mm_s_from_mm_min;
 use heat::Heaters;
 use rayon::prelude::*;
 use serde::Serialize;
+pub use space::{Leaving, leaving};
 use std::f64::consts::FRAC_PI_4;
 
 /// Time and material of a job.

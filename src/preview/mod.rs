@@ -87,12 +87,38 @@ impl Preview {
 /// [`Error`].
 pub fn of_layers(paths: &Toolpaths, task: &Task<'_>) -> Result<Vec<Preview>, Error> {
     let frame = Frame::of(&paths.layers);
-    let draw = |(layer, own): (usize, &LayerPaths)| {
+    let draw = |idx: usize| {
         task.check()?;
-        let png = picture(layer, own, &frame).map_err(|source| Error::Picture { layer, source })?;
-        Ok(Preview { layer, png, svg: svg::of_layer(layer, own, &frame) })
+        let shown = Shown::of(&paths.layers, idx);
+        let png = picture(&shown, &frame).map_err(|source| Error::Picture { layer: idx, source })?;
+        Ok(Preview { layer: idx, png, svg: svg::of_layer(&shown, &frame) })
     };
-    paths.layers.par_iter().enumerate().map(draw).collect()
+    (0..paths.layers.len()).into_par_iter().map(draw).collect()
+}
+
+/// A layer, and where the nozzle comes from.
+struct Shown<'a> {
+    idx: usize,
+    own: &'a LayerPaths,
+    /// End of the last bead below.
+    from: Option<Point2>,
+}
+
+impl<'a> Shown<'a> {
+    fn of(layers: &'a [LayerPaths], idx: usize) -> Self {
+        let last = layers[..idx].iter().rev().find_map(|below| below.beads.last());
+        Self { idx, own: &layers[idx], from: last.and_then(|bead| bead.points.last()).map(|p| p.at) }
+    }
+
+    /// The ways without extrusion to each bead, ends included.
+    fn travels(&self) -> impl Iterator<Item = Vec<Point2>> + '_ {
+        let end = |bead: &Bead| bead.points.last().map(|p| p.at);
+        let from = std::iter::once(self.from).chain(self.own.beads.iter().map(end));
+        from.zip(&self.own.beads).zip(&self.own.travels).filter_map(|((from, bead), travel)| {
+            let to = bead.points.first()?.at;
+            Some(std::iter::once(from?).chain(travel.via.iter().copied()).chain([to]).collect())
+        })
+    }
 }
 
 /// The part of the bed that is shown, and how large.
@@ -185,16 +211,8 @@ fn runs(bead: &Bead) -> Vec<(f64, Vec<Point2>)> {
     all
 }
 
-/// The ways without extrusion to each bead, ends included.
-fn travels(own: &LayerPaths) -> impl Iterator<Item = Vec<Point2>> + '_ {
-    own.beads.windows(2).zip(own.travels.iter().skip(1)).filter_map(|(pair, travel)| {
-        let from = pair[0].points.last()?.at;
-        let to = pair[1].points.first()?.at;
-        Some(std::iter::once(from).chain(travel.via.iter().copied()).chain([to]).collect())
-    })
-}
-
-fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
+fn picture(shown: &Shown<'_>, frame: &Frame) -> Result<Vec<u8>, png::EncodingError> {
+    let own = shown.own;
     let [width, height] = frame.size_px();
     let mut canvas = Pixmap::new(width + frame.legend_px(), height).expect("sides of 64 to 5000 pixels");
     let [r, g, b, a] = GROUND;
@@ -212,11 +230,11 @@ fn picture(layer: usize, own: &LayerPaths, frame: &Frame) -> Result<Vec<u8>, png
     beads(&mut canvas, frame, part, SEAM_PX, inside.as_ref());
     beads(&mut canvas, frame, own.beads.iter(), 0.0, None);
     own.beads.iter().for_each(|bead| course(&mut canvas, frame, bead));
-    for way in travels(own) {
+    for way in shown.travels() {
         line(&mut canvas, frame, &way, TRAVEL, 1.0, None);
     }
     legend(&mut canvas, px(f64::from(width)), frame);
-    draw::text(&mut canvas, &caption(layer, own), (EDGE_PX, EDGE_PX), CAPTION_UNIT, INK);
+    draw::text(&mut canvas, &caption(shown.idx, own), (EDGE_PX, EDGE_PX), CAPTION_UNIT, INK);
     draw::scale_bar(&mut canvas, (EDGE_PX, px(f64::from(height)) - 14.0), 160.0, frame.px_per_mm, INK);
     draw::encode(&canvas)
 }

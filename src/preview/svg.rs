@@ -1,14 +1,14 @@
 //! A layer as SVG: lengths are millimetres on the bed, y upward as on the bed.
 
-use super::{Frame, caption, colour, runs, travels};
+use super::{Frame, Shown, caption, colour, runs};
 use crate::geom::Point2;
-use crate::toolpath::LayerPaths;
 use std::fmt::Write;
 
 /// Width of a way without extrusion, mm.
 const TRAVEL_MM: f64 = 0.03;
 
-pub(super) fn of_layer(layer: usize, own: &LayerPaths, frame: &Frame) -> String {
+pub(super) fn of_layer(shown: &Shown<'_>, frame: &Frame) -> String {
+    let own = shown.own;
     let (min, size) = (frame.shown.min, frame.shown.size());
     let mut text = String::with_capacity(64 * own.beads.iter().map(|b| b.points.len()).sum::<usize>() + 1024);
     put(
@@ -16,7 +16,7 @@ pub(super) fn of_layer(layer: usize, own: &LayerPaths, frame: &Frame) -> String 
         format_args!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.3}mm\" height=\"{h:.3}mm\" viewBox=\"{x:.3} {y:.3} {w:.3} \
              {h:.3}\">\n<title>{}</title>\n<g transform=\"scale(1,-1)\" fill=\"none\" stroke-linejoin=\"round\">\n",
-            caption(layer, own),
+            caption(shown.idx, own),
             x = min.x,
             y = -frame.shown.max.y,
             w = size.x,
@@ -44,7 +44,7 @@ pub(super) fn of_layer(layer: usize, own: &LayerPaths, frame: &Frame) -> String 
             put(&mut text, format_args!("\"/>\n"));
         }
     }
-    for way in travels(own) {
+    for way in shown.travels() {
         put(&mut text, format_args!("<polyline stroke=\"#466e96\" stroke-width=\"{TRAVEL_MM}\" points=\""));
         points(&mut text, &way);
         put(&mut text, format_args!("\"/>\n"));

@@ -30,6 +30,12 @@ fn every_layer_has_a_picture_of_one_size_and_an_svg_of_its_beads() {
     assert!(draw::is_drawn(&caption(1, &paths.layers[1])));
     let n_external = previews[0].svg.matches("data-type=\"External perimeter\"").count();
     assert!(n_external >= 2, "{n_external}");
+    // A way to each bead, the one from the layer below among them.
+    let n_ways = |layer: usize| previews[layer].svg.matches("stroke=\"#466e96\"").count();
+    let n_beads = |layer: usize| paths.layers[layer].beads.len();
+    assert_eq!([n_ways(0), n_ways(1)], [n_beads(0) - 1, n_beads(1)]);
+    let from = paths.layers[0].beads.last().unwrap().points.last().unwrap().at;
+    assert!(previews[1].svg.contains(&format!("points=\"{:.3},{:.3} ", from.x, from.y)), "{from}");
     assert_eq!(of_layers(&paths, &Task::quiet()).unwrap(), previews);
 }
 

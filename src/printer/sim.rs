@@ -5,6 +5,7 @@
 
 use super::control::Controls;
 use super::driver::{self, Order, PrintEvent, Printed};
+use super::identity::profile_name;
 use super::job::Job;
 use super::session::Start;
 use super::{Error, serial};
@@ -66,7 +67,7 @@ impl Machine {
             BeadShape::Stadium => "stadium",
         };
         let pairs = [
-            ("--profile", known_with(profile.firmware.dialect).to_owned()),
+            ("--profile", profile_name(profile.firmware.dialect).to_owned()),
             ("--bed-mm", listed(&machine.bed_mm)),
             ("--max-speed-mm-s", listed(&machine.max_speed_mm_s)),
             ("--max-acceleration-mm-s2", listed(&machine.max_acceleration_mm_s2)),
@@ -77,21 +78,9 @@ impl Machine {
     }
 }
 
-/// The machine that the simulator knows with a firmware.
-const fn known_with(dialect: Dialect) -> &'static str {
-    match dialect {
-        Dialect::Marlin => "marlin",
-        Dialect::Marlin1 => "marlin1",
-        Dialect::Klipper => "klipper",
-        Dialect::RepRapFirmware => "reprapfirmware",
-        Dialect::Repetier => "repetier",
-        Dialect::Smoothie => "smoothie",
-    }
-}
-
 impl Default for Machine {
     fn default() -> Self {
-        Self::Known(known_with(Dialect::Marlin).to_owned())
+        Self::Known(profile_name(Dialect::Marlin).to_owned())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Profiles from files (IO).
 
-use super::{Error, Profile, builtin, parse};
+use super::{Error, Profile, Whole, builtin_whole, parse_whole};
 use std::path::Path;
 
 /// A profile file larger than this is none.
@@ -11,6 +11,10 @@ const MAX_PROFILE_BYTES: u64 = 1 << 20;
 /// # Errors
 /// The file cannot be read, is not TOML, or says something that no printer can be.
 pub fn from_file(path: &Path) -> Result<Profile, Error> {
+    Ok(whole_from_file(path)?.profile)
+}
+
+fn whole_from_file(path: &Path) -> Result<Whole, Error> {
     let file = path.display().to_string();
     let unreadable = |source| Error::Read { path: path.to_owned(), source };
     let n_bytes = std::fs::metadata(path).map_err(unreadable)?.len();
@@ -19,15 +23,23 @@ pub fn from_file(path: &Path) -> Result<Profile, Error> {
         return Err(Error::Syntax { file, line: 1, message });
     }
     let text = std::fs::read_to_string(path).map_err(unreadable)?;
-    parse(&text, &file)
+    parse_whole(&text, &file)
 }
 
 /// A profile by what the operator wrote: the name of a built-in one, or the path of a `.toml` file.
 ///
 /// # Errors
-/// As [`builtin`] and [`from_file`].
+/// As [`builtin`](super::builtin) and [`from_file`].
 pub fn by_name(name_or_path: &str) -> Result<Profile, Error> {
-    if is_file(name_or_path) { from_file(Path::new(name_or_path)) } else { builtin(name_or_path) }
+    Ok(whole_by_name(name_or_path)?.profile)
+}
+
+/// A profile with its gate, named as for [`by_name`].
+///
+/// # Errors
+/// As [`by_name`].
+pub fn whole_by_name(name_or_path: &str) -> Result<Whole, Error> {
+    if is_file(name_or_path) { whole_from_file(Path::new(name_or_path)) } else { builtin_whole(name_or_path) }
 }
 
 fn is_file(name_or_path: &str) -> bool {

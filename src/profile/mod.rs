@@ -1,7 +1,8 @@
 //! Firmware and machine profiles, as data: `firmware-profiles/*.toml`.
 //!
 //! A profile says how a printer speaks ([`Firmware`]), what it can do ([`Machine`]), what it prints with
-//! ([`Filament`]), how ([`PrintSettings`]) and what it runs before, after and between ([`Scripts`]). Profiles may inherit: the key
+//! ([`Filament`]), how ([`PrintSettings`]) and what it runs before, after and between ([`Scripts`]), and what the report judges
+//! a replica by ([`Gate`]). Profiles may inherit: the key
 //! `inherits = "marlin"` names the built-in profile whose keys are taken where this one has none.
 //!
 //! Every file is checked in full before it is used: each key against the table in `schema` (type, unit, range), then the keys
@@ -14,14 +15,18 @@
 //! ```
 
 mod check;
+pub mod gate;
 mod layers;
 pub mod load;
+mod primed;
 mod schema;
 mod scripts;
 #[cfg(test)]
 mod tests;
 
+pub use gate::{Gate, Whole};
 pub use load::from_file;
+pub use primed::Primed;
 pub use scripts::ResumePoint;
 
 use crate::units::Celsius;
@@ -74,6 +79,16 @@ pub enum Error {
         /// What the TOML parser says.
         message: String,
     },
+    /// A file of something else.
+    #[error(
+        "{file}: not a profile: none of its keys is one of a profile's (found {found}); a profile begins with `inherits = \"marlin\"`"
+    )]
+    Foreign {
+        /// The file.
+        file: String,
+        /// Its first keys.
+        found: String,
+    },
     /// A key that no profile has.
     #[error("{file}:{line}: {key}: no profile has this key{hint}")]
     UnknownKey {
@@ -116,7 +131,7 @@ pub enum Error {
 }
 
 /// More faults than this are not told one by one.
-const MOST_FAULTS: usize = 20;
+const MOST_FAULTS: usize = 8;
 
 /// Faults line by line.
 fn told(faults: &[Error]) -> String {
@@ -155,6 +170,10 @@ pub fn builtin(name: &str) -> Result<Profile, Error> {
     parse(builtin_text(name)?, &builtin_file(name))
 }
 
+fn builtin_whole(name: &str) -> Result<Whole, Error> {
+    parse_whole(builtin_text(name)?, &builtin_file(name))
+}
+
 fn builtin_text(name: &str) -> Result<&'static str, Error> {
     let found = BUILTIN.iter().find(|(known, _)| *known == name);
     found
@@ -172,15 +191,38 @@ fn builtin_file(name: &str) -> String {
 /// The text is not TOML, or says something that no printer can be: every key that is wrong by itself, or, where none is, every
 /// one that is at odds with others.
 pub fn parse(text: &str, file: &str) -> Result<Profile, Error> {
-    let layers = with_bases(text, file)?;
+    Ok(parse_whole(text, file)?.profile)
+}
+
+/// Reads a profile with its gate, as [`parse`] does.
+///
+/// # Errors
+/// Those of [`parse`].
+pub fn parse_whole(text: &str, file: &str) -> Result<Whole, Error> {
+    let mut layers = with_bases(text, file)?;
+    schema::check_kind(&layers, file)?;
+    layers.inherit(usual_gate()?);
     Error::all_of(schema::check(&layers, file))?;
-    let profile: Profile = layers.table().try_into().map_err(|e: toml::de::Error| Error::Syntax {
+    let mut table = layers.table();
+    let gate = table.remove(gate::TABLE).unwrap_or_else(|| toml::Table::new().into());
+    let profile: Profile = typed(table.into(), file)?;
+    Error::all_of(check::together(&profile, &layers))?;
+    Ok(Whole { profile, gate: typed(gate, file)? })
+}
+
+/// The limits that hold where a profile names no others.
+fn usual_gate() -> Result<Layers, Error> {
+    let mut layers = Layers::parse(builtin_text("marlin")?, &builtin_file("marlin"))?;
+    layers.keys.retain(|key, _| key.split('.').next() == Some(gate::TABLE));
+    Ok(layers)
+}
+
+fn typed<T: serde::de::DeserializeOwned>(value: toml::Value, file: &str) -> Result<T, Error> {
+    value.try_into().map_err(|e: toml::de::Error| Error::Syntax {
         file: file.to_owned(),
         line: 1,
         message: e.to_string().trim().replace('\n', "; "),
-    })?;
-    Error::all_of(check::together(&profile, &layers))?;
-    Ok(profile)
+    })
 }
 
 /// The keys of a file over those of all it inherits from.
@@ -210,7 +252,7 @@ fn with_bases(text: &str, file: &str) -> Result<Layers, Error> {
 /// What `N1234567 ` and `*255` add to a line.
 pub(crate) const NUMBERING_BYTES: usize = 13;
 
-/// The profile as text, for `profiles show`: all keys, inherited ones too.
+/// The profile as text: all keys, inherited ones too, but for the gate.
 ///
 /// # Panics
 /// Never: every profile is a TOML table.
@@ -529,7 +571,7 @@ pub struct PrintSettings {
     pub z_hop_mm: f64,
     /// A layer takes at least this long, s: driven slower where it would not.
     pub min_layer_time_s: f64,
-    /// Whether what it lacks at the slowest speed is waited for, the nozzle beside the part.
+    /// Whether what it lacks at the slowest speed is waited for, the nozzle aside where there is room.
     pub min_layer_time_wait: bool,
     /// Slowest speed that the minimum layer time may ask for.
     pub min_speed_mm_s: f64,

@@ -6,6 +6,7 @@
 use super::Error;
 use super::layers::{Layers, Origin};
 use super::scripts;
+use crate::nearest::nearest;
 use toml::Value;
 
 /// The kind of value that a key takes.
@@ -150,6 +151,18 @@ pub(super) const FIELDS: &[Field] = &[
     field("print.squeeze_compensation_mm", "mm", number(-1.0, 1.0)),
     field("print.hole_compensation_mm", "mm", number(-1.0, 1.0)),
     field("print.first_layer_compensation_mm", "mm", number(-1.0, 1.0)),
+    field("gate.total_p95_mm", "mm", number(0.001, 10.0)),
+    field("gate.stage_mean_mm", "mm", number(0.001, 10.0)),
+    field("gate.total_dice", "", number(0.0, 1.0)),
+    field("gate.layer_iou", "", number(0.0, 1.0)),
+    field("gate.outline_mm", "mm", number(0.001, 10.0)),
+    field("gate.lumen_volume_percent", "percent", number(0.01, 100.0)),
+    field("gate.diameter_percent", "percent", number(0.01, 100.0)),
+    field("gate.stenosis_points", "percentage points", number(0.01, 100.0)),
+    field("gate.wall_percent", "percent", number(0.0, 100.0)),
+    field("gate.layer_shift_mm", "mm", number(0.001, 10.0)),
+    field("gate.flow_percent", "percent", number(0.01, 100.0)),
+    field("gate.extra_mm3", "mm3", number(0.0, 1000.0)),
     field("scripts.start", "", Kind::Script),
     field("scripts.end", "", Kind::Script),
     field("scripts.safe", "", Kind::Script),
@@ -157,6 +170,16 @@ pub(super) const FIELDS: &[Field] = &[
     field("scripts.resume", "", Kind::Script),
     field("scripts.recovery", "", Kind::Script),
 ];
+
+/// Refuses a file of which no key is a profile's: one of something else, in which every key would be a fault.
+pub(super) fn check_kind(layers: &Layers, file: &str) -> Result<(), Error> {
+    let is_known = |key: &String| FIELDS.iter().any(|f| f.key == key);
+    if layers.keys.is_empty() || layers.keys.keys().any(is_known) {
+        return Ok(());
+    }
+    let found = layers.keys.keys().take(3).map(String::as_str).collect::<Vec<_>>().join(", ");
+    Err(Error::Foreign { file: file.to_owned(), found })
+}
 
 /// Checks every key by itself: all there, none unknown, each of its type and in its range. Every fault is told.
 pub(super) fn check(layers: &Layers, file: &str) -> Vec<Error> {
@@ -186,15 +209,7 @@ fn script_fault(key: &str, value: &Value, origin: &Origin) -> Option<Error> {
 }
 
 fn unknown_key(key: &str, origin: &Origin) -> Error {
-    let last = key.rsplit('.').next().unwrap_or(key);
-    let near = FIELDS.iter().map(|f| f.key).find(|k| k.rsplit('.').next() == Some(last)).or_else(|| {
-        let stem = last.split('_').next().unwrap_or(last);
-        let table = key.rsplit_once('.').map_or("", |(t, _)| t);
-        FIELDS
-            .iter()
-            .map(|f| f.key)
-            .find(|k| k.strip_prefix(table).and_then(|k| k.get(1..)).is_some_and(|k| k.starts_with(stem)))
-    });
+    let near = nearest(key, FIELDS.iter().map(|field| field.key));
     Error::UnknownKey {
         file: origin.file.clone(),
         line: origin.line,

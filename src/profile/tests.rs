@@ -31,7 +31,7 @@ fn every_profile_file_is_built_in() {
 
 #[test]
 fn the_schema_knows_exactly_the_keys_of_a_profile() {
-    let text = to_toml(&builtin("marlin").unwrap());
+    let text = toml::to_string(&builtin_whole("marlin").unwrap()).unwrap();
     let layers = Layers::parse(&text, "x").unwrap();
     let mut known: Vec<_> = schema::FIELDS.iter().map(|f| f.key.to_owned()).collect();
     known.sort();
@@ -166,9 +166,18 @@ fn an_unknown_key_is_named_with_its_line_and_a_hint() {
     assert_eq!(error, "x.toml:2: nozzle_mm: no profile has this key (did you mean machine.nozzle_mm?)");
     let error = error_of("inherits = \"marlin\"\n[print]\nretract = 1\n");
     assert!(error.contains("x.toml:3: print.retract:") && error.contains("print.retract_mm"), "{error}");
-    assert!(error_of("[name]\nfoo = 1\n").contains("x.toml:2: name.foo: no profile"));
+    let error = error_of("inherits = \"marlin\"\n[print]\nbrim_slendernes = 1\n");
+    assert!(error.contains("(did you mean print.brim_slenderness?)"), "{error}");
+    assert!(error_of("inherits = \"marlin\"\n[name]\nfoo = 1\n").contains("x.toml:3: name.foo: no profile"));
     let error = error_of("inherits = \"marlin\"\n[print]\n\"\" = 1\n");
     assert!(error.contains("x.toml:3: print.:"), "{error}");
+}
+
+#[test]
+fn a_file_of_something_else_is_told_in_one_line() {
+    let error = error_of("format = 3\nid = \"x\"\nwall_mm = 1\n[solid]\ncorrespondence = \"least\"\n");
+    assert!(error.starts_with("x.toml: not a profile: ") && error.contains("(found format, id, "), "{error}");
+    assert_eq!(error.lines().count(), 1);
 }
 
 #[test]
@@ -243,5 +252,22 @@ fn every_fault_of_a_profile_is_told() {
     let at_odds = "inherits = \"marlin\"\n[machine]\nlayer_height_mm = [0.1, 0.5]\n[print]\ntravel_mm_s = 900\ninfill_mm_s = 700\n";
     assert_eq!(error_of(at_odds).lines().count(), 3, "{}", error_of(at_odds));
     let nothing = error_of("name = \"mine\"\n");
-    assert!(nothing.lines().count() == 21 && nothing.contains("\nand "), "{nothing}");
+    assert!(nothing.lines().count() == MOST_FAULTS + 1 && nothing.contains("\nand "), "{nothing}");
+}
+
+#[test]
+fn a_profile_changes_single_limits_of_the_gate_and_nothing_of_the_job() {
+    let usual = gate::builtin("marlin").unwrap();
+    for name in builtin_names() {
+        assert_eq!(gate::builtin(name).unwrap(), usual);
+    }
+    let strict =
+        parse_whole("inherits = \"marlin\"\nname = \"marlin\"\n[gate]\ntotal_p95_mm = 0.1\n", "x").unwrap();
+    assert_eq!(strict.gate, Gate { total_p95_mm: 0.1, ..usual });
+    assert_eq!(strict.profile, builtin("marlin").unwrap());
+    // What was written without a gate is judged by the usual one.
+    assert_eq!(parse_whole(&to_toml(&strict.profile), "x").unwrap().gate, usual);
+    let wrong = "inherits = \"marlin\"\n[gate]\nlayer_iou = 97\n";
+    let error = parse_whole(wrong, "x.toml").unwrap_err().to_string();
+    assert!(error.contains("x.toml:3") && error.contains("gate.layer_iou"), "{error}");
 }

@@ -36,7 +36,7 @@ pub struct Anatomy {
 }
 
 /// A stretch of the vessel without division.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Branch {
     /// `branch 1`, ...
     pub name: String,
@@ -50,8 +50,9 @@ pub struct Branch {
     pub stages: Vec<StageMeasures>,
 }
 
-/// The measures of a branch as one stage has it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// The measures of a branch as one stage has it. Uncertainties are standard ones, of the outline as this stage has it; what lies
+/// between two stages is told by their block.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct StageMeasures {
     /// `image`, `contours`, `solid`, `layers`, `planned` or `recorded`.
     pub stage: &'static str,
@@ -67,6 +68,12 @@ pub struct StageMeasures {
     /// Largest maximum diameter, mm.
     #[serde(serialize_with = "rounded")]
     pub maximum_diameter_mm: Option<f64>,
+    /// Uncertainty of the lumen area, mm².
+    #[serde(serialize_with = "rounded")]
+    pub lumen_area_uncertainty_mm2: Option<f64>,
+    /// Uncertainty of each diameter, mm.
+    #[serde(serialize_with = "rounded")]
+    pub diameter_uncertainty_mm: Option<f64>,
     /// Its centreline.
     pub centreline: Centreline,
     /// The degree of stenosis, or why there is none.
@@ -110,6 +117,9 @@ pub struct Stenosis {
     /// NASCET, percent.
     #[serde(serialize_with = "rounded")]
     pub stenosis_nascet_percent: Option<f64>,
+    /// Its uncertainty, percentage points.
+    #[serde(serialize_with = "rounded")]
+    pub stenosis_uncertainty_percent: Option<f64>,
     /// The narrowest place.
     pub stenosis_throat: Option<Throat>,
     /// The segment that it is compared with.
@@ -269,6 +279,7 @@ impl Branches {
             centreline: course::centreline(self.centroids(stage, branch)),
             stenosis: stenosis(&planes, track.distal()),
             planes,
+            ..StageMeasures::default()
         }
     }
 }
@@ -440,7 +451,7 @@ fn stenosis(planes: &[PlaneMeasures], distal: Option<&'static str>) -> Stenosis 
             stenosis_nascet_percent: Some(percent),
             stenosis_throat: Some(throat),
             stenosis_reference: Some(reference),
-            stenosis_reason: None,
+            ..Stenosis::default()
         },
         Some(_) => refuse("no narrowing of 10 % or more"),
         None => {

@@ -20,7 +20,7 @@ const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
 /// The centreline of a branch. Stack frame.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Centreline {
     /// Centroids in the CT planes, mm.
     #[serde(serialize_with = "rounded_points")]
@@ -28,6 +28,9 @@ pub struct Centreline {
     /// Length along it, mm.
     #[serde(serialize_with = "rounded")]
     pub length_mm: Option<f64>,
+    /// Half of what the length changes when every second plane is left out, mm; `null` for fewer than five planes.
+    #[serde(serialize_with = "rounded")]
+    pub length_uncertainty_mm: Option<f64>,
     /// Distance of its ends, mm.
     #[serde(serialize_with = "rounded")]
     pub chord_mm: Option<f64>,
@@ -81,9 +84,15 @@ pub(super) fn centroid(region: &Region) -> Option<Point2> {
 
 /// The centreline through centroids, ascending in z.
 pub(super) fn centreline(points: Vec<Point3>) -> Centreline {
+    let last = points.len().saturating_sub(1);
+    let every_second = || -> Vec<Point3> {
+        points.iter().enumerate().filter(|(i, _)| i % 2 == 0 || *i == last).map(|(_, p)| *p).collect()
+    };
+    let coarse_mm = (points.len() > 4).then(every_second).and_then(|points| length_mm(&points));
     let length_mm = length_mm(&points);
     let chord_mm = points.first().zip(points.last()).map(|(a, b)| (b - a).norm()).filter(|c| *c > 0.0);
     Centreline {
+        length_uncertainty_mm: length_mm.zip(coarse_mm).map(|(l, c)| 0.5 * (l - c).abs()),
         tortuosity: length_mm.zip(chord_mm).map(|(l, c)| (l / c - 1.0).max(0.0)),
         length_mm,
         chord_mm,

@@ -2,8 +2,8 @@
 
 use super::anatomy::StageLumina;
 use super::faults::{
-    Compared, Finding, Kind, Made, Seen, StagePair, broken_course, deposited, moved, odd_layers,
-    out_of_order, plugged, unlike_image, without_echoes,
+    Compared, Ends, Finding, Kind, Made, Seen, StagePair, broken_course, changed_islands, deposited, moved,
+    odd_layers, out_of_order, plugged, unlike_image, without_echoes,
 };
 use super::image::ImageBoundary;
 use super::stages::{PlaneWork, compensation_mm, layer_lumen};
@@ -66,6 +66,9 @@ pub(super) fn findings(
                 .any(|g| g.kind == Kind::MaterialInLumen && meet(f.place.planes, g.place.planes))
     };
     findings.extend(plugged(&lumina[1].planes, &made, names, &z_mm).into_iter().filter(is_filled));
+    // What the printer leaves or lays in a lumen, its beads tell.
+    let before_print = &made[..made.len() - 1];
+    findings.extend(changed_islands(&lumina[1].planes, before_print, names, &z_mm));
     findings.extend(odd_layers(inputs.layers, |layer| layer_lumen(layer, inputs.body).area_mm2()));
     if of_beads.is_empty() {
         // What no bead tells may still show in the outlines.
@@ -102,7 +105,19 @@ fn pair<'a>(stage: Stage, inputs: &Inputs<'_>, lumina: &'a [StageLumina]) -> Sta
         meant_mm,
         least_mm,
         gate_mm,
+        ends_mm: if stage == Stage::Reconstruction { ends(inputs) } else { None },
     }
+}
+
+/// A solid goes on half a plane interval beyond the first and the last plane that has contours.
+fn ends(inputs: &Inputs<'_>) -> Option<Ends> {
+    let planes = &inputs.sections.planes;
+    let holds = |k: &usize| !planes[*k].contours.is_empty();
+    let first = (0..planes.len()).find(holds)?;
+    let last = (0..planes.len()).rev().find(holds).filter(|last| *last > first)?;
+    let z = |k: usize| planes[k].z_mm;
+    let meant = [z(first) - 0.5 * (z(first + 1) - z(first)), z(last) + 0.5 * (z(last) - z(last - 1))];
+    Some(Ends { found: inputs.solid.z_range_mm(), meant })
 }
 
 fn compared(stage: Stage, planes: &[PlaneWork]) -> Vec<Compared<'_>> {

@@ -17,10 +17,12 @@
 //! Limits: a vessel narrower than three times the blur shows no plateau and is measured too wide; noise moves a point by
 //! about noise / slope.
 
+use super::Image;
 use super::deviation::Outline;
-use super::wall::Wall;
+use super::wall::{Behind, Wall};
 use crate::ct::Volume;
 use crate::geom::{Contour, Point2, Region, Vector2};
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Whether the lumen is brighter or darker than its surroundings.
@@ -43,6 +45,8 @@ pub(super) struct ImageBoundary {
     pub(super) n_found: usize,
     /// Grey values inside and outside of the boundary, where it was found.
     pub(super) levels_hu: Vec<[f64; 2]>,
+    /// What each contour shows of its wall.
+    pub(super) walls: Vec<Behind>,
 }
 
 /// Where the profile of one contour point crosses, relative to the contour, and its plateaus.
@@ -89,16 +93,37 @@ impl Scan {
     }
 }
 
-/// Finds the boundary near the contours of plane `k` of the volume.
-pub(super) fn boundary(volume: &Volume, k: usize, contours: &[Contour], polarity: Polarity) -> ImageBoundary {
-    let search = Search::new(volume, k, contours, polarity);
+/// A plane of the volume, where it has one, and the contours there.
+pub(super) type Searched<'a> = (Option<usize>, &'a [Contour]);
+
+/// Finds the boundary near the contours of all planes.
+pub(super) fn boundaries(image: Image<'_>, planes: &[Searched<'_>]) -> Vec<Option<ImageBoundary>> {
+    let of = |&(plane, contours): &Searched<'_>, usual| Some(boundary(image, plane?, contours, usual));
+    let found: Vec<Option<ImageBoundary>> = planes.par_iter().map(|plane| of(plane, None)).collect();
+    let Some(usual) = Wall::usual(found.iter().flatten().flat_map(|f| &f.walls)) else { return found };
+    let is_hidden = |found: &ImageBoundary| found.walls.iter().any(|behind| usual.is_hidden(behind));
+    let again = |(found, plane): (Option<ImageBoundary>, &Searched<'_>)| {
+        if found.as_ref().is_some_and(is_hidden) { of(plane, Some(usual)) } else { found }
+    };
+    found.into_par_iter().zip(planes).map(again).collect()
+}
+
+/// Finds the boundary near the contours of plane `k` of the volume; `usual` is the wall of the others.
+pub(super) fn boundary(
+    image: Image<'_>,
+    k: usize,
+    contours: &[Contour],
+    usual: Option<Wall>,
+) -> ImageBoundary {
+    let search = Search::new(image, k, contours, usual);
     let mut found = ImageBoundary::default();
     let mut measured = Vec::new();
     for contour in contours.iter().filter(|c| c.len() >= 3 && c.perimeter_mm() > 0.0) {
-        let (boundary, flags, edges) = search.contour(contour);
+        let Traced { boundary, flags, edges, behind } = search.contour(contour);
         found.n_points += flags.len();
         found.n_found += edges.len();
         found.levels_hu.extend(edges.iter().map(|e| [search.sign * e.top, search.sign * e.bottom]));
+        found.walls.extend(behind);
         // A contour of which next to nothing is seen gives no outline at all.
         if 4 * edges.len() >= flags.len() {
             found.outline.region.contours.push(boundary);
@@ -107,6 +132,14 @@ pub(super) fn boundary(volume: &Volume, k: usize, contours: &[Contour], polarity
     }
     found.outline.measured = Some(measured);
     found
+}
+
+/// The boundary along one contour, which of its points were found, and what was found there.
+struct Traced {
+    boundary: Contour,
+    flags: Vec<bool>,
+    edges: Vec<Edge>,
+    behind: Option<Behind>,
 }
 
 struct Search<'a> {
@@ -119,10 +152,13 @@ struct Search<'a> {
     reach: usize,
     /// Steps to each side that are read: a plateau may lie beyond the reach.
     half: usize,
+    /// The wall of the other contours.
+    usual: Option<Wall>,
 }
 
 impl<'a> Search<'a> {
-    fn new(volume: &'a Volume, k: usize, contours: &'a [Contour], polarity: Polarity) -> Self {
+    fn new(image: Image<'a>, k: usize, contours: &'a [Contour], usual: Option<Wall>) -> Self {
+        let Image { volume, polarity } = image;
         let [sx, sy] = volume.pixel_spacing_xy_mm;
         let pixel_mm = 0.5 * (sx + sy);
         let step_mm = sx.min(sy) / 5.0;
@@ -131,11 +167,19 @@ impl<'a> Search<'a> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen steps")]
         let reach = (reach_mm / step_mm).ceil().min(200.0) as usize;
         let sign = if polarity == Polarity::Bright { 1.0 } else { -1.0 };
-        Self { plane: Plane::new(volume, k), contours, sign, pixel_mm, step_mm, reach, half: 2 * reach }
+        Self {
+            plane: Plane::new(volume, k),
+            contours,
+            sign,
+            pixel_mm,
+            step_mm,
+            reach,
+            half: 2 * reach,
+            usual,
+        }
     }
 
-    /// The boundary along one contour, which of its points were found, and what was found there.
-    fn contour(&self, contour: &Contour) -> (Contour, Vec<bool>, Vec<Edge>) {
+    fn contour(&self, contour: &Contour) -> Traced {
         let spacing_mm = (0.5 * self.pixel_mm).clamp(0.05, 0.5);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let n = (contour.perimeter_mm() / spacing_mm).ceil().clamp(12.0, 4096.0) as usize;
@@ -151,7 +195,10 @@ impl<'a> Search<'a> {
             (0..n).map(|i| self.scan(&smoothed[i], self.limits(points[i], normals[i]))).collect();
         let edges: Vec<Option<Edge>> = scans.iter().map(|s| s.as_ref().and_then(|s| self.edge(s))).collect();
         let edges = without_outliers(&edges, 3 * pixel_points, self.pixel_mm);
-        let edges = match Wall::behind(&scans, &edges, self.step_mm) {
+        let behind = median(edges.iter().flatten().map(|e| e.bottom))
+            .map(|seen| Behind { seen, wall: Wall::behind(&scans, &edges, self.step_mm) });
+        let usual = self.usual.filter(|usual| behind.is_some_and(|b| usual.is_hidden(&b)));
+        let edges = match behind.and_then(|b| b.wall).or(usual) {
             Some(wall) => wall.edges(&scans, &edges),
             None => edges,
         };
@@ -163,7 +210,7 @@ impl<'a> Search<'a> {
         });
         let moved = moved.collect();
         let flags = edges.iter().map(Option::is_some).collect();
-        (Contour::new(moved), flags, edges.into_iter().flatten().collect())
+        Traced { boundary: Contour::new(moved), flags, edges: edges.into_iter().flatten().collect(), behind }
     }
 
     fn profile(&self, p: Point2, normal: Vector2) -> Vec<f64> {
@@ -276,20 +323,49 @@ impl<'a> Plane<'a> {
     }
 
     pub(super) fn bilinear(&self, p: Point2) -> f64 {
-        let x = (p.x - self.origin.x) / self.pixel_mm[0];
-        let y = (p.y - self.origin.y) / self.pixel_mm[1];
-        let inside = x >= 0.0 && y >= 0.0 && x <= (self.n_cols - 1) as f64 && y <= (self.n_rows - 1) as f64;
-        if !inside {
-            return f64::NAN;
+        match (self.column(p.x), self.row(p.y)) {
+            (Some(column), Some(row)) => self.value(column, row),
+            _ => f64::NAN,
+        }
+    }
+
+    /// The columns beside a place; `None` outside.
+    pub(super) fn column(&self, x_mm: f64) -> Option<Between> {
+        Between::of((x_mm - self.origin.x) / self.pixel_mm[0], self.n_cols)
+    }
+
+    /// The rows beside a place; `None` outside.
+    pub(super) fn row(&self, y_mm: f64) -> Option<Between> {
+        Between::of((y_mm - self.origin.y) / self.pixel_mm[1], self.n_rows)
+    }
+
+    /// Linear between the four pixels.
+    pub(super) fn value(&self, column: Between, row: Between) -> f64 {
+        let along = |j: usize| {
+            let at = |i: usize| f64::from(self.hu[j * self.n_cols + i]);
+            at(column.low) * (1.0 - column.part) + at(column.high) * column.part
+        };
+        along(row.low) * (1.0 - row.part) + along(row.high) * row.part
+    }
+}
+
+/// A place between two neighbours of a row of pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Between {
+    low: usize,
+    high: usize,
+    /// How far it lies from `low` to `high`, 0 to 1.
+    part: f64,
+}
+
+impl Between {
+    fn of(place: f64, n: usize) -> Option<Self> {
+        if !(place >= 0.0 && place <= (n - 1) as f64) {
+            return None;
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the grid")]
-        let (i, j) = (x as usize, y as usize);
-        let (i1, j1) = ((i + 1).min(self.n_cols - 1), (j + 1).min(self.n_rows - 1));
-        let (fx, fy) = (x - i as f64, y - j as f64);
-        let at = |i: usize, j: usize| f64::from(self.hu[j * self.n_cols + i]);
-        let low = at(i, j) * (1.0 - fx) + at(i1, j) * fx;
-        let high = at(i, j1) * (1.0 - fx) + at(i1, j1) * fx;
-        low * (1.0 - fy) + high * fy
+        let low = place as usize;
+        Some(Self { low, high: (low + 1).min(n - 1), part: place - low as f64 })
     }
 }
 
@@ -421,7 +497,7 @@ mod tests {
 
     fn bias(volume: &Volume, contour_radius: f64, polarity: Polarity) -> (Figures, ImageBoundary) {
         let contours = vec![Contour::circle(Point2::origin(), contour_radius, 128)];
-        let found = boundary(volume, 0, &contours, polarity);
+        let found = boundary(Image { volume, polarity }, 0, &contours, None);
         let contours: Outline = Region::new(contours).into();
         (Figures::of(std::iter::once(&compare(&found.outline, &contours).unwrap())), found)
     }
@@ -461,7 +537,7 @@ mod tests {
         let mut volume = blurred_cylinder(Polarity::Bright, 3.0, 1, 0.0);
         change(&mut volume, |_, hu| *hu = 40.0);
         let contours = [Contour::circle(Point2::origin(), 3.0, 64)];
-        let found = boundary(&volume, 0, &contours, Polarity::Bright);
+        let found = boundary(Image { volume: &volume, polarity: Polarity::Bright }, 0, &contours, None);
         assert!(found.n_found == 0 && found.n_points > 0 && found.outline.region.is_empty());
     }
 

@@ -30,9 +30,11 @@ pub mod dicom;
 mod faults;
 pub mod filing;
 mod found;
+mod histogram;
 mod image;
 mod lumen;
 mod measures;
+mod methods;
 mod page;
 mod pdf;
 mod picture;
@@ -50,6 +52,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 mod thickness;
+mod uncertainty;
 mod verdict;
 mod wall;
 mod write;
@@ -59,19 +62,21 @@ pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMea
 pub use course::{Angles, Centreline, DIVISION_MM, Division, STRAIGHT_MM};
 pub use deviation::{Figures, STEP_MM};
 pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
+pub use histogram::{Histogram, N_BINS};
 pub use image::Polarity;
 pub use page::html;
-pub use pdf::pdf;
 pub use picture::Picture;
 pub use record::{Origin, Record};
 pub use scan::{Refusal, Registration, Scan, ScanGate, ScanLevels, ScanUncertainty};
 pub use stages::build;
 pub use table::csv;
 pub use thickness::{PlaneWall, Wall, WallStage};
-pub use verdict::{Gate, Verdict};
+pub use uncertainty::Uncertainty;
+pub use verdict::Verdict;
 pub use write::write;
 
 use crate::ct::{Volume, Warning};
+use crate::profile::Gate;
 use crate::progress::Cancelled;
 use crate::sections::SectionStack;
 use crate::slice::Layer;
@@ -139,6 +144,8 @@ pub struct Inputs<'a> {
     pub warnings: &'a [Warning],
     /// Time and filament, as far as they are known.
     pub job: Job,
+    /// What the lumen's surface takes as triangles, by falling deflection; none where that is not known.
+    pub triangles: &'a [Triangles],
     /// The limits of the verdict.
     pub gate: Gate,
 }
@@ -305,6 +312,9 @@ pub struct Block {
     pub overall: Option<Overall>,
     /// Plane by plane.
     pub planes: Vec<PlaneFigures>,
+    /// How the signed distances of all planes are spread.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub histogram: Option<Histogram>,
     /// Why there are no figures.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -367,23 +377,13 @@ pub struct LayerFigures {
     pub iou: Option<f64>,
 }
 
-/// What limits the accuracy of lengths, mm. Figures of a stage rest on those of its two sides.
+/// How many triangles the lumen's surface takes within a deflection.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Uncertainty {
-    /// A place of the boundary in the image: standard deviation of what contours that lie on it on average are off
-    /// locally (noise, pixels); `null` without an image.
-    #[serde(serialize_with = "rounded")]
-    pub image_place: Option<f64>,
-    /// Distance of the samples along the outlines; a maximum may miss a corner by half of it.
-    pub sampling: f64,
-    /// Chord error of the solid's sections.
-    pub section: f64,
-    /// Grid of the boolean operations that areas, Dice and IoU rest on.
-    pub grid: f64,
-    /// Round ends and joints of beads.
-    pub bead: f64,
-    /// Heights of divisions.
-    pub division: f64,
+pub struct Triangles {
+    /// Farthest that the surface may be from its triangles, mm.
+    pub deflection_mm: f64,
+    /// Their number.
+    pub n_triangles: usize,
 }
 
 /// The whole report: figures, pictures, and what must be said beside them.
@@ -409,6 +409,8 @@ pub struct Report {
     pub plane_z_mm: Vec<f64>,
     /// What limits the accuracy of lengths.
     pub uncertainty: Uncertainty,
+    /// The lumen's surface as triangles.
+    pub triangles: Vec<Triangles>,
     /// Defects, in the order of the stages.
     pub findings: Vec<Finding>,
     /// What is extrapolated, missing or odd.
@@ -425,7 +427,7 @@ impl Report {
     /// The figures of a stage; none of the scan where there is no scan.
     #[must_use]
     pub fn block(&self, stage: Stage) -> &Block {
-        static NONE: Block = Block { overall: None, planes: Vec::new(), reason: None };
+        static NONE: Block = Block { overall: None, planes: Vec::new(), histogram: None, reason: None };
         match stage {
             Stage::Scan => self.scan.as_ref().map_or(&NONE, |s| &s.block),
             _ => &self.blocks[stage as usize],
@@ -531,10 +533,10 @@ impl Serialize for Report {
         map.serialize_entry("walls", &self.walls)?;
         map.serialize_entry("amounts", &self.amounts)?;
         map.serialize_entry("uncertainty_mm", &self.uncertainty)?;
+        map.serialize_entry("triangles", &self.triangles)?;
         map.serialize_entry("layers", &self.layers)?;
         map.serialize_entry("notes", &self.notes)?;
-        let methods = page::METHODS.iter().chain(&measures::METHODS);
-        let methods: Vec<String> = methods.map(|(name, text)| format!("{name}: {text}")).collect();
+        let methods = methods::METHODS.map(|(name, text)| format!("{name}: {text}"));
         map.serialize_entry("methods", &methods)?;
         map.end()
     }

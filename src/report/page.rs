@@ -4,46 +4,21 @@
 //! text goes through the template engine's HTML escaping.
 
 use super::plate::{Grey, UNITS_PER_MM};
-use super::{BodyKind, Error, Figures, INTENDED_USE, Report, Stage, shown};
+use super::{BodyKind, Error, Figures, INTENDED_USE, NOT_SEEN, Report, Stage, methods, shown};
 use minijinja::{AutoEscape, Environment};
 use rayon::prelude::*;
 use serde::Serialize;
 
 pub(super) mod chart;
 mod colour;
+pub(super) mod defects;
 mod embed;
+mod spread;
+pub(super) mod tables;
 mod unrolled;
 
 /// Most bytes of all grey pictures together; beyond, they are shown with half as many pixels each way.
 const GREY_BYTES_MOST: usize = 7_000_000;
-
-/// How the figures came about: name and text.
-pub(super) const METHODS: [(&str, &str); 6] = [
-    (
-        "Distances",
-        "Each outline is walked in steps of 0.05 mm and the exact distance to the other one is taken, both ways, pooled. Sampling errs by less than 0.001 mm on the mean; the maximum may miss a corner by 0.025 mm.",
-    ),
-    (
-        "Boundary in the image",
-        "Half-way between the grey levels inside and outside, along the normal of the contour, linear between pixels, averaged over about a pixel along the contour; found from the grey values alone. Behind a wall hardly thicker than the blur, the wall's own level is found from all profiles of the contour together. Blur draws the half-way point of a curved boundary inward by s\u{b2}k/2; this is measured (blur s from the steepness of the edge, curvature k from the contour) and undone. Where no clear edge exists, the place is left out.",
-    ),
-    (
-        "Beads",
-        "Strokes of their width with round joints and ends, united per layer. The lumen of a hollow wall is what the beads enclose and leave open; that of a cast is what they cover, with the pores between them.",
-    ),
-    (
-        "Registration",
-        "Image, solid and job stay where the job was planned; nothing is fitted to the recorded material. The planned geometry was checked to lie within 0.01 mm of the layers. Recorded pieces belong to the layer at whose height they were deposited.",
-    ),
-    (
-        "Areas and Dice",
-        "Boolean operations on polygons on a grid of 10 nm. Dice is twice the common area over the sum of both areas; IoU the common over the united area; both are 1 for identical areas.",
-    ),
-    (
-        "Diameters and stenosis",
-        "In the CT plane. Equivalent: of the circle of the same area. Minimum: least distance between parallel lines that enclose the lumen. NASCET: 1 - narrowest / first normal segment beyond (5 mm or more, within 5 % of its mean), minimum diameters.",
-    ),
-];
 
 #[derive(Serialize)]
 pub(super) struct View {
@@ -57,6 +32,10 @@ pub(super) struct View {
     pub(super) n_layers: usize,
     pub(super) passed: bool,
     pub(super) verdict: String,
+    /// Limits that are not kept, but for those that a defect tells.
+    pub(super) failures: Vec<String>,
+    pub(super) defects: Vec<defects::DefectRow>,
+    pub(super) not_seen: [&'static str; NOT_SEEN.len()],
     pub(super) cards: Vec<Card>,
     pub(super) notes: Vec<crate::ct::Warning>,
     pub(super) stages: Vec<StageRow>,
@@ -69,7 +48,7 @@ pub(super) struct View {
     pub(super) most_mm: f64,
     pub(super) sides: [&'static str; 6],
     pub(super) planes: Vec<PlaneView>,
-    pub(super) anatomy: Vec<AnatomyRow>,
+    pub(super) tables: Vec<tables::Table>,
     pub(super) methods: Vec<Method>,
     pub(super) intended_use: &'static str,
 }
@@ -189,27 +168,19 @@ pub(super) struct Labelled {
     value: String,
 }
 
-#[derive(Serialize)]
-pub(super) struct AnatomyRow {
-    pub(super) branch: String,
-    pub(super) planes: String,
-    pub(super) stage: &'static str,
-    pub(super) area: String,
-    pub(super) equivalent: String,
-    pub(super) minimum: String,
-    pub(super) stenosis: String,
-}
-
 /// The page.
 ///
 /// # Errors
 /// [`Error::Page`] where the template cannot be rendered, [`Error::Drawing`] where a picture cannot be encoded.
 pub fn html(report: &Report) -> Result<String, Error> {
+    render(&view(report)?)
+}
+
+pub(super) fn render(view: &View) -> Result<String, Error> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     environment.add_template("index.html", include_str!("index.html"))?;
-    let view = minijinja::value::Serde(view(report)?);
-    Ok(environment.get_template("index.html")?.render(view)?)
+    Ok(environment.get_template("index.html")?.render(minijinja::value::Serde(view))?)
 }
 
 /// What page and document say.
@@ -232,7 +203,10 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         n_planes: report.plane_z_mm.len(),
         n_layers: report.layers.len(),
         passed: report.verdict.passed,
-        verdict: report.verdict.sentence(),
+        verdict: if report.verdict.passed { report.verdict.sentence() } else { "Not passed".into() },
+        failures: failures(report),
+        defects: defects::rows(report),
+        not_seen: NOT_SEEN,
         cards: cards(report),
         notes: report.notes.clone(),
         stages: report.stages().map(|stage| stage_row(report, stage)).collect(),
@@ -250,10 +224,15 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         most_mm: range.most_mm,
         sides,
         planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
-        anatomy: anatomy_rows(report),
-        methods: METHODS.map(|(name, text)| Method { name, text }).into(),
+        tables: tables::all(report),
+        methods: methods::METHODS.map(|(name, text)| Method { name, text }).into(),
         intended_use: INTENDED_USE,
     })
+}
+
+fn failures(report: &Report) -> Vec<String> {
+    let is_defect = |text: &String| report.findings.iter().any(|f| f.text == *text);
+    report.verdict.failures.iter().filter(|text| !is_defect(text)).cloned().collect()
 }
 
 /// The grey pictures, as fine as the page may hold.
@@ -425,29 +404,4 @@ fn alt(plane: usize, z_mm: f64, total: &Figures) -> String {
     format!(
         "CT plane {plane} at z {z_mm:.2} mm with segmented boundary, section of the solid, toolpaths and deposited material; {figures}"
     )
-}
-
-fn anatomy_rows(report: &Report) -> Vec<AnatomyRow> {
-    let rows = report.anatomy.branches.iter().flat_map(|branch| {
-        branch.stages.iter().map(move |stage| AnatomyRow {
-            branch: branch.name.clone(),
-            planes: format!("{} to {}", branch.planes[0], branch.planes[1]),
-            stage: stage.stage,
-            area: shown(stage.lumen_area_mm2, 2),
-            equivalent: shown(stage.equivalent_diameter_mm, 2),
-            minimum: shown(stage.minimum_diameter_mm, 2),
-            stenosis: stenosis(&stage.stenosis),
-        })
-    });
-    rows.collect()
-}
-
-fn stenosis(s: &super::Stenosis) -> String {
-    match (s.stenosis_nascet_percent, s.stenosis_throat, s.stenosis_reference) {
-        (Some(percent), Some(throat), Some(reference)) => format!(
-            "{percent:.0} % (throat {:.2} mm at plane {}, reference {:.2} mm at planes {} to {})",
-            throat.diameter_mm, throat.plane, reference.diameter_mm, reference.planes[0], reference.planes[1]
-        ),
-        _ => s.stenosis_reason.clone().unwrap_or_default(),
-    }
 }

@@ -30,17 +30,16 @@ const PICTURE: f32 = 196.0;
 /// The document.
 ///
 /// # Errors
-/// [`Error::Pdf`] where pixels cannot be packed, [`Error::Drawing`], [`Error::Json`].
-pub fn pdf(report: &Report) -> Result<Vec<u8>, Error> {
-    let view = page::view(report)?;
+/// [`Error::Pdf`] where pixels cannot be packed, [`Error::Drawing`] where a picture cannot be encoded.
+pub(super) fn document(report: &Report, view: &View) -> Result<Vec<u8>, Error> {
     let mut book = Book::new();
-    summary(&mut book, &view);
-    stages(&mut book, &view);
+    summary(&mut book, view);
+    stages(&mut book, view);
     charts(&mut book, &view.charts);
-    maps(&mut book, &view)?;
-    pictures(&mut book, report, &view)?;
-    tables(&mut book, &view);
-    methods(&mut book, &view);
+    maps(&mut book, view)?;
+    pictures(&mut book, report, view)?;
+    tables(&mut book, view);
+    methods(&mut book, view);
     sign_off(&mut book);
     Ok(book.finish(
         TITLE,
@@ -60,6 +59,9 @@ fn summary(book: &mut Book, view: &View) {
     book.heading("Result");
     let colour = if view.passed { GOOD } else { BAD };
     book.paragraph(&view.verdict, Style { colour, ..Style::bold(11.0) });
+    for failure in &view.failures {
+        book.paragraph(&format!("\u{2022} {failure}"), Style { colour, ..Style::plain(9.5) });
+    }
     book.skip(6.0);
     let columns = [(180.0, false), (90.0, true), (240.0, false)].map(column);
     let rows: Vec<Vec<String>> = view
@@ -68,9 +70,31 @@ fn summary(book: &mut Book, view: &View) {
         .map(|c| vec![c.label.to_owned(), c.value.clone(), format!("   {}", c.hint)])
         .collect();
     book.table(&columns, &["Figure", "Value", "Meaning"], &rows, 9.5);
+    defects(book, view);
     book.heading("What to know before reading on");
     for note in &view.notes {
         book.paragraph(&format!("\u{2022} {} ({})", note.text, note.code), Style::plain(9.0));
+    }
+}
+
+fn defects(book: &mut Book, view: &View) {
+    book.heading("What is wrong");
+    if view.defects.is_empty() {
+        book.paragraph("No defect was found in any step.", Style::plain(9.5));
+    } else {
+        let columns =
+            [(78.0, false), (66.0, false), (120.0, false), (78.0, false), (169.0, false)].map(column);
+        let row = |d: &page::defects::DefectRow| {
+            let what = if d.fails { d.what.to_owned() } else { format!("{} (within the limits)", d.what) };
+            vec![what, d.step.to_owned(), d.place.clone(), d.size.clone(), d.text.clone()]
+        };
+        let rows: Vec<Vec<String>> = view.defects.iter().map(row).collect();
+        book.table(&columns, &["What", "Step", "Where", "How much", "In words"], &rows, 8.0);
+    }
+    book.skip(4.0);
+    book.paragraph("What this comparison cannot see:", Style::soft(8.5));
+    for limit in view.not_seen {
+        book.paragraph(&format!("\u{2022} {limit}"), Style::soft(8.5));
     }
 }
 
@@ -343,27 +367,14 @@ fn tables(book: &mut Book, view: &View) {
         "Toolp.", "Depos.", "IoU", "Scan",
     ];
     book.table(&columns, &head[..columns.len()], &rows, 7.5);
-    book.heading("Anatomy");
-    book.paragraph(
-        "Mean lumen area and equivalent diameter, least minimum diameter of each branch, as each step has it. Stenosis by NASCET, where a normal segment lies beyond a narrowing.",
-        Style::soft(8.5),
-    );
-    let columns = [
-        (56.0, false),
-        (48.0, false),
-        (54.0, false),
-        (58.0, true),
-        (70.0, true),
-        (70.0, true),
-        (155.0, false),
-    ];
-    let row = |a: &page::AnatomyRow| -> Vec<String> {
-        let words = [&a.branch, &a.planes, &a.stage.to_owned(), &a.area, &a.equivalent, &a.minimum];
-        words.into_iter().cloned().chain([format!("  {}", a.stenosis)]).collect()
-    };
-    let rows: Vec<Vec<String>> = view.anatomy.iter().map(row).collect();
-    let head = ["Branch", "Planes", "Step", "Area mm\u{b2}", "Equivalent mm", "Minimum mm", "Stenosis"];
-    book.table(&columns.map(column), &head, &rows, 8.0);
+    for table in &view.tables {
+        book.heading(table.title);
+        book.paragraph(table.caption, Style::soft(8.5));
+        book.skip(4.0);
+        let columns: Vec<Column> = table.columns.iter().map(|c| column((c.width, !c.is_text))).collect();
+        let head: Vec<&str> = table.columns.iter().map(|c| c.head).collect();
+        book.table(&columns, &head, &table.rows, 8.0);
+    }
 }
 
 fn methods(book: &mut Book, view: &View) {
@@ -392,9 +403,13 @@ fn sign_off(book: &mut Book) {
 #[cfg(test)]
 mod tests {
     use super::super::testing::Case;
-    use super::super::{Inputs, build, tests::inputs};
+    use super::super::{Inputs, build, testing::inputs};
     use super::*;
     use crate::progress::Task;
+
+    fn pdf(report: &Report) -> Result<Vec<u8>, Error> {
+        document(report, &page::view(report)?)
+    }
 
     fn count(file: &[u8], what: &str) -> usize {
         file.windows(what.len()).filter(|w| *w == what.as_bytes()).count()

@@ -110,7 +110,8 @@ impl Window {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
     pub(super) fn grey(self, hu: f64) -> u8 {
         let part = (hu - self.black_hu) / (self.white_hu - self.black_hu);
-        (part * 255.0).round().clamp(0.0, 255.0) as u8
+        // Rounds half up, which for positive numbers needs no call.
+        (part * 255.0 + 0.5).clamp(0.0, 255.0) as u8
     }
 }
 
@@ -179,13 +180,15 @@ impl Brush {
         let plane = Plane::new(volume, k);
         let frame = self.frame;
         let width = frame.size_px[0] as usize;
-        for (i, pixel) in self.canvas.data_mut().chunks_exact_mut(4).enumerate() {
-            let (col, row) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            let at = frame.min + crate::geom::Vector2::new(col, row) / frame.px_per_mm;
-            let hu = plane.bilinear(at);
-            if !hu.is_nan() {
-                let grey = scene.window.grey(hu);
-                pixel.copy_from_slice(&[grey, grey, grey, 255]);
+        let at = |i: usize| (i as f64 + 0.5) / frame.px_per_mm;
+        let columns: Vec<_> = (0..width).map(|i| plane.column(frame.min.x + at(i))).collect();
+        for (j, row) in self.canvas.data_mut().chunks_exact_mut(4 * width).enumerate() {
+            let Some(between) = plane.row(frame.min.y + at(j)) else { continue };
+            for (pixel, column) in row.chunks_exact_mut(4).zip(&columns) {
+                if let Some(column) = column {
+                    let grey = scene.window.grey(plane.value(*column, between));
+                    pixel.copy_from_slice(&[grey, grey, grey, 255]);
+                }
             }
         }
     }

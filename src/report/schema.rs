@@ -7,7 +7,7 @@ pub const REPORT: &str = include_str!("report.schema.json");
 pub(super) mod tests {
     use super::super::record::Record;
     use super::super::testing::Case;
-    use super::super::{Inputs, Report, build, tests::inputs};
+    use super::super::{Inputs, Report, build, testing::inputs};
     use crate::progress::Task;
     use serde_json::Value;
 

@@ -2,21 +2,23 @@
 
 use super::anatomy::{Branches, StageLumina};
 use super::deviation::{Areas, Comparison, Figures, Outline, compare};
-use super::image::{ImageBoundary, boundary, median};
+use super::image::{ImageBoundary, boundaries, median};
 use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
 use super::scan::{self, Scanned};
 use super::strokes::{self, Stroke};
 use super::surface::Surface;
+use super::verdict::Judged;
 use super::{
-    Block, BodyKind, Error, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report, Stage,
-    Verdict,
+    Block, BodyKind, Error, Histogram, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report,
+    Stage, Uncertainty, Verdict,
 };
 use super::{found, measures};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point3, Region, Vector3};
 use crate::progress::{Cancelled, Task};
+use crate::sections::PlaneSections;
 use crate::slice::Layer;
 use crate::solid::CrossSection;
 use crate::toolpath::{Bead, LayerPaths, StackFromBed};
@@ -42,9 +44,10 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         Counter { task, done: AtomicU64::new(0), total: (inputs.paths.layers.len() + 2 * n_planes) as u64 };
     let recorded = assign(inputs);
     let layers = layers(inputs, &recorded.of_layer, &counter)?;
-    let planes: Vec<PlaneWork> = (0..n_planes)
+    let planes: Vec<PlaneWork> = images(inputs)
         .into_par_iter()
-        .map(|k| plane(inputs, &layers, k, &counter))
+        .enumerate()
+        .map(|(k, seen)| plane(inputs, &layers, (k, seen), &counter))
         .collect::<Result<_, _>>()?;
     let pictures = pictures(inputs, &planes, &layers, &counter)?;
     let figures: Vec<LayerFigures> = layers.iter().map(|l| l.figures).collect();
@@ -61,24 +64,38 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         lumina.extend(scanned.lumina(&branches));
     }
     let (scan, scan_failures) = scan.unzip();
+    let uncertainty = Uncertainty::of(&planes);
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
+    let mut anatomy = branches.measure(&lumina, &section);
+    uncertainty.state(&mut anatomy, scan.as_ref().and_then(|s| s.uncertainty_mm.place));
+    let walls = measures::walls(inputs, &planes, &layers, scanned.as_ref());
+    let amounts = measures::amounts(inputs, &planes, scanned.as_ref());
+    let judged = Judged {
+        pixel_mm,
+        meant: if compensation_mm(inputs) == 0.0 { "contours" } else { "planned" },
+        blocks: &blocks,
+        findings: &findings,
+        anatomy: &anatomy,
+        walls: &walls,
+        amounts: &amounts,
+    };
     Ok(Report {
         body: inputs.body,
         origin: inputs.record.origin,
-        anatomy: branches.measure(&lumina, &section),
-        walls: measures::walls(inputs, &planes, &layers, scanned.as_ref()),
-        amounts: measures::amounts(inputs, &planes, scanned.as_ref()),
-        uncertainty: measures::uncertainty(&planes),
+        verdict: Verdict::of(inputs.gate, &judged).with_failures(scan_failures.unwrap_or_default()),
+        anatomy,
+        walls,
+        amounts,
+        uncertainty,
+        scan,
+        triangles: inputs.triangles.to_vec(),
         plane_z_mm: inputs.sections.plane_z_mm(),
         surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes)
             .into_iter()
             .chain(scanned.iter().flat_map(Scanned::notes))
             .collect(),
-        verdict: Verdict::of(inputs.gate, pixel_mm, &blocks, &findings)
-            .with_failures(scan_failures.unwrap_or_default()),
-        scan,
         findings,
         layers: figures,
         blocks,
@@ -294,21 +311,26 @@ pub(super) struct PlaneWork {
     pub(super) comparisons: [Result<Comparison, String>; 6],
 }
 
+/// The plane of the volume at a plane of the contours, and what it shows.
+type InImage = (Option<usize>, Option<ImageBoundary>);
+
+fn images(inputs: &Inputs<'_>) -> Vec<InImage> {
+    let planes = &inputs.sections.planes;
+    let Some(image) = inputs.image else { return planes.iter().map(|_| (None, None)).collect() };
+    let z_mm = &image.volume.plane_z_mm;
+    let at = |sections: &PlaneSections| z_mm.iter().position(|z| (z - sections.z_mm).abs() < SAME_PLANE_MM);
+    let searched: Vec<_> = planes.iter().map(|p| (at(p), p.contours.as_slice())).collect();
+    searched.iter().map(|s| s.0).zip(boundaries(image, &searched)).collect()
+}
+
 fn plane(
     inputs: &Inputs<'_>,
     layers: &[LayerWork],
-    k: usize,
+    (k, (volume_plane, image)): (usize, InImage),
     counter: &Counter<'_>,
 ) -> Result<PlaneWork, Cancelled> {
     counter.tick()?;
     let sections = &inputs.sections.planes[k];
-    let volume_plane = inputs
-        .image
-        .and_then(|i| i.volume.plane_z_mm.iter().position(|z| (z - sections.z_mm).abs() < SAME_PLANE_MM));
-    let image = inputs
-        .image
-        .zip(volume_plane)
-        .map(|(image, v)| boundary(image.volume, v, &sections.contours, image.polarity));
     let section = inputs.solid.section(sections.z_mm, SECTION_TOLERANCE_MM);
     let layer_idx = layers.iter().position(|l| l.figures.ct_plane == Some(k));
     let layer = layer_idx.and_then(|i| layer_of(inputs, &inputs.paths.layers[i]));
@@ -383,6 +405,7 @@ fn block(stage: Stage, inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[Laye
     }
     let measured = planes.iter().filter_map(|p| p.comparisons[stage as usize].as_ref().ok());
     let n_planes = measured.clone().count();
+    let histogram = Histogram::of(measured.clone());
     let mut overall = Overall { figures: Figures::of(measured), n_planes, ..Overall::default() };
     if stage == Stage::Deposition {
         deposited_material(&mut overall, layers);
@@ -393,6 +416,7 @@ fn block(stage: Stage, inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[Laye
     let something = n_planes > 0 || overall.iou_mean.is_some();
     Block {
         overall: something.then_some(overall),
+        histogram,
         planes: planes
             .iter()
             .enumerate()

@@ -164,8 +164,8 @@ fn off_mm(at: Point2, z_mm: f64, rings: &[Ring<'_>]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::inputs;
     use super::super::testing::{Case, RADIUS_MM, print};
-    use super::super::tests::inputs;
     use super::*;
     use crate::progress::Task;
 

@@ -58,7 +58,7 @@ fn field(value: Option<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::testing::Case;
-    use super::super::{Inputs, build, tests::inputs};
+    use super::super::{Inputs, build, testing::inputs};
     use super::*;
     use crate::progress::Task;
 

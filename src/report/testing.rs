@@ -2,6 +2,7 @@
 
 use super::image::Polarity;
 use super::record::{Record, Segment};
+use super::{BodyKind, Image, Inputs, Job, Triangles};
 use crate::ct::{Volume, Voxels};
 use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector2, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
@@ -110,15 +111,41 @@ impl Sectioned for Tube {
     }
 }
 
-/// A whole case of a straight tube, all stages perfect until a test spoils one.
+/// A whole case, all stages perfect until a test spoils one.
 #[derive(Debug)]
-pub(super) struct Case {
+pub(super) struct Made<S> {
     pub(super) volume: Volume,
     pub(super) sections: SectionStack,
-    pub(super) solid: Tube,
+    pub(super) solid: S,
     pub(super) layers: Vec<Layer>,
     pub(super) paths: Toolpaths,
     pub(super) record: Record,
+}
+
+/// A case of a straight tube.
+pub(super) type Case = Made<Tube>;
+/// A case of a vessel of circles.
+pub(super) type Forked = Made<Shape>;
+
+/// A case as the report takes it.
+pub(super) fn inputs<S: Sectioned>(case: &Made<S>) -> Inputs<'_> {
+    Inputs {
+        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
+        sections: &case.sections,
+        solid: &case.solid,
+        body: BodyKind::Wall,
+        layers: &case.layers,
+        paths: &case.paths,
+        record: &case.record,
+        scan: None,
+        warnings: &[],
+        job: Job::default(),
+        triangles: &[
+            Triangles { deflection_mm: 0.1, n_triangles: 800 },
+            Triangles { deflection_mm: 0.01, n_triangles: 8000 },
+        ],
+        gate: crate::profile::gate::builtin("marlin").unwrap(),
+    }
 }
 
 impl Case {
@@ -234,17 +261,6 @@ impl Sectioned for Shape {
         let lumen = (self.lumen)(z_mm);
         CrossSection { outer: lumen.offset(WALL_MM, 1e-3).union(&lumen), lumen }
     }
-}
-
-/// A whole case of a vessel of circles, all stages perfect until a test spoils one.
-#[derive(Debug)]
-pub(super) struct Forked {
-    pub(super) volume: Volume,
-    pub(super) sections: SectionStack,
-    pub(super) solid: Shape,
-    pub(super) layers: Vec<Layer>,
-    pub(super) paths: Toolpaths,
-    pub(super) record: Record,
 }
 
 impl Forked {

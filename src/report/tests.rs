@@ -1,29 +1,13 @@
 //! The whole room on synthetic cases: what is put in must be found, in the right stage, in the right plane, of the
 //! right size, and nothing else.
 
-use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, print};
+use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, inputs, print};
 use super::*;
 use crate::ct::Voxels;
 use crate::geom::Point3;
 use crate::geom::{Contour, Point2, RigidTransform, Vector3};
 use crate::progress::{CancelToken, Task};
 use crate::slice::LayerSlot;
-
-pub(super) fn inputs(case: &Case) -> Inputs<'_> {
-    Inputs {
-        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
-        sections: &case.sections,
-        solid: &case.solid,
-        body: BodyKind::Wall,
-        layers: &case.layers,
-        paths: &case.paths,
-        record: &case.record,
-        scan: None,
-        warnings: &[],
-        job: Job::default(),
-        gate: Gate::default(),
-    }
-}
 
 fn report(case: &Case) -> Report {
     build(&inputs(case), &Task::quiet()).unwrap()

@@ -33,7 +33,7 @@ pub struct PlaneWall {
 }
 
 /// Figures of a wall.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Wall {
     /// Mean thickness, mm.
     #[serde(serialize_with = "rounded")]

@@ -1,40 +1,7 @@
 //! Figures against limits.
 
-use super::{Block, Finding, Stage};
+use super::{Amounts, Anatomy, Block, Finding, Gate, Stage, WallStage};
 use serde::Serialize;
-
-/// The limits that a replica must keep to pass.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Gate {
-    /// Total 95th percentile, mm; where the image's pixels are larger, one pixel.
-    pub total_p95_mm: f64,
-    /// Least IoU of deposited against planned material, each layer.
-    pub layer_iou: f64,
-    /// Farthest that a stage's outline may lie off the one before on any plane, mm; against the image, half a pixel
-    /// where that is more.
-    pub outline_mm: f64,
-    /// Farthest that a layer may lie beside its place, mm.
-    pub layer_shift_mm: f64,
-    /// Farthest that a layer's material may be off the planned amount, percent.
-    pub flow_percent: f64,
-    /// Most material beside the planned beads, outside of the lumen, mm³; in the lumen none is allowed.
-    pub extra_mm3: f64,
-}
-
-impl Default for Gate {
-    /// 0.3 mm: what the best published chains reach on average; 0.97: what a healthy printer does; 0.2 mm: the mean that
-    /// each stage may reach; 0.1 mm, 10 %: a quarter of a usual bead, and what a calibrated extruder keeps.
-    fn default() -> Self {
-        Self {
-            total_p95_mm: 0.3,
-            layer_iou: 0.97,
-            outline_mm: 0.2,
-            layer_shift_mm: 0.1,
-            flow_percent: 10.0,
-            extra_mm3: 1.0,
-        }
-    }
-}
 
 /// Whether the replica passes, and if not, why.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -47,15 +14,39 @@ pub struct Verdict {
     pub failures: Vec<String>,
 }
 
+/// What is judged.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Judged<'a> {
+    /// Size of the image's pixels, mm; none if there is no image.
+    pub(super) pixel_mm: Option<f64>,
+    /// The stage whose lumen the deposited one is meant to have: `contours`; `planned` where a job compensates.
+    pub(super) meant: &'static str,
+    pub(super) blocks: &'a [Block; 6],
+    pub(super) findings: &'a [Finding],
+    pub(super) anatomy: &'a Anatomy,
+    pub(super) walls: &'a [WallStage],
+    pub(super) amounts: &'a Amounts,
+}
+
 impl Verdict {
-    /// `pixel_mm`: size of the image's pixels; none if there is no image.
-    pub(super) fn of(gate: Gate, pixel_mm: Option<f64>, blocks: &[Block; 6], findings: &[Finding]) -> Self {
-        let gate = Gate { total_p95_mm: gate.total_p95_mm.max(pixel_mm.unwrap_or(0.0)), ..gate };
+    /// Every figure against its limit; what was not measured has none, but for the total.
+    pub(super) fn of(gate: Gate, judged: &Judged<'_>) -> Self {
+        let gate = Gate { total_p95_mm: gate.total_p95_mm.max(judged.pixel_mm.unwrap_or(0.0)), ..gate };
+        let deposition = &judged.blocks[Stage::Deposition as usize];
         let mut failures = Vec::new();
-        failures.extend(total_failure(gate, pixel_mm.is_some(), &blocks[Stage::Total as usize]));
-        failures.extend(layer_failure(gate, &blocks[Stage::Deposition as usize]));
-        failures.extend(missing(&blocks[Stage::Deposition as usize]));
-        failures.extend(findings.iter().filter(|f| f.beyond_gate).map(|f| f.text.clone()));
+        failures.extend(total_failure(
+            gate,
+            judged.pixel_mm.is_some(),
+            &judged.blocks[Stage::Total as usize],
+        ));
+        failures.extend(means(gate, judged));
+        failures.extend(dice(gate, judged));
+        failures.extend(layer_failure(gate, deposition));
+        failures.extend(missing(deposition));
+        failures.extend(volume(gate, judged));
+        failures.extend(branches(gate, judged));
+        failures.extend(wall(gate, judged));
+        failures.extend(judged.findings.iter().filter(|f| f.beyond_gate).map(|f| f.text.clone()));
         Self { passed: failures.is_empty(), gate, failures }
     }
 
@@ -77,6 +68,85 @@ impl Verdict {
         }
         format!("Not passed: {}", self.failures.join("; "))
     }
+}
+
+fn means(gate: Gate, judged: &Judged<'_>) -> Vec<String> {
+    let of = |stage: Stage| {
+        let of_image = matches!(stage, Stage::Segmentation | Stage::Total);
+        let half_pixel_mm = judged.pixel_mm.filter(|_| of_image).map_or(0.0, |p| 0.5 * p);
+        let allowed_mm = gate.stage_mean_mm.max(half_pixel_mm);
+        let mean_mm = judged.blocks[stage as usize].overall?.figures.mean_mm?;
+        (mean_mm > allowed_mm).then(|| {
+            format!("{}: the mean distance is {mean_mm:.3} mm, allowed are {allowed_mm:.3} mm", stage.name())
+        })
+    };
+    Stage::ALL.into_iter().filter_map(of).collect()
+}
+
+fn dice(gate: Gate, judged: &Judged<'_>) -> Option<String> {
+    let dice = judged.blocks[Stage::Total as usize].overall?.figures.dice?;
+    (dice < gate.total_dice).then(|| {
+        format!(
+            "the deposited lumen overlaps that of the image by Dice {dice:.3} only, at least {:.2} is asked",
+            gate.total_dice
+        )
+    })
+}
+
+/// By how much a figure is off another one, percent of that.
+fn percent_off(value: f64, meant: f64) -> Option<f64> {
+    (meant > 0.0).then(|| 100.0 * (value / meant - 1.0))
+}
+
+fn volume(gate: Gate, judged: &Judged<'_>) -> Option<String> {
+    let of = |stage| judged.amounts.lumen.iter().find(|l| l.stage == stage)?.volume_mm3;
+    let off = percent_off(of("recorded")?, of(judged.meant)?)?;
+    (off.abs() > gate.lumen_volume_percent).then(|| {
+        format!(
+            "the deposited lumen's volume is {off:+.1} % off that of the {}, allowed are {:.1} %",
+            judged.meant, gate.lumen_volume_percent
+        )
+    })
+}
+
+/// Least diameter and degree of stenosis of every branch.
+fn branches(gate: Gate, judged: &Judged<'_>) -> Vec<String> {
+    let of = |branch: &super::Branch| {
+        let stage = |name| branch.stages.iter().find(|s| s.stage == name);
+        let (deposited, meant) = (stage("recorded")?, stage(judged.meant)?);
+        let off = deposited
+            .minimum_diameter_mm
+            .zip(meant.minimum_diameter_mm)
+            .and_then(|(value, meant)| percent_off(value, meant))
+            .filter(|off| off.abs() > gate.diameter_percent);
+        let diameter = off.map(|off| {
+            format!(
+                "{}: the deposited lumen's least diameter is {off:+.1} % off that of the {}, allowed are {:.1} %",
+                branch.name, judged.meant, gate.diameter_percent
+            )
+        });
+        let [value, meant] = [deposited, meant].map(|s| s.stenosis.stenosis_nascet_percent);
+        let off = value.zip(meant).map(|(v, m)| v - m).filter(|off| off.abs() > gate.stenosis_points);
+        let stenosis = off.map(|off| {
+            format!(
+                "{}: the deposited degree of stenosis is {off:+.1} percentage points off that of the {}, allowed are {:.1}",
+                branch.name, judged.meant, gate.stenosis_points
+            )
+        });
+        Some([diameter, stenosis])
+    };
+    judged.anatomy.branches.iter().filter_map(of).flatten().flatten().collect()
+}
+
+fn wall(gate: Gate, judged: &Judged<'_>) -> Option<String> {
+    let least = |stage| judged.walls.iter().find(|w| w.stage == stage)?.overall?.min_mm;
+    let (deposited, solid) = (least("recorded")?, least("solid")?);
+    (deposited < 0.01 * gate.wall_percent * solid).then(|| {
+        format!(
+            "the deposited wall is only {deposited:.2} mm thick where it is thinnest, at least {:.0} % of {solid:.2} mm are asked",
+            gate.wall_percent
+        )
+    })
 }
 
 /// Without an image there is no total; with one, a total that was not measured proves nothing.
@@ -113,8 +183,12 @@ fn missing(deposition: &Block) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Figures, Overall};
+    use super::super::{Figures, LumenVolume, Overall, Stenosis, Wall};
     use super::*;
+
+    fn gate() -> Gate {
+        crate::profile::gate::builtin("marlin").unwrap()
+    }
 
     fn blocks(total_p95_mm: Option<f64>, iou_min: Option<f64>) -> [Block; 6] {
         let mut blocks: [Block; 6] = Default::default();
@@ -125,30 +199,102 @@ mod tests {
         blocks
     }
 
+    fn judged(pixel_mm: Option<f64>, blocks: &[Block; 6]) -> Verdict {
+        let (anatomy, amounts) = (Anatomy::default(), Amounts::default());
+        let (anatomy, amounts) = (&anatomy, &amounts);
+        Verdict::of(
+            gate(),
+            &Judged { pixel_mm, meant: "contours", blocks, findings: &[], anatomy, walls: &[], amounts },
+        )
+    }
+
     #[test]
     fn limits_are_kept_or_named() {
-        let gate = Gate::default();
-        assert!(Verdict::of(gate, Some(0.2), &blocks(Some(0.29), Some(0.98)), &[]).passed);
-        let failed = Verdict::of(gate, Some(0.2), &blocks(Some(0.31), Some(0.96)), &[]);
+        assert!(judged(Some(0.2), &blocks(Some(0.29), Some(0.98))).passed);
+        let failed = judged(Some(0.2), &blocks(Some(0.31), Some(0.96)));
         assert!(!failed.passed && failed.failures.len() == 2);
         assert!(failed.sentence().contains("0.310 mm") && failed.sentence().contains("IoU 0.960"));
     }
 
     #[test]
     fn nobody_asks_for_better_than_a_pixel() {
-        assert!(Verdict::of(Gate::default(), Some(1.5), &blocks(Some(0.9), Some(0.98)), &[]).passed);
+        assert!(judged(Some(1.5), &blocks(Some(0.9), Some(0.98))).passed);
+        let mut means = blocks(Some(0.2), Some(0.98));
+        means[Stage::Segmentation as usize].overall = Some(Overall {
+            figures: Figures { mean_mm: Some(0.4), ..Figures::default() },
+            ..Overall::default()
+        });
+        assert!(judged(Some(1.0), &means).passed);
+        assert!(judged(Some(0.3), &means).sentence().contains("segmentation: the mean distance is 0.400 mm"));
     }
 
     #[test]
     fn without_a_ct_the_total_is_no_failure_without_deposition_there_is_one() {
-        assert!(Verdict::of(Gate::default(), None, &blocks(None, Some(0.98)), &[]).passed);
-        assert!(!Verdict::of(Gate::default(), None, &blocks(None, None), &[]).passed);
+        assert!(judged(None, &blocks(None, Some(0.98))).passed);
+        assert!(!judged(None, &blocks(None, None)).passed);
     }
 
     #[test]
     fn an_image_without_a_total_is_a_failure_with_its_name() {
-        let verdict = Verdict::of(Gate::default(), Some(0.2), &blocks(None, Some(0.98)), &[]);
+        let verdict = judged(Some(0.2), &blocks(None, Some(0.98)));
         assert!(!verdict.passed);
         assert!(verdict.sentence().contains("total deviation"), "{}", verdict.sentence());
+    }
+
+    /// A case whose deposited lumen, wall and stenosis are off by what is given.
+    fn off(volume: f64, diameter: f64, degree: f64, wall: f64) -> Vec<String> {
+        let stage = |stage, diameter_mm, percent| super::super::StageMeasures {
+            stage,
+            minimum_diameter_mm: Some(diameter_mm),
+            stenosis: Stenosis { stenosis_nascet_percent: Some(percent), ..Stenosis::default() },
+            ..super::super::StageMeasures::default()
+        };
+        let anatomy = Anatomy {
+            branches: vec![super::super::Branch {
+                name: "branch 1".into(),
+                stages: vec![stage("contours", 4.0, 50.0), stage("recorded", 4.0 + diameter, 50.0 + degree)],
+                ..super::super::Branch::default()
+            }],
+            divisions: Vec::new(),
+        };
+        let lumen = |stage, volume| LumenVolume { stage, volume_mm3: Some(volume), uncertainty_mm3: None };
+        let amounts = Amounts {
+            lumen: vec![lumen("contours", 100.0), lumen("recorded", 100.0 + volume)],
+            ..Amounts::default()
+        };
+        let walls = [("solid", 1.0), ("recorded", wall)].map(|(stage, min_mm)| WallStage {
+            stage,
+            overall: Some(Wall { min_mm: Some(min_mm), ..Wall::default() }),
+            planes: Vec::new(),
+        });
+        let mut blocks = blocks(Some(0.1), Some(0.98));
+        blocks[Stage::Total as usize].overall = Some(Overall {
+            figures: Figures { dice: Some(0.95), p95_mm: Some(0.1), ..Figures::default() },
+            ..Overall::default()
+        });
+        let judged = Judged {
+            pixel_mm: Some(0.2),
+            meant: "contours",
+            blocks: &blocks,
+            findings: &[],
+            anatomy: &anatomy,
+            walls: &walls,
+            amounts: &amounts,
+        };
+        Verdict::of(gate(), &judged).failures
+    }
+
+    #[test]
+    fn every_figure_has_its_limit() {
+        assert_eq!(off(4.0, 0.3, -4.0, 0.6), [""; 0]);
+        let cases = [
+            (off(-6.0, 0.0, 0.0, 1.0), "volume is -6.0 %"),
+            (off(0.0, -0.5, 0.0, 1.0), "branch 1: the deposited lumen's least diameter is -12.5 %"),
+            (off(0.0, 0.0, 6.0, 1.0), "degree of stenosis is +6.0 percentage points"),
+            (off(0.0, 0.0, 0.0, 0.4), "wall is only 0.40 mm"),
+        ];
+        for (failures, words) in cases {
+            assert!(failures.len() == 1 && failures[0].contains(words), "{words}: {failures:?}");
+        }
     }
 }

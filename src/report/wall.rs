@@ -5,6 +5,9 @@
 //! wall between contrast agent and fat, blurred by 0.35 mm. One profile is too noisy to tell the wall from the
 //! blur; all profiles of a contour, laid over one another at their crossings and averaged, are fitted by the model of two
 //! blurred steps ([`crate::sections::edge`]).
+//!
+//! Where no model fits the profiles of one contour (noise, something bright beside it), and more than half of all contours show a
+//! wall, it has theirs, unless what it shows behind the boundary is nearer to the wall's own level: then its wall is thick.
 
 use super::image::{Edge, Scan, median};
 use crate::sections::edge::Profile;
@@ -30,7 +33,36 @@ pub(super) struct Wall {
     seen: f64,
 }
 
+/// What one contour shows of its wall.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Behind {
+    /// What the single profiles show beyond the boundary.
+    pub(super) seen: f64,
+    pub(super) wall: Option<Wall>,
+}
+
 impl Wall {
+    /// The wall that most contours show; `None` where no more than half of them show one.
+    pub(super) fn usual<'a>(all: impl Iterator<Item = &'a Behind>) -> Option<Self> {
+        let all: Vec<&Behind> = all.collect();
+        let walls: Vec<Self> = all.iter().filter_map(|b| b.wall).collect();
+        if 2 * walls.len() <= all.len() {
+            return None;
+        }
+        let usual = |get: fn(&Self) -> f64| median(walls.iter().map(get));
+        Some(Self {
+            level: usual(|w| w.level)?,
+            from_beyond: usual(|w| w.from_beyond)?,
+            blur_mm: usual(|w| w.blur_mm)?,
+            seen: usual(|w| w.seen)?,
+        })
+    }
+
+    /// Whether a contour that shows no wall is likely to have this one all the same.
+    pub(super) fn is_hidden(&self, behind: &Behind) -> bool {
+        behind.wall.is_none() && (behind.seen - self.seen).abs() < (behind.seen - self.level).abs()
+    }
+
     /// The wall that the profiles of a contour show together; `None` where it is as thick as it looks, or none fits.
     pub(super) fn behind(scans: &[Option<Scan>], edges: &[Option<Edge>], step_mm: f64) -> Option<Self> {
         let seen = median(edges.iter().flatten().map(|e| e.bottom))?;
@@ -92,8 +124,9 @@ fn mean_profile(
 #[cfg(test)]
 mod tests {
     use crate::geom::{Contour, Point2, Region};
+    use crate::report::Image;
     use crate::report::deviation::{Figures, Outline, compare};
-    use crate::report::image::{Polarity, boundary};
+    use crate::report::image::{Polarity, boundaries, boundary};
     use crate::report::testing::blurred_shells;
 
     /// Mean distance and bias of a contour of 3.1 mm against what the image shows of a lumen of 3 mm.
@@ -101,7 +134,7 @@ mod tests {
         let [lumen, wall, beyond] = levels_hu;
         let volume = blurred_shells(&[(3.0, lumen), (4.0, wall)], beyond, 1, noise_hu);
         let contours = vec![Contour::circle(Point2::origin(), 3.1, 128)];
-        let found = boundary(&volume, 0, &contours, polarity);
+        let found = boundary(Image { volume: &volume, polarity }, 0, &contours, None);
         assert!(found.n_found * 10 >= found.n_points * 9);
         let contours: Outline = Region::new(contours).into();
         Figures::of(std::iter::once(&compare(&found.outline, &contours).unwrap()))
@@ -121,6 +154,33 @@ mod tests {
             assert!((f.bias_mm.unwrap() - 0.1).abs() < 0.02, "{levels_hu:?}: {f:?}");
             let f = compared(polarity, levels_hu, 0.05 * (levels_hu[0] - levels_hu[1]).abs());
             assert!((f.bias_mm.unwrap() - 0.1).abs() < 0.04, "{levels_hu:?}, noisy: {f:?}");
+        }
+    }
+
+    #[test]
+    fn a_contour_whose_profiles_fit_no_wall_has_that_of_the_others() {
+        let usual = [(3.0, 300.0), (4.0, 60.0)];
+        let odd = [(3.0, 300.0), (4.0, 60.0), (4.7, -90.0), (5.2, 200.0)];
+        let plane = |shells: &[(f64, f64)]| blurred_shells(shells, -90.0, 1, 0.0);
+        let mut volume = blurred_shells(&usual, -90.0, 3, 0.0);
+        let n = volume.dims[0] * volume.dims[1];
+        let hu: Vec<f32> = [&usual[..], &odd[..], &usual[..]]
+            .iter()
+            .flat_map(|s| plane(s).hu.iter().collect::<Vec<_>>())
+            .collect();
+        volume.hu = crate::ct::Voxels::new(&hu, n);
+        let contours = vec![Contour::circle(Point2::origin(), 3.1, 128)];
+        let outline: Outline = Region::new(contours.clone()).into();
+        let bias = |found: &Outline| {
+            Figures::of(std::iter::once(&compare(found, &outline).unwrap())).bias_mm.unwrap()
+        };
+        let image = Image { volume: &volume, polarity: Polarity::Bright };
+        let alone = boundary(image, 1, &contours, None);
+        assert!(alone.walls[0].wall.is_none() && bias(&alone.outline) < 0.0, "{}", bias(&alone.outline));
+        let planes: Vec<_> = (0..3).map(|k| (Some(k), contours.as_slice())).collect();
+        for found in boundaries(image, &planes) {
+            let off = bias(&found.unwrap().outline);
+            assert!((off - 0.1).abs() < 0.04, "{off}");
         }
     }
 }

@@ -3,8 +3,10 @@
 
 use super::{Error, Report, page, pdf, schema, table};
 use crate::progress::Task;
+use rayon::prelude::*;
 use std::io::Write;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Writes the report as the directory `dir`, which appears complete or not at all; an older one is replaced.
 ///
@@ -12,9 +14,9 @@ use std::path::Path;
 /// [`Error::Io`] where the system refuses, [`Error::Page`], [`Error::Json`], [`Error::Cancelled`].
 pub fn write(report: &Report, dir: &Path, task: &Task<'_>) -> Result<(), Error> {
     let fail = |source| Error::Io { dir: dir.to_owned(), source };
-    let html = page::html(report)?;
-    let document = pdf(report)?;
-    let json = report.to_json()?;
+    let view = page::view(report)?;
+    let (html, document) = rayon::join(|| page::render(&view), || pdf::document(report, &view));
+    let (html, document, json) = (html?, document?, report.to_json()?);
     let parent = match dir.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -30,11 +32,14 @@ pub fn write(report: &Report, dir: &Path, task: &Task<'_>) -> Result<(), Error> 
         ("index.html", html.as_bytes()),
     ];
     let n_files = report.pictures.len() as u64 + texts.len() as u64;
-    for (i, picture) in report.pictures.iter().enumerate() {
+    let n_done = AtomicU64::new(0);
+    // Side by side: each file waits for the disk.
+    report.pictures.par_iter().try_for_each(|picture| {
         task.check()?;
         put(&fresh.path().join(picture.file_name()), &picture.png).map_err(fail)?;
-        task.report(i as u64 + 1, n_files);
-    }
+        task.report(n_done.fetch_add(1, Ordering::Relaxed) + 1, n_files);
+        Ok::<(), Error>(())
+    })?;
     for (name, text) in texts {
         put(&fresh.path().join(name), text).map_err(fail)?;
     }

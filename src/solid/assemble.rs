@@ -21,6 +21,9 @@ use rayon::prelude::*;
 
 /// Planes on either side that an event looks at.
 const EVENT_PLANES: usize = 3;
+/// A plane nearer to the one before it than this share of the interval on that one's other side says nothing of the
+/// course there: noise between the two would be taken for a slope.
+const CLOSE_PLANES: f64 = 0.2;
 /// The radius that lengths of slabs and virtual sections are stated for.
 const STATED_RADIUS_MM: f64 = 3.0;
 /// Virtual sections in the daughters' first full interval and in the parent's last one.
@@ -35,7 +38,7 @@ const END_GROWTH: f64 = 2.0;
 /// The share of the way to the end up to which sections are put there.
 const LAST_SHARE: f64 = 0.67;
 /// Sections nearer than this, mm, lie at one height: one of them only stays in the tube.
-const ONE_HEIGHT_MM: f64 = 1e-6;
+pub(super) const ONE_HEIGHT_MM: f64 = 1e-6;
 const NONE: usize = usize::MAX;
 
 /// A branch of the graph: nodes from the bottom upward.
@@ -311,7 +314,8 @@ impl Event {
         let (below, above): (Vec<usize>, Vec<usize>) = (branches(&star.lower), branches(&star.upper));
         let (lower, upper) = if upward { (below, above) } else { (above, below) };
         let sign = if upward { 1.0 } else { -1.0 };
-        let planes = event_planes(layout, &lower, &upper, upward);
+        let close = if recipe.is_measured() { CLOSE_PLANES } else { 0.0 };
+        let planes = event_planes(layout, [&lower, &upper], upward, close);
         let place = layout.place(star.interval);
         let fault = |fault: EventFault| Error::Event { place, fault };
         if let ([parent], [_, _]) = (&lower[..], &upper[..])
@@ -474,8 +478,9 @@ fn with_room(source: &dyn EventSource, mut planes: EventPlanes) -> EventPlanes {
     planes
 }
 
-/// The planes that an event looks at: those of the branches themselves, no farther than their next events.
-fn event_planes(layout: &Layout<'_>, lower: &[usize], upper: &[usize], upward: bool) -> EventPlanes {
+/// The planes that an event looks at: those of the branches themselves, no farther than their next events, and none
+/// nearer to the one before it than the share `close` of the interval on that one's other side.
+fn event_planes(layout: &Layout<'_>, [lower, upper]: [&[usize]; 2], upward: bool, close: f64) -> EventPlanes {
     let sign = if upward { 1.0 } else { -1.0 };
     // Nodes of a branch, nearest to the event first.
     let ordered = |branch: usize, from_bottom: bool| -> Vec<usize> {
@@ -496,18 +501,37 @@ fn event_planes(layout: &Layout<'_>, lower: &[usize], upper: &[usize], upward: b
             let contours = nodes.iter().map(|&n| layout.graph.nodes[n].contour.clone()).collect();
             Some(Plane { w: sign * layout.z(first), contours })
         };
-        columns[0].iter().filter_map(on_plane).take(EVENT_PLANES).collect()
+        columns[0].iter().filter_map(on_plane).collect()
     };
     let (parents, daughters) = (planes(lower, !upward), planes(upper, upward));
+    let (parents, daughters) = (spaced(&parents, &daughters, close), spaced(&daughters, &parents, close));
     let beyond = parted(layout, upper, upward).filter(|_| daughters.len() == 1).and_then(|parted| {
         let (branches, daughter_of): (Vec<usize>, Vec<usize>) = parted.into_iter().unzip();
         let behind = |p: &Plane| daughters[0].w < p.w;
         let planes: Vec<Plane> = planes(&branches, upward).into_iter().filter(behind).collect();
+        let planes = spaced(&planes, &daughters, close);
         let is_solid = planes.iter().flat_map(|p| &p.contours).all(Contour::is_ccw);
         (is_solid && !planes.is_empty()).then_some(Beyond { planes, daughter_of })
     });
     let rejoined = rejoined(layout, upper, upward).map_or_else(Vec::new, |branch| planes(&[branch], upward));
+    let rejoined = spaced(&rejoined, &daughters, close);
     EventPlanes { parents, daughters, beyond, rejoined }
+}
+
+/// The first few planes of one side of an event that are not too close to the one before.
+fn spaced(side: &[Plane], other: &[Plane], close: f64) -> Vec<Plane> {
+    let mut kept: Vec<Plane> = Vec::new();
+    let mut before = other.first().map(|p| p.w);
+    for plane in side {
+        let last = kept.last().map(|p| p.w);
+        let is_close = |(last, before): (f64, f64)| (plane.w - last).abs() < close * (last - before).abs();
+        if !last.zip(before).is_some_and(is_close) {
+            before = last.or(before);
+            kept.push(plane.clone());
+        }
+    }
+    kept.truncate(EVENT_PLANES);
+    kept
 }
 
 /// The nodes of a star on the side where an event comes from, and on the other.

@@ -9,7 +9,7 @@
 //!
 //! Cost: linear in the sections; eight distances a point, fifty where a section is added.
 
-use super::skin::GivenSection;
+use super::skin::{GivenSection, Strand};
 use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
 use crate::spline::TubeSurface;
 use crate::topology::meets_itself;
@@ -98,7 +98,8 @@ impl Missed {
     }
 }
 
-fn radius_mm(contour: &Contour) -> f64 {
+/// Radius of the disk of a contour's area.
+pub(super) fn radius_mm(contour: &Contour) -> f64 {
     (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt()
 }
 
@@ -107,8 +108,9 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// The sections to be added to a tube through the given ones.
-pub(super) fn between(surface: &TubeSurface, sections: &[GivenSection]) -> Vec<GivenSection> {
+/// The sections to be added to a tube through those of a strand, which ascend.
+pub(super) fn between(surface: &TubeSurface, strand: &Strand) -> Vec<GivenSection> {
+    let sections = strand.sections.as_slice();
     let gap = |k: usize| sections[k + 1].0 - sections[k].0;
     let widest = (0..sections.len().saturating_sub(1)).map(gap).fold(0.0, f64::max);
     let wide = |k: &usize| {

@@ -111,8 +111,8 @@ impl EventSource for DistanceSource {
         Some(self.frame)
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
-        iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm)
+    fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour> {
+        iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm / finer)
     }
 
     fn refine(&self, p: Point2, w: f64) -> Point2 {
@@ -149,8 +149,8 @@ impl<S: EventSource> EventSource for Inverse<S> {
         self.0.frame()
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
-        self.0.contours(w).iter().map(Contour::reversed).collect()
+    fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour> {
+        self.0.contours_on(w, finer).iter().map(Contour::reversed).collect()
     }
 
     fn refine(&self, p: Point2, w: f64) -> Point2 {

@@ -8,6 +8,8 @@
 //! Sections then follow towards the tip, the distance to it halved from one to the next, and end in a flat cap of
 //! a thousandth of the radius, so that height remains the tube's parameter.
 
+use super::assemble::ONE_HEIGHT_MM;
+use super::between::radius_mm;
 use crate::geom::{Contour, Point2, Vector2};
 use crate::spline::ClosedCurve;
 
@@ -120,13 +122,22 @@ pub(super) fn towards(sections: &[(f64, Contour)], next_plane_z: f64) -> Vec<(f6
     };
     let mut added: Vec<_> = (1..=HALVINGS).map(|k| section(model.tip * (1.0 - 0.5f64.powi(k)))).collect();
     added.push(section(0.25 * model.tip));
-    added.extend(inner(&near, &model, distance));
+    // Where there are sections between the last one and the next that tells about the tip, they say how the dome begins.
+    let behind = sections.iter().find(|s| distance(s.0).abs() > ONE_HEIGHT_MM);
+    if let [last, before, ..] = near[..]
+        && behind.is_some_and(|behind| behind.0 == before.0)
+    {
+        added.extend(inner([last, before], &model, distance));
+    }
     added
 }
 
 /// Sections in the last full interval, where the dome began in it.
-fn inner(near: &[&(f64, Contour)], model: &Model, distance: impl Fn(f64) -> f64) -> Vec<(f64, Contour)> {
-    let [last, before, ..] = near else { return Vec::new() };
+fn inner(
+    [last, before]: [&(f64, Contour); 2],
+    model: &Model,
+    distance: impl Fn(f64) -> f64,
+) -> Vec<(f64, Contour)> {
     if model.depth(0.0) < 0.1 {
         return Vec::new();
     }
@@ -158,10 +169,6 @@ fn spaced(sections: &[(f64, Contour)], least: f64) -> Vec<&(f64, Contour)> {
         }
     }
     near
-}
-
-fn radius_mm(contour: &Contour) -> f64 {
-    (contour.signed_area_mm2().abs() / std::f64::consts::PI).sqrt()
 }
 
 /// The branch's centreline, continued as a parabola through the centroids of its last three sections.

@@ -10,6 +10,9 @@ use crate::spline::SplineError;
 
 pub use super::slab::{Crotch, Slab};
 
+/// How much finer grids are tried where contours are missed.
+const FINER_GRIDS: [f64; 2] = [3.0, 9.0];
+
 /// The contours of one plane that take part in an event, and its height rising towards the daughters.
 #[derive(Debug, Clone)]
 pub(super) struct Plane {
@@ -82,12 +85,28 @@ pub(super) trait EventSource: Sync {
     fn frame(&self) -> Option<Frame> {
         None
     }
+    /// Its closed zero contours at height w, the inside to the left; where they are looked for on a grid, on one so many
+    /// times as fine as usual.
+    fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour>;
     /// Its closed zero contours at height w, the inside to the left.
-    fn contours(&self, w: f64) -> Vec<Contour>;
+    fn contours(&self, w: f64) -> Vec<Contour> {
+        self.contours_on(w, 1.0)
+    }
     /// Moves a point that is nearly on the zero at height w onto it.
     fn refine(&self, p: Point2, w: f64) -> Point2;
     /// A point inside daughter i at height w.
     fn anchor(&self, i: usize, w: f64) -> Point2;
+}
+
+/// The contours of a source at a height of which there should be `n`. A neck or a gap narrower than the grid on which they
+/// are looked for is not seen on it: where there are more or fewer, finer ones are tried.
+pub(super) fn contours_expected(source: &dyn EventSource, w: f64, n: impl Fn(usize) -> bool) -> Vec<Contour> {
+    let usual = source.contours(w);
+    if n(usual.len()) || source.frame().is_none() {
+        return usual;
+    }
+    let finer = FINER_GRIDS.iter().map(|finer| source.contours_on(w, *finer));
+    finer.into_iter().find(|found| n(found.len())).unwrap_or(usual)
 }
 
 /// Why an event could not be built.
@@ -121,4 +140,46 @@ pub enum EventFault {
     /// Surfaces cannot be interpolated.
     #[error(transparent)]
     Spline(#[from] SplineError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::iso;
+    use super::*;
+
+    /// A disk of 2 mm radius, cut in two by a slit 0.03 mm wide between the nodes of the usual grid.
+    struct Cut;
+
+    impl EventSource for Cut {
+        fn value(&self, p: Point2, _w: f64) -> f64 {
+            (p.coords.norm() - 2.0).max(0.015 - (p.x - 0.03).abs())
+        }
+
+        fn frame(&self) -> Option<Frame> {
+            let bounds = Bounds2 { min: Point2::new(-2.4, -2.4), max: Point2::new(2.4, 2.4) };
+            Some(Frame { bounds, step_mm: 0.2 })
+        }
+
+        fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour> {
+            let Frame { bounds, step_mm } = self.frame().expect("a grid");
+            iso::contours(&*self.slice(w), bounds, step_mm / finer)
+        }
+
+        fn refine(&self, p: Point2, _w: f64) -> Point2 {
+            p
+        }
+
+        fn anchor(&self, _i: usize, _w: f64) -> Point2 {
+            Point2::origin()
+        }
+    }
+
+    #[test]
+    fn a_gap_narrower_than_the_grid_is_found_where_two_contours_are_expected() {
+        assert_eq!(Cut.contours(0.0).len(), 1);
+        assert_eq!(contours_expected(&Cut, 0.0, |n| n == 2).len(), 2);
+        assert_eq!(contours_expected(&Cut, 0.0, |n| n == 1).len(), 1);
+        // Where no grid shows what is expected the usual one counts.
+        assert_eq!(contours_expected(&Cut, 0.0, |n| n == 5).len(), 1);
+    }
 }

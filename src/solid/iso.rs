@@ -5,6 +5,7 @@
 //! squares on the cells of one step, then Newton steps onto the zero. Cost: a few evaluations per step of length.
 
 use super::grid::Jet;
+use super::slab::root;
 use crate::geom::{Bounds2, Contour, Point2, Vector2};
 
 /// Halvings from the coarsest cells to the finest.
@@ -19,6 +20,12 @@ const ON_ZERO: f64 = 1e-6;
 const LEAST_SPACING: f64 = 0.25;
 /// Steps along the longer side of what is searched, at most: memory stays bounded, and every edge has a number.
 const MOST_STEPS: f64 = 4000.0;
+/// How far across an edge of a curve the zero is looked for where Newton steps lead elsewhere, in lengths of it, and in how
+/// many steps.
+const ACROSS: f64 = 0.5;
+const ACROSS_STEPS: u32 = 32;
+/// A vertex projected farther than this, in steps, is looked at.
+const FAR_PROJECTED: f64 = 0.3;
 const NONE: u32 = u32::MAX;
 
 struct Grid<'a> {
@@ -94,12 +101,30 @@ impl Grid<'_> {
 
     /// Where the field vanishes on an edge, by linear interpolation.
     fn crossing(&mut self, edge: usize) -> Point2 {
+        let [(from, a), (to, b)] = self.ends(edge);
+        let t = (a / (a - b)).clamp(1e-6, 1.0 - 1e-6);
+        from + (to - from) * t
+    }
+
+    /// The nodes at the ends of an edge with their values.
+    fn ends(&mut self, edge: usize) -> [(Point2, f64); 2] {
         let (i, j) = ((edge / 2) % self.n_x, (edge / 2) / self.n_x);
         let (k, l) = if edge.is_multiple_of(2) { (i + 1, j) } else { (i, j + 1) };
         let (a, b) = (self.value(i, j), self.value(k, l));
-        let t = (a / (a - b)).clamp(1e-6, 1.0 - 1e-6);
-        let start = self.point(i as f64, j as f64);
-        start + (self.point(k as f64, l as f64) - start) * t
+        [(self.point(i as f64, j as f64), a), (self.point(k as f64, l as f64), b)]
+    }
+
+    /// A point projected from where the field changes its sign on an edge, if the field rises there as it does along the
+    /// edge: where walls are as near as the grid's nodes, Newton steps may lead to the one opposite. Else the zero on the
+    /// edge itself.
+    fn on_own_wall(&mut self, edge: usize, projected: Point2) -> Point2 {
+        let [(from, a), (to, b)] = self.ends(edge);
+        let outward = if a < b { to - from } else { from - to };
+        if (self.field)(projected).slope.dot(&outward) > 0.0 {
+            return projected;
+        }
+        let sign = if a < b { 1.0 } else { -1.0 };
+        from + (to - from) * root(|t| sign * (self.field)(from + (to - from) * t).value, 0.0, 1.0)
     }
 
     /// Follows the contour from an edge until it is back; `None` where it does not come back. Empty where it is too small
@@ -111,7 +136,9 @@ impl Grid<'_> {
         while at != NONE && self.next[at as usize] != NONE {
             let next = std::mem::replace(&mut self.next[at as usize], NONE);
             let crossing = self.crossing(at as usize);
-            let point = project(self.field, crossing, self.step_mm);
+            let projected = project(self.field, crossing, self.step_mm);
+            let is_far = (projected - crossing).norm() > FAR_PROJECTED * self.step_mm;
+            let point = if is_far { self.on_own_wall(at as usize, projected) } else { projected };
             if points.last().is_none_or(|&q| (point - q).norm() > least) {
                 points.push(point);
             }
@@ -182,6 +209,21 @@ fn searched(
     found
 }
 
+/// A point moved from `start` onto the zero of a field, if the zero runs about `along` there, with the inside to its left:
+/// in a gap that is narrower than the curve's vertices are apart, Newton steps may lead to the wall opposite. Else the nearest
+/// zero across the way from the start where the field rises outward; the start itself where there is none.
+pub(super) fn settled(moved: Point2, start: Point2, along: Vector2, field: &dyn Fn(Point2) -> Jet) -> Point2 {
+    let outward = Vector2::new(along.y, -along.x);
+    if field(moved).slope.dot(&outward) > 0.0 {
+        return moved;
+    }
+    let rises = if field(start).value < 0.0 { 1.0 } else { -1.0 };
+    let value = |t: f64| rises * field(start + outward * (rises * t)).value;
+    let step = ACROSS / f64::from(ACROSS_STEPS);
+    let beyond = (1..=ACROSS_STEPS).map(|k| step * f64::from(k)).find(|&t| value(t) >= 0.0);
+    beyond.map_or(start, |t| start + outward * (rises * root(value, t - step, t)))
+}
+
 /// Newton steps from `p` onto the zero of the field, never farther than `most_mm` in all.
 pub(super) fn project(field: &dyn Fn(Point2) -> Jet, start: Point2, most_mm: f64) -> Point2 {
     let mut p = start;
@@ -233,6 +275,18 @@ mod tests {
         let bounds = Bounds2 { min: Point2::new(-1.5, -1.5), max: Point2::new(1.5, 1.5) };
         let [found] = &contours(&disk, bounds, 1e-9)[..] else { panic!("one disk") };
         assert!((found.signed_area_mm2() - std::f64::consts::PI).abs() < 1e-5);
+    }
+
+    #[test]
+    fn points_stay_on_their_own_wall_of_a_slit() {
+        // A slit 0.05 wide along y; the wall that faces it from the left runs upward.
+        let field = |p: Point2| Jet { value: 0.025 - p.x.abs(), slope: Vector2::new(-p.x.signum(), 0.0) };
+        let (opposite, own) = (Point2::new(0.025, 0.0), Point2::new(-0.025, 0.0));
+        for start in [-0.2, -0.03, 0.0, 0.01] {
+            let moved = settled(opposite, Point2::new(start, 0.0), Vector2::y(), &field);
+            assert!((moved - own).norm() < 1e-9, "{start}: {moved}");
+        }
+        assert_eq!(settled(own, Point2::new(0.0, 0.0), Vector2::y(), &field), own);
     }
 
     #[test]

@@ -122,7 +122,7 @@ mod tests {
             (p - Point2::new(0.5 * w, 0.0)).norm() - (2.0 + 0.3 * w)
         }
 
-        fn contours(&self, w: f64) -> Vec<Contour> {
+        fn contours_on(&self, w: f64, _finer: f64) -> Vec<Contour> {
             vec![Contour::circle(Point2::new(0.5 * w, 0.0), 2.0 + 0.3 * w, 64)]
         }
 

@@ -601,8 +601,8 @@ impl EventSource for LobeSource {
         Some(self.frame)
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
-        iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm)
+    fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour> {
+        iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm / finer)
     }
 
     fn refine(&self, p: Point2, w: f64) -> Point2 {

@@ -1,18 +1,19 @@
 //! Vertices of a slab's closed curves beside the corners of its patches, where the curves bend sharply.
 
-use crate::geom::{Contour, Point2, SegmentIndex};
+use crate::geom::{Contour, Point2, SegmentIndex, Vector2};
 
 /// Spacing of vertices beside a corner over the distance from it, and how often an edge is halved at most.
 const GROWTH: f64 = 0.12;
 const MOST_HALVINGS: usize = 8;
 
 /// The contour with the corners among its vertices, and with more vertices beside them, where it bends more sharply than
-/// its vertices are set: their spacing grows with the distance from the nearest corner, from `least_mm` on.
+/// its vertices are set: their spacing grows with the distance from the nearest corner, from `least_mm` on. `refine` moves
+/// a point onto the curve where that runs in about the given direction.
 pub(super) fn denser(
     contour: &Contour,
     corners: &[Point2],
     least_mm: f64,
-    refine: impl Fn(Point2) -> Point2,
+    refine: impl Fn(Point2, Vector2) -> Point2,
 ) -> Contour {
     let Some(index) = SegmentIndex::try_new(std::slice::from_ref(contour)) else { return contour.clone() };
     let feet: Vec<usize> = corners.iter().map(|c| edge_of(contour, index.nearest(*c).edge_idx, *c)).collect();
@@ -55,7 +56,7 @@ fn halved(
     [from, to]: [Point2; 2],
     most: usize,
     spacing_mm: &impl Fn(Point2) -> f64,
-    refine: &impl Fn(Point2) -> Point2,
+    refine: &impl Fn(Point2, Vector2) -> Point2,
     points: &mut Vec<Point2>,
 ) {
     let middle = nalgebra::center(&from, &to);
@@ -63,7 +64,7 @@ fn halved(
     if most == 0 || length <= spacing_mm(middle) {
         return;
     }
-    let on_curve = refine(middle);
+    let on_curve = refine(middle, to - from);
     // What is not between the two is on another piece of the curve.
     if (on_curve - middle).norm() > length {
         return;
@@ -84,7 +85,7 @@ mod tests {
         // Beyond the notch's vertex that is the nearest point of both edges.
         for (corner, expected) in [([2.05, 0.9], 2), ([1.95, 0.9], 3)] {
             let corner = Point2::from(corner);
-            let found = denser(&contour, &[corner], 0.3, |p| p).points;
+            let found = denser(&contour, &[corner], 0.3, |p, _| p).points;
             let place = |p: Point2| found.iter().position(|q| *q == p).expect("every vertex stays");
             let [before, at, after] = [points[expected], corner, points[expected + 1]].map(place);
             assert!(before < at && at < after, "{before} {at} {after}");

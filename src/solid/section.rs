@@ -59,7 +59,16 @@ fn n_chords(bend_mm: f64, tolerance_mm: f64, fewest: f64) -> usize {
 
 fn polyline(curve: &SectionCurve, tolerance_mm: f64) -> Contour {
     let n = n_chords(curve.bend_mm(), tolerance_mm, FEWEST_CHORDS);
-    Contour::new((0..n).map(|i| curve.at(i as f64 / n as f64)).collect())
+    if (n as f64) < MOST_CHORDS {
+        return Contour::new((0..n).map(|i| curve.at(i as f64 / n as f64)).collect());
+    }
+    // One sharp bend must not cost as many chords everywhere, nor have too few itself.
+    let length = 1.0 / curve.len() as f64;
+    let piece = |(i, bend): (usize, f64)| {
+        let n = n_chords(bend * length * length, tolerance_mm, 1.0);
+        (0..n).map(move |k| curve.at((i as f64 + k as f64 / n as f64) * length))
+    };
+    Contour::new(curve.bends_mm().enumerate().flat_map(piece).collect())
 }
 
 /// A lateral's row: chords over as many pieces between its knots as keep the tolerance, or over parts of one.

@@ -6,6 +6,7 @@ use super::event::{Crotch, Slab};
 use super::lean::{Leans, end_slopes};
 use super::mend::mended;
 use super::spacing::{LEAST_COMPUTED, Notch, Round, SECTION_POINTS, fractions};
+use super::steady::steadying;
 use super::weld::{Weld, weld};
 use crate::geom::{Contour, Point2};
 use crate::spline::{ClosedCurve, SplineError, TubeSurface};
@@ -15,6 +16,8 @@ use serde::{Deserialize, Serialize};
 /// Every how many points a turn of a section is tried first, and after how many points it may be given up.
 const TWIST_STRIDE: usize = 8;
 const TWIST_CHUNK: usize = 32;
+/// Patches that miss their neighbours by more than this, mm, show another surface.
+const MOST_MOVED_MM: f64 = 0.2;
 
 /// Which points of neighbouring sections of a tube are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -125,7 +128,13 @@ pub(super) fn skin(
         Correspondence::LeastTwist => mended(lofted, loft)?,
         Correspondence::Published => lofted.into_iter().map(|(_, tube)| tube).collect(),
     };
-    let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
+    let (welds, moved) = weld(&mut tubes, &mut slabs);
+    if let Some((slab, moved_mm)) = slabs.iter().zip(&moved).find(|(_, mm)| **mm > MOST_MOVED_MM) {
+        let z_mm = slab.w_mm.map(|w| slab.z_of(w));
+        let fault = BranchFault::Torn { moved_mm: *moved_mm };
+        return Err(Error::Branch { z_mm: [z_mm[0].min(z_mm[1]), z_mm[0].max(z_mm[1])], fault });
+    }
+    let moved_mm = moved.into_iter().fold(0.0, f64::max);
     Ok(Skin { tubes, slabs, welds, moved_mm })
 }
 
@@ -139,17 +148,18 @@ fn completed(
     strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Two sections at one height (a virtual one on a plane) would make the spline steep: the first one stays.
     strand.sections.dedup_by(|b, a| b.0 - a.0 < 1e-6);
-    let tube = loft(&strand)?;
+    let mut tube = loft(&strand)?;
     if correspondence == Correspondence::Published || !is_measured {
         return Ok((strand, tube));
     }
-    let further = between(&tube.surface, &strand.sections);
-    if further.is_empty() {
-        return Ok((strand, tube));
+    for ask in [steadying, between] {
+        let further = ask(&tube.surface, &strand);
+        if !further.is_empty() {
+            strand.sections.extend(further);
+            strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
+            tube = loft(&strand)?;
+        }
     }
-    strand.sections.extend(further);
-    strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let tube = loft(&strand)?;
     Ok((strand, tube))
 }
 
@@ -167,6 +177,12 @@ pub enum BranchFault {
     TooFew {
         /// How many there are.
         found: usize,
+    },
+    /// Its patches and those beside it follow different curves.
+    #[error("its patches would have to be moved by {moved_mm:.2} mm to meet their neighbours")]
+    Torn {
+        /// How far, mm.
+        moved_mm: f64,
     },
     /// Its sections cannot be joined.
     #[error(transparent)]

@@ -10,20 +10,23 @@
 
 use super::corners::Corners;
 use super::event::{EventFault, EventSource};
-use super::iso;
+use super::iso::{self, settled};
 use super::lean::{Lean, Leans};
 use super::notch::denser;
+use super::sites::{closer, halved, misses};
 use super::sweep::Saddle;
 use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
-use crate::spline::{Basis, PatchSurface};
+use crate::spline::PatchSurface;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Rows of the lateral patches and of the saddle's grid.
 const ROWS: usize = 13;
-/// Intervals along u of the lateral patches: as many as keep their borders this near to the field between them, mm.
+/// Intervals along u of the lateral patches: as many as keep their borders near to the field between them.
 const ARC_INTERVALS: [usize; 4] = [64, 128, 256, 512];
-const ARC_TOLERANCE_MM: f64 = 3e-4;
+/// Where none of these do, in how many rounds, and up to how many, sites are set closer where they are needed.
+const CLOSER_ROUNDS: usize = 6;
+const MOST_SITES: usize = 2048;
 /// Spacing of a ring's vertices at its corners over the size of the saddle.
 const NOTCH_SPACING: f64 = 0.02;
 
@@ -238,7 +241,10 @@ impl View<'_> {
         let laterals = [lateral(0)?, lateral(1)?];
         let slab = Slab { upward: sign > 0.0, w_mm: saddle.w_mm(), laterals, crotch: Crotch::Saddle(patch) };
         let Saddle { w_waist, w_legs, .. } = *saddle;
-        let refined = |w: f64| move |p: Point2| self.source.refine(p, w);
+        let refined = |w: f64| {
+            let field = self.source.slice(w);
+            move |p: Point2, along: Vector2| settled(self.source.refine(p, w), p, along, &*field)
+        };
         let least_mm = NOTCH_SPACING * corners.size_mm();
         let waist = denser(&saddle.waist, &[corners.a, corners.b], least_mm, refined(w_waist));
         let [first, second] = &saddle.legs;
@@ -267,22 +273,41 @@ impl View<'_> {
         [seam(a, p), seam(b, p), seam(a, q), seam(b, q)]
     }
 
-    /// The sites along u with which the laterals' borders keep to the field.
+    /// The sites along u with which the laterals' borders keep to the field: cosine-spaced ones where they do, else closer
+    /// where they do not.
     fn arc_sites(&self, saddle: &Saddle, seams: &Seams, heights: &[f64]) -> Result<Vec<f64>, EventFault> {
         let mut sites = Vec::new();
         for n in ARC_INTERVALS {
             sites = cosine_spaced(n + 1);
-            let finer = cosine_spaced(2 * n + 1);
-            let mut keeps = true;
-            for (row, place) in [(0, Place::Waist), (ROWS - 1, Place::Legs)] {
-                let borders = self.laterals(saddle, seams.at(row), heights[row], place, &finer)?;
-                keeps &= borders.iter().all(|border| is_met(border, &finer));
-            }
-            if keeps {
-                break;
+            if !self.missed(saddle, seams, heights, &cosine_spaced(2 * n + 1))?.contains(&true) {
+                return Ok(sites);
             }
         }
+        for _ in 0..CLOSER_ROUNDS {
+            let missed = self.missed(saddle, seams, heights, &halved(&sites))?;
+            if !missed.contains(&true) || sites.len() > MOST_SITES {
+                break;
+            }
+            sites = closer(&sites, &missed);
+        }
         Ok(sites)
+    }
+
+    /// Between which of every second one of these sites the borders of the laterals do not keep to the field.
+    fn missed(
+        &self,
+        saddle: &Saddle,
+        seams: &Seams,
+        heights: &[f64],
+        finer: &[f64],
+    ) -> Result<Vec<bool>, EventFault> {
+        let mut missed = vec![false; finer.len() / 2];
+        for (row, place) in [(0, Place::Waist), (ROWS - 1, Place::Legs)] {
+            for border in self.laterals(saddle, seams.at(row), heights[row], place, finer)? {
+                missed.iter_mut().zip(misses(&border, finer)).for_each(|(all, own)| *all |= own);
+            }
+        }
+        Ok(missed)
     }
 
     /// The laterals' points at a height between the seams, at sites along u.
@@ -294,7 +319,9 @@ impl View<'_> {
         place: Place,
         u: &[f64],
     ) -> Result<[Vec<Point2>; 2], EventFault> {
-        let refine = |p: Point2| self.source.refine(p, self.along * w);
+        let field = self.source.slice(self.along * w);
+        let refine =
+            |p: Point2, along: Vector2| settled(self.source.refine(p, self.along * w), p, along, &*field);
         let arcs = [Arc { start: ap, end: bp, place }, Arc { start: bq, end: aq, place }];
         let loops = match place {
             Place::Waist => [saddle.waist.clone(), saddle.waist.clone()],
@@ -402,20 +429,6 @@ impl Seams {
     }
 }
 
-/// Whether the cubic spline through every second point keeps to the others, across the curve.
-fn is_met(points: &[Point2], sites: &[f64]) -> bool {
-    let coarse: Vec<f64> = sites.iter().copied().step_by(2).collect();
-    let Ok(basis) = Basis::not_a_knot(&coarse) else { return false };
-    let rows: Vec<f64> = points.iter().step_by(2).flat_map(|p| [p.x, p.y]).collect();
-    let control = basis.interpolate(&coarse, &rows, 2);
-    let mut at = Vec::new();
-    (1..points.len() - 1).step_by(2).all(|i| {
-        Basis::combine(basis.at(sites[i]), &control, 2, &mut at);
-        let along = (points[i + 1] - points[i - 1]).try_normalize(1e-12).unwrap_or_default();
-        (points[i] - Point2::new(at[0], at[1])).perp(&along).abs() <= ARC_TOLERANCE_MM
-    })
-}
-
 impl Saddle {
     /// Heights of the waist and the legs, rising from the one to the other.
     fn w_mm(&self) -> [f64; 2] {
@@ -447,8 +460,10 @@ impl Saddle {
 
     fn at_reach(&self, source: &dyn EventSource, [waist, legs]: [f64; 2]) -> Option<Self> {
         let (w_waist, w_legs) = (self.apex.w - self.along * waist, self.apex.w + self.along * legs);
-        let waist = following(&source.contours(w_waist), &self.waist)?;
-        let there = source.contours(w_legs);
+        // The neck and the gap are as wide as the root of the distance from the apex.
+        let finer = |k: usize, reach: f64| (self.reaches()[k] / reach).sqrt().max(1.0);
+        let waist = following(&source.contours_on(w_waist, finer(0, waist)), &self.waist)?;
+        let there = source.contours_on(w_legs, finer(1, legs));
         let [first, second] = self.legs.each_ref().map(|leg| following(&there, leg));
         let legs = [first?, second?];
         (legs[0] != legs[1]).then(|| Self { w_waist, w_legs, waist, legs, ..self.clone() })
@@ -464,11 +479,13 @@ impl Saddle {
         let mut beside = Beside::default();
         for reach in reaches(0) {
             let w = self.apex.w - self.along * reach;
-            beside.waist.extend(following(&source.contours(w), &self.waist).map(|c| (w, c)));
+            beside.waist.extend(
+                following(&source.contours_on(w, (to[0] / reach).sqrt()), &self.waist).map(|c| (w, c)),
+            );
         }
         for reach in reaches(1) {
             let w = self.apex.w + self.along * reach;
-            let there = source.contours(w);
+            let there = source.contours_on(w, (to[1] / reach).sqrt());
             for (sections, leg) in beside.legs.iter_mut().zip(&self.legs) {
                 sections.extend(following(&there, leg).map(|c| (w, c)));
             }
@@ -537,7 +554,7 @@ struct Arc {
 
 impl Arc {
     /// Points on a polyline at the fractions u of its length, the inner ones refined.
-    fn along(polyline: &[Point2], u: &[f64], refine: impl Fn(Point2) -> Point2) -> Vec<Point2> {
+    fn along(polyline: &[Point2], u: &[f64], refine: impl Fn(Point2, Vector2) -> Point2) -> Vec<Point2> {
         let mut lengths = vec![0.0];
         for pair in polyline.windows(2) {
             lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).norm());
@@ -547,9 +564,10 @@ impl Arc {
             let target = fraction * whole;
             let i = lengths.partition_point(|&l| l <= target).clamp(1, polyline.len() - 1);
             let piece = (lengths[i] - lengths[i - 1]).max(1e-12);
-            polyline[i - 1] + (polyline[i] - polyline[i - 1]) * ((target - lengths[i - 1]) / piece)
+            let along = polyline[i] - polyline[i - 1];
+            refine(polyline[i - 1] + along * ((target - lengths[i - 1]) / piece), along)
         };
-        let inner = u[1..u.len() - 1].iter().map(|&f| refine(at(f)));
+        let inner = u[1..u.len() - 1].iter().map(|&f| at(f));
         std::iter::once(polyline[0]).chain(inner).chain(polyline.last().copied()).collect()
     }
 

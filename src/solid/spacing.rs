@@ -106,12 +106,18 @@ pub(super) fn fractions(rounds: &[Round<'_>], notches: &[Notch], least: f64) -> 
     let mut fractions = begun(notches);
     let mut open: Vec<&Round<'_>> = rounds.iter().collect();
     for _ in 0..ROUNDS {
+        let all_are_open = open.len() == rounds.len();
         let off: Vec<Vec<f64>> = open.par_iter().map(|round| round.off_mm(&fractions)).collect();
         let tolerance_mm = if fractions.len() < AMPLE_POINTS { TOLERANCE_MM } else { LOOSE_TOLERANCE_MM };
         let leaves = |off: &Vec<f64>| off.iter().any(|mm| *mm > tolerance_mm);
         open = open.into_iter().zip(&off).filter(|(_, off)| leaves(off)).map(|(round, _)| round).collect();
-        if open.is_empty() {
+        if open.is_empty() && all_are_open {
             break;
+        }
+        if open.is_empty() {
+            // Points that were moved for some curves may have left others.
+            open = rounds.iter().collect();
+            continue;
         }
         let most = (0..fractions.len()).map(|i| off.iter().map(|mm| mm[i]).fold(0.0, f64::max));
         let closer = Spacing::of(&fractions, &most.collect::<Vec<_>>(), tolerance_mm, least).fractions();

@@ -6,7 +6,7 @@
 //! them by a hair, so that they come to lie apart ([`super::bias`]).
 
 use super::critical::{Critical, Kind, criticals};
-use super::event::{EventFault, EventSource, Slab};
+use super::event::{EventFault, EventSource, Slab, contours_expected};
 use super::lean::Leans;
 use super::slab::{Bordered, build_slab, distance_from};
 use super::{bias, neck, tip};
@@ -167,9 +167,12 @@ impl Sweep<'_> {
     fn run(&self, criticals: Vec<Critical>) -> Result<Swept, EventFault> {
         let steps = self.steps(criticals)?;
         let zones = self.zones(&steps);
-        let mut heights: Vec<f64> = zones.concat();
-        heights.extend(steps.iter().filter(|s| s.dome.is_empty()).flat_map(|s| s.w));
-        let contours: Vec<Vec<Contour>> = heights.par_iter().map(|&w| self.source.contours(w)).collect();
+        let (heights, counts) = self.counted(&steps, &zones);
+        let contours: Vec<Vec<Contour>> = heights
+            .par_iter()
+            .zip(counts)
+            .map(|(&w, count)| contours_expected(self.source, w, |n| count.is_none_or(|count| n == count)))
+            .collect();
         let at = |w: f64| {
             heights.iter().position(|h| h.to_bits() == w.to_bits()).map_or(&[][..], |k| &contours[k])
         };
@@ -206,6 +209,18 @@ impl Sweep<'_> {
         Ok(Swept { n_parts: tracks.n_parts, upper, joints, sections: tracks.sections })
     }
 
+    /// The heights at which contours are looked for, and how many there are; `None` where domes begin or end beside them.
+    fn counted(&self, steps: &[Step], zones: &[Vec<f64>]) -> (Vec<f64>, Vec<Option<usize>>) {
+        let below = std::iter::once(self.interval.lower.len()).chain(steps.iter().map(|s| s.n_above));
+        let all_saddles = steps.iter().all(|s| s.dome.is_empty());
+        let count = |n: usize| all_saddles.then_some(n);
+        let in_zones =
+            zones.iter().zip(below.clone()).flat_map(|(zone, n)| zone.iter().map(move |w| (*w, n)));
+        let saddles = steps.iter().zip(below).filter(|(step, _)| step.dome.is_empty());
+        let borders = saddles.flat_map(|(step, n)| step.w.into_iter().zip([n, step.n_above]));
+        in_zones.chain(borders).map(|(w, n)| (w, count(n))).unzip()
+    }
+
     fn lost(&self, w: f64) -> EventFault {
         EventFault::Lost { z_mm: if self.interval.upward { w } else { -w } }
     }
@@ -229,7 +244,8 @@ impl Sweep<'_> {
             } else if self.source.frame().is_none() {
                 n + 1
             } else {
-                self.source.contours(0.5 * (w[k + 1] + w[k + 2])).len()
+                contours_expected(self.source, 0.5 * (w[k + 1] + w[k + 2]), |found| found.abs_diff(n) == 1)
+                    .len()
             };
             if n_above.abs_diff(n) != 1 || n_above == 0 {
                 return Err(EventFault::Components { found: n_above, expected: n + 1 });

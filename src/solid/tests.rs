@@ -4,6 +4,7 @@ use crate::phantom::{Kind, Vessel};
 use crate::sections::PlaneSections;
 
 mod events;
+mod irregular;
 
 pub(super) fn phantom_stack(kind: Kind) -> SectionStack {
     let vessel = Vessel::new(kind);

@@ -24,6 +24,8 @@ const SNAP_SPACINGS: f64 = 1e-4;
 const SAME_KNOT: f64 = 1e-9;
 /// A welded saddle has no cell smaller than this share of the mean one, seen along z.
 const LEAST_AREA: f64 = 0.03;
+/// A lateral that is moved by more than this to meet the tubes, mm, is brought into step with them anew.
+const MOST_MOVED_MM: f64 = 5e-4;
 /// Chords along which the length of a ring's arc is taken.
 const LENGTH_SAMPLES: usize = 2048;
 /// The seam of a tube stays where it is if no corner is nearer than this share of the way round.
@@ -56,8 +58,8 @@ pub(super) fn ends_of(slab: usize) -> [End; 3] {
     [End::Waist { slab }, End::Daughter { slab, side: 0 }, End::Daughter { slab, side: 1 }]
 }
 
-/// Welds all slabs to their tubes.
-pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, f64) {
+/// Welds all slabs to their tubes; with how far the patches of each were moved at most, mm.
+pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, Vec<f64>) {
     let mut welds: Vec<Weld> =
         slabs.iter().enumerate().map(|(i, slab)| corners(tubes, slab, ends_of(i))).collect();
     for (idx, tube) in tubes.iter_mut().enumerate() {
@@ -70,10 +72,10 @@ pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, f64) {
         }
         welds.iter_mut().for_each(|w| w.on_tube(idx).for_each(|u| *u = snapped(*u, n)));
     }
-    let mut moved_mm: f64 = 0.0;
+    let mut moved_mm = vec![0.0; slabs.len()];
     for (i, (slab, weld)) in slabs.iter().zip(&welds).enumerate() {
         if matches!(slab.crotch, Crotch::Crease) {
-            join_at_apex(tubes, weld, ends_of(i), &mut moved_mm);
+            join_at_apex(tubes, weld, ends_of(i), &mut moved_mm[i]);
         }
     }
     for (i, (slab, weld)) in slabs.iter_mut().zip(&welds).enumerate() {
@@ -88,7 +90,7 @@ pub(super) fn weld(tubes: &mut [Tube], slabs: &mut [Slab]) -> (Vec<Weld>, f64) {
             let to = if to > from { to } else { to + 1.0 };
             [(&rings[0], [from, to]), (&rings[1 + side], [p, p + 1.0])]
         });
-        weld_slab(slab, sides, &mut moved_mm);
+        weld_slab(slab, sides, &mut moved_mm[i]);
     }
     (welds, moved_mm)
 }
@@ -212,8 +214,17 @@ fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) 
         let arcs = side.map(|(ring, range)| ring.leaning.section.arc(range, ring.z_mm));
         let [u, _] = lateral.bases();
         let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
-        let refined = onto(&in_step(lateral, &arcs), [&knots, &along]);
-        with_borders(&refined, &arcs, moved_mm)
+        let to_knots = |patch: &PatchSurface| onto(patch, [&knots, &along]);
+        let usual = with_borders(&to_knots(&in_step(lateral, &arcs)), &arcs);
+        let least = if usual.1 <= MOST_MOVED_MM {
+            usual
+        } else {
+            // The arcs run less evenly than few columns can follow.
+            let finer = with_borders(&in_step(&to_knots(lateral), &arcs), &arcs);
+            if finer.1 < usual.1 { finer } else { usual }
+        };
+        *moved_mm = moved_mm.max(least.1);
+        least.0
     });
     match &mut slab.crotch {
         Crotch::Saddle(saddle) => {
@@ -238,9 +249,16 @@ fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) 
         Crotch::Crease => {
             let [first, second] = welded;
             let (left, right) = (first.border_column(Side::First), first.border_column(Side::Last));
+            *moved_mm = moved_mm.max(apart_mm(&right, &second.border_column(Side::First)));
+            *moved_mm = moved_mm.max(apart_mm(&left, &second.border_column(Side::Last)));
             slab.laterals = [first, with_columns(&second, &right, &left)];
         }
     }
+}
+
+/// How far the control points of two curves over the same knots lie apart, at most.
+fn apart_mm(a: &Curve, b: &Curve) -> f64 {
+    a.control().iter().zip(b.control()).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max)
 }
 
 /// The laterals and the saddle with common seams.
@@ -345,8 +363,8 @@ fn seam_knots(slab: &Slab) -> Vec<f64> {
 }
 
 /// The lateral with the arcs as its first and last row. Heights of all rows stay, to the last bit those of the rings at
-/// the ends.
-fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved_mm: &mut f64) -> PatchSurface {
+/// the ends. With how far it was moved at most, mm.
+fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2]) -> (PatchSurface, f64) {
     let [u, v] = lateral.bases();
     let unit = u.over([0.0, 1.0]);
     let borders = arcs.each_ref().map(|arc| arc.over([0.0, 1.0]).refined(unit.clone()));
@@ -356,7 +374,7 @@ fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved_mm: &mut f64) -
         let border = &borders[usize::from(row > 0)];
         (0..n).map(|i| border.control()[i] - points[row * n + i]).collect()
     });
-    *moved_mm = shifts.iter().flatten().map(|s| s.norm()).fold(*moved_mm, f64::max);
+    let moved_mm = shifts.iter().flatten().map(|s| s.norm()).fold(0.0, f64::max);
     let shares = v.over([0.0, 1.0]).greville();
     let mut out = Vec::with_capacity(points.len());
     for (row, share) in shares.iter().enumerate() {
@@ -370,7 +388,7 @@ fn with_borders(lateral: &PatchSurface, arcs: &[Curve; 2], moved_mm: &mut f64) -
             out.push(point);
         }
     }
-    PatchSurface::with_control(u.clone(), v.clone(), &out)
+    (PatchSurface::with_control(u.clone(), v.clone(), &out), moved_mm)
 }
 
 /// The lateral with other columns at its sides.

@@ -416,11 +416,20 @@ impl SectionCurve {
     /// its knots, so it is largest at one of them.
     #[must_use]
     pub fn bend_mm(&self) -> f64 {
+        (0..self.len()).map(|i| self.bend_at_knot_mm(i)).fold(0.0, f64::max)
+    }
+
+    /// The same of each piece between two knots, from u = 0 on.
+    pub fn bends_mm(&self) -> impl Iterator<Item = f64> {
+        (0..self.len()).map(|i| self.bend_at_knot_mm(i).max(self.bend_at_knot_mm(i + 1)))
+    }
+
+    /// The second derivative with respect to u at the i-th knot, mm.
+    fn bend_at_knot_mm(&self, i: usize) -> f64 {
         let n = self.len();
         let control = |i: usize, k: usize| self.control[2 * (i % n) + k];
-        let second = |i: usize, k: usize| control(i + n - 1, k) - 2.0 * control(i, k) + control(i + 1, k);
-        let largest = (0..n).map(|i| second(i, 0).hypot(second(i, 1))).fold(0.0, f64::max);
-        largest * (n * n) as f64
+        let second = |k: usize| control(i + n - 1, k) - 2.0 * control(i, k) + control(i + 1, k);
+        second(0).hypot(second(1)) * (n * n) as f64
     }
 
     /// The point at u (periodic in 1).

@@ -32,6 +32,14 @@ impl Sqlite {
         let file = path.to_owned();
         Self::start(path, move || Db::open(&file, open::STEPS))
     }
+
+    /// Writes what the file holds at one moment to a new file, while others go on with it. Blocks as long as that takes.
+    ///
+    /// # Errors
+    /// [`Error`]: it cannot be read, or the new file not be written, or is there already.
+    pub fn snapshot(path: &Path, to: &Path) -> Result<(), Error> {
+        Db::open_to_read(path)?.copy_to(to)
+    }
 }
 
 impl Database for Db {

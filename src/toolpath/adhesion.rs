@@ -134,10 +134,10 @@ impl<'a> Outline<'a> {
         outer.filter_map(outline).collect()
     }
 
-    /// Whether they share some of the plane: a vertex of one lies in the other, or their edges cross.
+    /// Whether they share some of the plane. Where no edges cross one lies in the other with all of its vertices, or with none.
     fn meets(&self, other: &Self) -> bool {
         let has_of = |a: &Self, b: &Self| {
-            b.contour.points.iter().any(|&p| a.index.signed_distance_mm(p) <= TOLERANCE_MM)
+            b.contour.points.first().is_some_and(|&p| a.index.signed_distance_mm(p) <= TOLERANCE_MM)
         };
         let crosses = || other.contour.edges().any(|(a, b)| self.index.crosses(a, b));
         self.bounds.meets(other.bounds) && (has_of(self, other) || has_of(other, self) || crosses())
@@ -163,7 +163,7 @@ impl<'a> Branch<'a> {
 
 /// All that stands by itself on the bed: its foot, and up to which height it does, mm. Branches that meet stand together from
 /// there on.
-fn standing(layers: &[Layer], placed: &[(Region, Region)]) -> Vec<(Region, f64)> {
+pub(super) fn standing(layers: &[Layer], placed: &[(Region, Region)]) -> Vec<(Region, f64)> {
     let Some((first, _)) = placed.first() else { return Vec::new() };
     let mut branches: Vec<Branch<'_>> = Outline::all(first).into_iter().map(Branch::of).collect();
     let mut stood = Vec::new();

@@ -9,7 +9,16 @@
 //! A bead that ends alone, as it has no other to turn into or where two beads become one, has a round end, and the others give
 //! up what that takes in the same way.
 //!
-//! Not so where more than one bead begins at once, or a raster: beads end bluntly there.
+//! Not so where more than one bead begins at once, or a raster: beads end bluntly there. Nor at a corner, nor where the skins see the
+//! change more than [`APART_MM`] apart or disagree about the wall's depth: each skin then ends its bead by itself, with a round end.
+//!
+//! Limits: a change is taken to be in a straight wall of even depth. In tubes of lumens below 2 mm radius what is beside a turn
+//! is bent, and up to 1 % of the ring's section is left empty there, half as much is laid twice.
+//!
+//! Cost: a look at each spot, and for each change a search of the place across the wall (logarithmic) and an insertion among the
+//! spots of its skin (linear in them).
+//!
+//! Accuracy: beads that give way follow the parabola in [`N_STEPS`] steps.
 
 use super::fill::{FillParams, Way};
 use super::skin::{Contact, Sample, Skins};
@@ -104,7 +113,9 @@ struct Rings<'a> {
 impl Rings<'_> {
     /// Gives all changes along a skin their ends.
     fn settle(&mut self, skin: usize) {
-        while let Some(change) = self.unsettled(skin) {
+        let mut from = 0;
+        while let Some(change) = self.unsettled(skin, from).or_else(|| self.unsettled(skin, 0)) {
+            from = change.spot;
             // Marked first, so that the other skin of the wall, which may be the same, does not move it.
             *self.end_mut(&change) = End::Round;
             if let Some(opposite) = self.opposite(&change) {
@@ -115,12 +126,12 @@ impl Rings<'_> {
         }
     }
 
-    fn unsettled(&self, skin: usize) -> Option<Change> {
-        self.changes(skin).find(|c| *self.end(c) == End::Blunt)
+    fn unsettled(&self, skin: usize, from: usize) -> Option<Change> {
+        self.changes(skin, from).find(|c| *self.end(c) == End::Blunt)
     }
 
-    /// Where the number of beads falls by one along a skin.
-    fn changes(&self, skin: usize) -> impl Iterator<Item = Change> + '_ {
+    /// Where the number of beads falls by one along a skin, from a spot on.
+    fn changes(&self, skin: usize, from: usize) -> impl Iterator<Item = Change> + '_ {
         let spots = &self.spots[skin];
         let change = move |(spot, side): (usize, Side)| {
             let (more, fewer) = (spots[spot].way, spots[side.step(spot, spots.len())].way);
@@ -131,7 +142,7 @@ impl Rings<'_> {
             };
             is_one.then_some(Change { skin, spot, side, more, fewer })
         };
-        (0..spots.len()).flat_map(|i| [(i, Side::Before), (i, Side::Behind)]).filter_map(change)
+        (from..spots.len()).flat_map(|i| [(i, Side::Before), (i, Side::Behind)]).filter_map(change)
     }
 
     fn end(&self, change: &Change) -> &End {
@@ -248,7 +259,7 @@ impl Rings<'_> {
     }
 
     fn givings(&self, skin: usize) -> Vec<Giving> {
-        let settled = self.changes(skin).filter(|c| *self.end(c) != End::Blunt);
+        let settled = self.changes(skin, 0).filter(|c| *self.end(c) != End::Blunt);
         settled.map(|c| Giving::of(&c, &self.spots[skin][c.spot], *self.end(&c), self.params)).collect()
     }
 }
@@ -311,7 +322,8 @@ impl Giving {
 
     /// What is taken of the depth at a place in the middle of the wall.
     fn taken_mm(&self, at: Point2) -> f64 {
-        // Of n beads of radius r the innermost is a disc (2 n - 1) r under the skin, which touches the circle.
+        // Of n beads of radius r the innermost is a disc f r under the skin, f = 2 n - 1, which touches the circle, of radius c and u
+        // under the skin: away^2 + (u - f r)^2 = (r + c)^2, of which this is the lesser root, written without cancellation.
         let away_mm = (at - self.middle).norm() + OVER_MM;
         let [under_mm, circle_mm] = self.circle_mm;
         let factor = 2.0 * self.n_beads - 1.0;
@@ -357,4 +369,111 @@ pub(super) fn half_circle(end: Point2, begin: Point2) -> impl Iterator<Item = Po
     (1..N).map(move |k| {
         middle + nalgebra::Rotation2::new(std::f64::consts::PI * f64::from(k) / f64::from(N)) * radius
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{Contour, Region};
+    use crate::profile::BeadShape;
+    use crate::toolpath::flow::BeadModel;
+
+    fn params() -> FillParams {
+        let model = BeadModel::new(BeadShape::Rectangle, 0.2);
+        FillParams { model, width_mm: 0.45, limits_mm: [0.3, 0.8], perimeters: 2 }
+    }
+
+    fn sample(x: f64) -> Sample {
+        Sample {
+            at: Point2::new(x, 0.0),
+            inward: Vector2::new(0.0, 1.0),
+            share_mm: 0.3,
+            depth_mm: 0.6,
+            wall_mm: 0.6 + x,
+            contact: Contact::Deep,
+            edge_idx: 0,
+            sharp: true,
+        }
+    }
+
+    #[test]
+    fn beads_give_way_so_that_the_innermost_touches_the_turn() {
+        for n_beads in [1.0, 2.0, 3.0] {
+            let (depth_mm, circle_mm) = (0.9, [0.75, 0.15]);
+            let (side, fewer, middle) = (Side::Behind, Way::Beads(1), Point2::new(0.0, depth_mm));
+            let giving =
+                Giving { spot: 0, side, fewer, middle, depth_mm, n_beads, circle_mm, length_mm: 1.0 };
+            for x in [0.0, 0.1, 0.2] {
+                let taken_mm = giving.taken_mm(Point2::new(x, depth_mm));
+                let radius_mm = (depth_mm - taken_mm) / (2.0 * n_beads);
+                let under_mm = (2.0 * n_beads - 1.0) * radius_mm;
+                let between_mm = (x + OVER_MM).hypot(circle_mm[0] - under_mm);
+                assert!(
+                    taken_mm > 0.0 && (between_mm - radius_mm - circle_mm[1]).abs() < 1e-9,
+                    "{n_beads} {x}"
+                );
+            }
+            assert_eq!(giving.taken_mm(Point2::new(3.0, depth_mm)), 0.0);
+        }
+    }
+
+    #[test]
+    fn spots_between_two_are_evenly_apart_and_no_corners() {
+        let spot =
+            |x: f64, n: usize, ends| Spot { sample: sample(x), way: Way::Beads(n), taken_mm: 0.0, ends };
+        let ended = [End::Blunt, End::Round];
+        for (ends, way) in [([End::Blunt; 2], Way::Beads(2)), (ended, Way::Beads(1))] {
+            let mut spots = Vec::new();
+            between(&spot(0.0, 2, ends), &spot(0.4, 1, [End::Blunt; 2]), 0.11, &mut spots);
+            let places: Vec<f64> = spots.iter().map(|s| s.sample.at.x).collect();
+            let is_even = places.iter().zip([0.1, 0.2, 0.3]).all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(is_even && places.len() == 3, "{places:?}");
+            assert!(spots.iter().all(|s| s.way == way && !s.sample.sharp && s.ends == [End::Blunt; 2]));
+            assert!(spots.iter().all(|s| (s.sample.wall_mm - 0.6 - s.sample.at.x).abs() < 1e-12));
+        }
+    }
+
+    /// The spots of a ring whose lumen lies off its middle, and of which the number of beads falls from `more` where the wall is
+    /// less than `limit_mm` deep; seen `apart_mm` later by the outer skin.
+    fn settled(limit_mm: f64, apart_mm: f64) -> Vec<Vec<Spot>> {
+        let hole = Contour::circle(Point2::new(0.3, 0.0), 3.0, 120).reversed();
+        let ring = Region::new(vec![Contour::circle(Point2::origin(), 4.2, 150), hole]);
+        let skins = Skins::try_new(&ring, 2.0, 1e-6).unwrap();
+        let way = |(skin, s): (usize, &Sample)| {
+            let late_mm = if skin == 0 { apart_mm } else { 0.0 };
+            Way::Beads(if s.wall_mm < limit_mm + late_mm { 1 } else { 2 })
+        };
+        let ways = |(skin, s): (usize, &super::super::skin::Skin)| {
+            s.samples.iter().map(|s| way((skin, s))).collect()
+        };
+        let ways: Vec<Vec<Way>> = skins.skins.iter().enumerate().map(ways).collect();
+        spots(&skins, &ways, &params())
+    }
+
+    fn turns(spots: &[Spot]) -> Vec<(usize, Point2)> {
+        let turn = |s: &Spot| {
+            s.ends
+                .iter()
+                .find_map(|e| if let End::Turn(k) = e { Some((*k, middle(&s.sample))) } else { None })
+        };
+        let mut turns: Vec<_> = spots.iter().filter_map(turn).collect();
+        turns.sort_by_key(|turn| turn.0);
+        turns
+    }
+
+    #[test]
+    fn skins_that_see_a_change_far_apart_end_their_beads_each_by_itself() {
+        let spots = settled(0.6, 0.12);
+        assert!(spots.iter().all(|s| turns(s).is_empty()));
+        let n_round = |s: &[Spot]| s.iter().flat_map(|s| s.ends).filter(|e| *e == End::Round).count();
+        assert_eq!([n_round(&spots[0]), n_round(&spots[1])], [2, 2]);
+    }
+
+    #[test]
+    fn a_half_circle_has_its_ends_opposite() {
+        let (end, begin) = (Point2::new(0.0, 0.0), Point2::new(0.0, 1.0));
+        let points: Vec<Point2> = half_circle(end, begin).collect();
+        assert!(points.iter().all(|p| ((p - Point2::new(0.0, 0.5)).norm() - 0.5).abs() < 1e-12 && p.x > 0.0));
+        assert!((points[3] - Point2::new(0.5, 0.5)).norm() < 1e-12);
+    }
 }

@@ -108,6 +108,10 @@ pub(super) struct Path {
 pub(super) struct Thin {
     pub(super) at: Point2,
     pub(super) thickness_mm: f64,
+    /// By how much the thinnest bead is wider, mm.
+    pub(super) excess_mm: f64,
+    /// Whether it lies between a lumen and the outside.
+    pub(super) is_round_lumen: bool,
     /// Share of all skins of the layer that is as thin.
     pub(super) share: f64,
 }
@@ -201,7 +205,10 @@ impl Filler<'_> {
         for value in [true, false] {
             for run in runs(&single, value) {
                 let length: f64 = run.iter().map(|&i| skin.samples[i].share_mm).sum();
-                if length < SHORT_RUN_MM && run.len() < single.len() {
+                // Where there is hardly room for half a bead, two would stand in the lumen.
+                let is_thin = |&i: &usize| 4.0 * skin.samples[i].wall_mm < self.params.limits_mm[0];
+                let is_short = length < SHORT_RUN_MM && !(value && run.iter().any(is_thin));
+                if is_short && run.len() < single.len() {
                     run.iter().for_each(|&i| single[i] = !value);
                 }
             }
@@ -282,7 +289,7 @@ impl Filler<'_> {
             let closed = run.len() == has.len();
             let ends = [spots[run[0]].ends[0], spots[run[run.len() - 1]].ends[1]];
             let mut vertices: Vec<Vertex> =
-                run.iter().filter_map(|&i| self.vertex(&spots[i], level)).collect();
+                run.iter().filter_map(|&i| self.vertex(skin, &spots[i], level)).collect();
             if !closed && level > 0 {
                 keep_clear(&mut vertices, ends);
             }
@@ -300,10 +307,10 @@ impl Filler<'_> {
     }
 
     /// The bead's vertex under a sample, or none where a corner leaves no room for it.
-    fn vertex(&self, spot: &Spot, level: usize) -> Option<Vertex> {
+    fn vertex(&self, skin: usize, spot: &Spot, level: usize) -> Option<Vertex> {
         let (p, s) = (self.params, &spot.sample);
         let pitch = match spot.way {
-            Way::Single => return self.middle(spot),
+            Way::Single => return self.middle(skin, spot),
             Way::Beads(n) => {
                 p.bead_pitch_mm(s.wall_mm - spot.taken_mm, n).max(0.5 * p.pitch_mm().min(p.limits_mm[0]))
             }
@@ -322,18 +329,29 @@ impl Filler<'_> {
         fits.then_some(Vertex { at, width_mm, room_mm: pitch / 2.0 })
     }
 
-    /// The middle of a thin wall, but for what the end of a bead takes of it on the far side; what is thinner than half the
-    /// thinnest bead is left out.
-    fn middle(&self, spot: &Spot) -> Option<Vertex> {
+    /// The middle of a thin wall, but for what the end of a bead takes of it on the far side. Where it is thinner than the thinnest bead,
+    /// that lies against the lumen, which keeps its outline; the skin outside gives way. Where there is no lumen, what is thinner
+    /// than half the thinnest bead is left out.
+    fn middle(&self, skin: usize, spot: &Spot) -> Option<Vertex> {
         let (s, [thinnest, widest]) = (&spot.sample, self.params.limits_mm);
         let depth_mm = s.depth_mm - spot.taken_mm / 2.0;
         // Short runs beside the thin wall, where it opens into a corner, may be deeper than a bead can fill.
         let width_mm = (2.0 * depth_mm).min(widest).max(thinnest);
-        (4.0 * s.depth_mm >= thinnest).then(|| Vertex {
-            at: s.at + s.inward * depth_mm,
-            width_mm,
-            room_mm: 0.0,
-        })
+        let outward_mm = (thinnest / 2.0 - s.depth_mm).max(0.0);
+        let depth_mm = match self.is_of_lumen(skin, s) {
+            Some(true) => depth_mm + outward_mm,
+            Some(false) => depth_mm - outward_mm,
+            None if 4.0 * s.depth_mm < thinnest => return None,
+            None => depth_mm,
+        };
+        Some(Vertex { at: s.at + s.inward * depth_mm, width_mm, room_mm: 0.0 })
+    }
+
+    /// Of a wall between a lumen and the outside: whether a sample is on its lumen's side.
+    fn is_of_lumen(&self, skin: usize, s: &Sample) -> Option<bool> {
+        let Contact::Wall { contour_idx, .. } = s.contact else { return None };
+        let [own, other] = [skin, contour_idx].map(|idx| self.skins.skins[idx].is_hole);
+        (own != other).then_some(own)
     }
 
     /// What lies between the innermost beads of all skins.
@@ -355,18 +373,23 @@ impl Filler<'_> {
 
     fn thin(&self) -> Option<Thin> {
         let thinnest = self.params.limits_mm[0];
-        let all = || self.skins.skins.iter().flat_map(|s| &s.samples);
-        let is_wall = |s: &&Sample| matches!(s.contact, Contact::Wall { .. });
-        let thin = || all().filter(is_wall).filter(|s| 2.0 * s.depth_mm < thinnest - TRIM_MM);
-        let worst = thin().min_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))?;
-        let length = |samples: &mut dyn Iterator<Item = &Sample>| samples.map(|s| s.share_mm).sum::<f64>();
+        let skins = || self.skins.skins.iter().enumerate();
+        let all = || skins().flat_map(|(skin, s)| s.samples.iter().map(move |s| (skin, s)));
+        let is_wall = |s: &Sample| matches!(s.contact, Contact::Wall { .. });
+        let thin = || all().filter(|(_, s)| is_wall(s) && 2.0 * s.depth_mm < thinnest - TRIM_MM);
+        let (skin, worst) = thin().min_by(|a, b| a.1.depth_mm.total_cmp(&b.1.depth_mm))?;
+        let length = |samples: &mut dyn Iterator<Item = (usize, &Sample)>| {
+            samples.map(|(_, s)| s.share_mm).sum::<f64>()
+        };
         let thin_mm = length(&mut thin());
+        let is_round_lumen = self.is_of_lumen(skin, worst).is_some();
         // The sharp edge of a wedge is thin everywhere; only a longer stretch is a thin wall.
-        if thin_mm < 2.0 * LONGEST_EDGE_MM {
+        if thin_mm < 2.0 * LONGEST_EDGE_MM && !is_round_lumen {
             return None;
         }
         let share = thin_mm / length(&mut all());
-        Some(Thin { at: worst.at, thickness_mm: 2.0 * worst.depth_mm, share })
+        let thickness_mm = 2.0 * worst.depth_mm;
+        Some(Thin { at: worst.at, thickness_mm, excess_mm: thinnest - thickness_mm, is_round_lumen, share })
     }
 }
 

@@ -9,7 +9,7 @@ use super::interior::Stack;
 use super::skin::Skins;
 use super::supports::{AIR_LAYERS, Support};
 use super::travel::{Island, Net};
-use super::{StackFromBed, adhesion, fill_params};
+use super::{BeadKind, LayerPaths, StackFromBed, adhesion, fill_params};
 use crate::ct::Warning;
 use crate::geom::{Contour, Point2, Region, SegmentIndex};
 use crate::profile::{Profile, SupportStyle};
@@ -32,6 +32,8 @@ const FOOT_MM: f64 = 1.0;
 const FOOT_GROWTH: f64 = 2.5;
 /// A part so many times as high as its foot is wide sways under the nozzle; the built-in vessel is 17 times as high.
 const MOST_SLENDER: f64 = 25.0;
+/// Lines over air hold so far by themselves, mm.
+const LONGEST_BRIDGE_MM: f64 = 20.0;
 
 /// Where a layer reaches farther beyond the one below than the profile's limit.
 #[derive(Debug, Clone, PartialEq)]
@@ -175,26 +177,52 @@ pub(super) fn overhang(unheld: &[Unheld], frame: &StackFromBed, profile: &Profil
     Some(Warning::new("toolpath.overhang", text))
 }
 
-/// Tells of a part that is far higher than what it stands on is wide, where nothing steadies it.
+/// Tells of lines that span far over air, as roofs over an inside without fill do.
+pub(super) fn bridges(paths: &[LayerPaths], frame: &StackFromBed) -> Option<Warning> {
+    let spans = paths.iter().flat_map(|layer| {
+        let lines = layer.beads.iter().filter(|bead| bead.kind == BeadKind::Bridge);
+        let ends = lines.flat_map(|bead| bead.points.windows(2).map(|p| (p[0].at, p[1].at)));
+        ends.map(move |(a, b)| ((b - a).norm(), nalgebra::center(&a, &b), layer.slot.z_mid_mm))
+    });
+    let (longest_mm, at, z_mm) = spans.reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    (longest_mm > LONGEST_BRIDGE_MM).then(|| {
+        let text = format!(
+            "lines span up to {:.0} mm over air, the longest at {}: they may sag or fall; give the inside some fill (--infill-percent, \
+             print.infill_percent in the profile) or turn the part",
+            frame.length_mm(longest_mm),
+            frame.told(at, z_mm)
+        );
+        Warning::new("toolpath.long_bridge", text)
+    })
+}
+
+/// Tells of what is far higher than what it stands on is wide, where nothing steadies it. `is_steadied`: whether columns or ribs
+/// stand beside the part.
 pub(super) fn slender(
     layers: &[Layer],
     placed: &[(Region, Region)],
     brim_mm: f64,
+    is_steadied: bool,
     profile: &Profile,
 ) -> Option<Warning> {
     let params = fill_params(profile, layers[0].slot.height_mm);
-    let is_steadied = profile.print.raft_layers > 0
-        || profile.print.support != SupportStyle::None
-        || adhesion::n_brim(brim_mm, &params) > 0;
+    let is_steadied = is_steadied || profile.print.raft_layers > 0 || adhesion::n_brim(brim_mm, &params) > 0;
     let height_mm: f64 = layers.iter().map(|l| l.slot.height_mm).sum();
-    let width_mm = placed[0].0.least_width_mm();
-    (!is_steadied && height_mm > MOST_SLENDER * width_mm).then(|| {
-        let text = format!(
-            "the part is {height_mm:.0} mm high and stands on {width_mm:.1} mm: it may topple or sway; print.brim_slenderness or print.brim_mm in \
-             the profile gives it a brim"
-        );
-        Warning::new("toolpath.slender", text)
-    })
+    let is_slender = |foot: &Region, height_mm: f64| height_mm > MOST_SLENDER * foot.least_width_mm();
+    // Nothing is higher than the part, nothing narrower than an island of its foot.
+    if is_steadied || !placed[0].0.islands().iter().any(|island| is_slender(island, height_mm)) {
+        return None;
+    }
+    let standing = adhesion::standing(layers, placed).into_iter();
+    let slender = standing.filter(|(foot, height_mm)| is_slender(foot, *height_mm));
+    let (foot, height_mm) =
+        slender.max_by(|a, b| (a.1 / a.0.least_width_mm()).total_cmp(&(b.1 / b.0.least_width_mm())))?;
+    let text = format!(
+        "a part is {height_mm:.0} mm high by itself and stands on {:.1} mm: it may topple or sway; print.brim_slenderness or print.brim_mm in \
+         the profile gives it a brim",
+        foot.least_width_mm()
+    );
+    Some(Warning::new("toolpath.slender", text))
 }
 
 /// Tells of a part that hardly touches the bed, as a ball does or a tube that lies, where neither brim, raft nor supports are

@@ -33,6 +33,7 @@ mod interior;
 mod lead;
 mod order;
 mod place;
+mod primed;
 mod raft;
 mod raster;
 mod ribs;
@@ -241,7 +242,7 @@ pub enum Error {
         /// Thickness found, mm.
         thickness_mm: f64,
         /// What had been taken from it before; empty where nothing was.
-        after: &'static str,
+        after: String,
         /// Thinnest bead of the profile, mm.
         thinnest_mm: f64,
     },
@@ -287,6 +288,7 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     let on_bed = columns.first().map(Support::area).unwrap_or_default();
     let posts = ribs.first().map(|rib| rib.footprint(profile.print.extrusion_width_mm));
     let on_bed = posts.filter(|posts| !posts.is_empty()).map_or(on_bed.clone(), |posts| on_bed.union(&posts));
+    let is_steadied = !on_bed.is_empty() || !ribs.is_empty();
     let standing = placed[0].0.union(&on_bed);
     let mut order = Order::of_part(brim_mm, on_bed, frame);
     if let Some(raft) = &placement.raft {
@@ -306,11 +308,14 @@ pub fn plan(layers: &[Layer], profile: &Profile, task: &Task<'_>) -> Result<Plan
     order.add(drafts, profile, task)?;
     order.check()?;
     let footing = held::footing(layers, &placed, brim_mm, &frame, profile);
-    let slender = held::slender(layers, &placed, brim_mm, profile);
+    let slender = held::slender(layers, &placed, brim_mm, is_steadied, profile);
+    let bridges = held::bridges(&order.paths, &frame);
     order.outlined(placed);
     let emptied = emptied(&order.paths, layers, profile)?;
     let told = order.warnings(profile).into_iter().chain(foot::warning(below)).chain(emptied);
-    let warnings = told.chain(footing).chain(slender).chain(on_part).chain(unsteady).collect();
+    let in_the_way = primed::in_the_way(&order.paths, profile);
+    let rest = [footing, slender, bridges, on_part, unsteady, in_the_way].into_iter().flatten();
+    let warnings = told.chain(rest).collect();
     let paths = Toolpaths { bed_from_stack: placement.bed_from_stack, compensation, layers: order.paths };
     Ok(Planned { paths, warnings })
 }

@@ -135,7 +135,7 @@ impl Order {
                 x_mm: at.x,
                 y_mm: at.y,
                 thickness_mm: thin.thickness_mm,
-                after: self.frame.moved_outlines(),
+                after: self.frame.taken(self.paths.is_empty()),
                 thinnest_mm: params.limits_mm[0],
             });
         }
@@ -176,10 +176,14 @@ impl Order {
 
     fn thin_walls(&self) -> Option<Warning> {
         let worst = self.thin.iter().min_by(|a, b| a.1.thickness_mm.total_cmp(&b.1.thickness_mm));
-        let (z_mm, Thin { at, thickness_mm, .. }) = worst?;
+        let (z_mm, Thin { at, thickness_mm, excess_mm, is_round_lumen, .. }) = worst?;
+        let how = if *is_round_lumen {
+            format!("printed {excess_mm:.3} mm too thick there, on the outside: the lumen keeps its outline")
+        } else {
+            "printed too thick there, or not at all below half a bead".to_owned()
+        };
         let text = format!(
-            "material thinner than the thinnest bead in {}, worst {thickness_mm:.3} mm at {}: printed too thick there, or not \
-             at all below half a bead",
+            "material thinner than the thinnest bead in {}, worst {thickness_mm:.3} mm at {}: {how}",
             counted(self.thin.len(), "layer"),
             self.frame.told(*at, *z_mm)
         );

@@ -25,7 +25,7 @@ pub(super) struct Placement {
     scale: f64,
 }
 
-/// What the profile has changed of the part on the bed besides moving it, in every layer.
+/// What the profile has changed of the part on the bed besides moving it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compensation {
     /// Against shrinkage the part is printed so many times as large in the bed's plane,
@@ -36,11 +36,13 @@ pub struct Compensation {
     pub lumen_mm: f64,
     /// All outlines were moved so far into the material, mm.
     pub material_mm: f64,
+    /// And those of the layer on the bed so far besides, mm.
+    pub first_layer_mm: f64,
 }
 
 impl Default for Compensation {
     fn default() -> Self {
-        Self { enlarged: 1.0, around: Point2::origin(), lumen_mm: 0.0, material_mm: 0.0 }
+        Self { enlarged: 1.0, around: Point2::origin(), lumen_mm: 0.0, material_mm: 0.0, first_layer_mm: 0.0 }
     }
 }
 
@@ -64,12 +66,16 @@ impl StackFromBed {
         self.moved.apply(Point3::new(cooled.x, cooled.y, 0.0)).xy()
     }
 
-    /// What the profile's moves of outlines do to a thickness, as it is told; nothing where it moves none.
-    pub(super) fn moved_outlines(&self) -> &'static str {
-        if self.compensation.lumen_mm == 0.0 && self.compensation.material_mm == 0.0 {
-            return "";
-        }
-        " after what print.hole_compensation_mm and print.squeeze_compensation_mm take"
+    /// What the profile has taken from a wall, as it is told; empty where it takes nothing.
+    pub(super) fn taken(&self, is_first: bool) -> String {
+        let Compensation { lumen_mm, material_mm, first_layer_mm, .. } = self.compensation;
+        let taken = [
+            (lumen_mm, "print.hole_compensation_mm"),
+            (material_mm, "print.squeeze_compensation_mm"),
+            (if is_first { first_layer_mm } else { 0.0 }, "print.first_layer_compensation_mm"),
+        ];
+        let keys: Vec<_> = taken.iter().filter(|(mm, _)| *mm > 0.0).map(|(_, key)| *key).collect();
+        if keys.is_empty() { String::new() } else { format!(" after what {} takes", keys.join(" and ")) }
     }
 
     /// A place as it is told: in the model's own coordinates, as in the file or the CT that it comes from; the height is theirs.
@@ -129,12 +135,13 @@ fn within(material: &Region, lumen: &Region) -> Region {
 
 impl Placement {
     /// What is done to the part besides moving it.
-    pub(super) const fn compensation(&self, profile: &Profile) -> Compensation {
+    pub(super) fn compensation(&self, profile: &Profile) -> Compensation {
         Compensation {
             enlarged: self.scale,
             around: self.centre,
             lumen_mm: profile.print.hole_compensation_mm,
             material_mm: profile.print.squeeze_compensation_mm,
+            first_layer_mm: if self.raft.is_none() { profile.print.first_layer_compensation_mm } else { 0.0 },
         }
     }
 
@@ -155,8 +162,8 @@ impl Placement {
             lumen = lumen.offset(widen, TOLERANCE_MM);
             material = Region::union_all([&whole.difference(&lumen), &within]);
         }
-        let spread = if is_first && self.raft.is_none() { print.first_layer_compensation_mm } else { 0.0 };
-        let inward = print.squeeze_compensation_mm + spread;
+        let Compensation { material_mm, first_layer_mm, .. } = self.compensation(profile);
+        let inward = material_mm + if is_first { first_layer_mm } else { 0.0 };
         if inward != 0.0 {
             material = material.offset(-inward, TOLERANCE_MM);
         }

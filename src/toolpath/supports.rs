@@ -3,14 +3,15 @@
 //! Material of a layer that lies farther outside the layer below than the profile's overhang reaches (its height times the
 //! tangent of the angle from the vertical) is to be held up. It is followed downward: a column ends on the bed, or on the
 //! part. Between column and part there is air, beside and above it (and below, where it stands on the part), so that it comes
-//! off; its uppermost layers are dense. The lumen counts as held up by itself unless the profile wants it otherwise: no
+//! off; its uppermost layers are dense. An outline goes around each column, sparse lines fill it; where it would stand on less than
+//! [`NARROWEST_COLUMN_MM`] it is made as wide from the bed up, as far as the part leaves room. The lumen counts as held up by itself unless the profile wants it otherwise: no
 //! column stands or passes in it. Where the profile wants columns that stand on the bed alone, those over the part are left out:
 //! of another program's model the lumen is known only where a layer shows it as a hole.
 //!
-//! Not done: trees; columns are as large as what they hold up. Cost: a few boolean operations a layer, from the top downward.
+//! Not done: trees; columns are as large as what they hold up. Between parts that leave less room than a bead nothing stands. Cost: a few boolean operations a layer, from the top downward.
 
-use super::fill::{FillParams, Path};
-use super::{BeadKind, raster};
+use super::fill::{FillParams, Path, Role, Vertex};
+use super::{BeadKind, raster, simplify};
 use crate::geom::{Point2, Region};
 use crate::profile::{Profile, SupportStyle};
 use crate::slice::Layer;
@@ -29,6 +30,12 @@ pub(super) const AIR_LAYERS: usize = 1;
 const INTERFACE_LAYERS: usize = 2;
 /// Fill of these, percent.
 const INTERFACE_PERCENT: f64 = 75.0;
+/// Columns on the bed are at least so wide, mm: narrower ones topple.
+const NARROWEST_COLUMN_MM: f64 = 1.2;
+/// What rounding takes from a right-angled corner is no narrow column: the share of the square of half of that width.
+const CORNER: f64 = 0.3;
+/// Shorter outlines are specks that hold nothing, mm.
+const SHORTEST_LOOP_MM: f64 = 1.5;
 /// Least fill of the lowest layer, percent: it has to hold on to the bed.
 const FIRST_LAYER_PERCENT: f64 = 50.0;
 
@@ -85,9 +92,25 @@ impl Support {
             paths.into_iter().map(move |path| Path { kind, ..path })
         };
         // Sparse lines stand on each other; dense ones lie across them.
-        let body = lines(&self.body, percent, 0.0, BeadKind::SupportMaterial);
-        body.chain(lines(&self.interface, INTERFACE_PERCENT, 90.0, BeadKind::SupportInterface)).collect()
+        let inside = self.body.offset(-params.pitch_mm(), TOLERANCE_MM);
+        let body = lines(&inside, percent, 0.0, BeadKind::SupportMaterial);
+        outlines(&self.body, params)
+            .chain(body)
+            .chain(lines(&self.interface, INTERFACE_PERCENT, 90.0, BeadKind::SupportInterface))
+            .collect()
     }
+}
+
+/// A bead along the border of each column, however narrow: sparse lines alone would miss some.
+fn outlines(body: &Region, params: &FillParams) -> impl Iterator<Item = Path> {
+    let width_mm = params.width_mm;
+    let within = body.offset(-width_mm / 2.0, TOLERANCE_MM);
+    let long = within.contours.into_iter().filter(|c| c.perimeter_mm() >= SHORTEST_LOOP_MM);
+    long.map(move |contour| {
+        let contour = simplify::contour(&contour, TOLERANCE_MM);
+        let vertices = contour.points.iter().map(|&at| Vertex { at, width_mm, room_mm: 0.0 }).collect();
+        Path { kind: BeadKind::SupportMaterial, role: Role::Outer, closed: true, vertices }
+    })
 }
 
 /// The columns in every layer, from the bed upward.
@@ -119,10 +142,40 @@ pub(super) fn columns(slabs: &[Slab<'_>], profile: &Profile) -> Vec<Support> {
         fresh.push_front(overhang.unwrap_or_default());
         above = here;
     }
+    widen(&mut supports, slabs, profile);
     if !profile.print.support_on_part {
         keep_to_the_bed(&mut supports, slabs, profile);
     }
     supports
+}
+
+/// Makes columns that are narrow on the bed wider, all the way up.
+fn widen(supports: &mut [Support], slabs: &[Slab<'_>], profile: &Profile) {
+    let Some(first) = supports.first() else { return };
+    let half_mm = NARROWEST_COLUMN_MM / 2.0;
+    let foot = first.area();
+    let wide = foot.offset(-half_mm, TOLERANCE_MM).offset(half_mm, TOLERANCE_MM);
+    let pieces = foot.difference(&wide).islands().into_iter();
+    let narrow = pieces.filter(|piece| piece.area_mm2() > CORNER * half_mm.powi(2));
+    let narrow = Region::new(narrow.flat_map(|piece| piece.contours).collect());
+    for idx in 0..supports.len() {
+        let column = supports[idx].area();
+        let core = column.intersection(&narrow);
+        if core.is_empty() {
+            return;
+        }
+        let mut air = slabs[idx].filled(profile).offset(profile.print.support_gap_mm, TOLERANCE_MM);
+        for beside in [idx.checked_sub(1), Some(idx + 1)].into_iter().flatten() {
+            air = slabs.get(beside).map_or(air.clone(), |slab| air.union(&slab.filled(profile)));
+        }
+        let mut wider = core.offset(half_mm, TOLERANCE_MM).difference(&air);
+        if wider.offset(-half_mm, TOLERANCE_MM).is_empty() {
+            // The part is on one side of it.
+            wider = wider.offset(half_mm, TOLERANCE_MM).difference(&air);
+        }
+        let more = wider.difference(&column);
+        supports[idx].body = supports[idx].body.union(&more);
+    }
 }
 
 /// Takes away what stands above any of the part.
@@ -331,6 +384,60 @@ mod tests {
         for support in &from_bed[..23] {
             let area = support.area().area_mm2();
             assert!((area / ring(8.0 + gap_mm) - 1.0).abs() < 0.01, "{area}");
+        }
+    }
+
+    /// A block with a ledge from layer 40 on that reaches so far out along x or y, and is 25 mm long.
+    fn ledge(reach_mm: f64, is_along_x: bool) -> Vec<Region> {
+        let place = |u: f64, v: f64| if is_along_x { Point2::new(u, v) } else { Point2::new(v, u) };
+        let bar = |to: f64| {
+            let bar = Contour::new(
+                [(0.0, 0.0), (25.0, 0.0), (25.0, to), (0.0, to)].map(|(u, v)| place(u, v)).to_vec(),
+            );
+            Region::new(vec![if bar.is_ccw() { bar } else { bar.reversed() }])
+        };
+        (0..50).map(|i| bar(if i < 40 { 10.0 } else { 10.0 + reach_mm })).collect()
+    }
+
+    /// Length of the lines of a column's layer, mm.
+    fn printed_mm(support: &Support, layer: usize, kind: BeadKind, profile: &Profile) -> f64 {
+        let params = crate::toolpath::fill_params(profile, HEIGHT_MM);
+        let paths = support.paths(layer, &params, profile).into_iter().filter(|path| path.kind == kind);
+        let length = |path: Path| {
+            let first = path.closed.then(|| path.vertices[0]);
+            let points: Vec<Point2> = path.vertices.iter().copied().chain(first).map(|v| v.at).collect();
+            points.windows(2).map(|p| (p[1] - p[0]).norm()).sum::<f64>()
+        };
+        paths.map(length).sum()
+    }
+
+    #[test]
+    fn whatever_its_width_and_direction_a_column_is_printed_in_every_layer_below_its_top() {
+        for (reach_mm, is_along_x) in
+            [(3.6, true), (3.6, false), (1.5, true), (0.9, true), (0.9, false), (9.0, true)]
+        {
+            let materials = ledge(reach_mm, is_along_x);
+            let profile = with_supports(45.0);
+            let columns = columns_of(&materials, &none(materials.len()), &profile);
+            // Air, two dense layers, and below them a line along each side at least.
+            for (i, column) in columns[..40 - AIR_LAYERS - INTERFACE_LAYERS].iter().enumerate() {
+                let printed = printed_mm(column, i, BeadKind::SupportMaterial, &profile);
+                assert!(printed > 2.0 * 24.0, "layer {i} of {reach_mm} mm along x {is_along_x}: {printed}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_narrow_column_stands_on_a_wide_foot_and_keeps_off_the_part() {
+        let materials = ledge(0.9, true);
+        let profile = with_supports(45.0);
+        let columns = columns_of(&materials, &none(materials.len()), &profile);
+        for (i, column) in columns[..36].iter().enumerate() {
+            let area = column.area();
+            let is_wide = !area.offset(-0.55, TOLERANCE_MM).is_empty();
+            let near =
+                area.offset(profile.print.support_gap_mm - 0.05, TOLERANCE_MM).intersection(&materials[i]);
+            assert!(is_wide && area.islands().len() == 1 && near.area_mm2() < 1e-6, "layer {i}");
         }
     }
 

@@ -83,11 +83,15 @@ fn cover(layer: &LayerPaths, profile: &Profile) -> Cover {
         }
     }
     let volume = gcode::volume_mm3(layer, profile);
+    // Beads of rounded sides leave half of their overlap at a skin.
+    let perimeter_mm: f64 = layer.material.contours.iter().map(Contour::perimeter_mm).sum();
+    let model = BeadModel::new(profile.print.bead_shape, layer.slot.height_mm);
+    let filled_mm2 = layer.material.area_mm2() - perimeter_mm * model.overlap_mm() / 2.0;
     Cover {
         iou: both / either,
         overlap: twice / covered,
         gap: 1.0 - both / wanted,
-        volume_ratio: volume / (layer.material.area_mm2() * layer.slot.height_mm),
+        volume_ratio: volume / (filled_mm2 * layer.slot.height_mm),
     }
 }
 
@@ -182,9 +186,7 @@ fn stadium_beads_reach_both_skins() {
     for layer in &planned.paths.layers {
         let cover = cover(layer, &profile);
         assert!(cover.iou > 0.997 && cover.gap < 0.002, "{cover:?}");
-        // Rounded sides at both skins: pi/4 of a square of the height is missing at each.
-        let missing = 0.2 * (1.0 - std::f64::consts::FRAC_PI_4) / 1.0;
-        assert!((cover.volume_ratio - 1.0 + missing).abs() < 0.004, "{cover:?}");
+        assert!((cover.volume_ratio - 1.0).abs() < 0.003, "{cover:?}");
     }
 }
 
@@ -498,7 +500,12 @@ fn both_skins_agree_where_one_bead_fills_the_wall() {
 
 /// How well a ring is filled whose lumen lies off its middle by a share of the wall.
 fn ring_cover(inner: f64, wall: f64, shift: f64) -> Cover {
-    let profile = reference();
+    ring_cover_with(BeadShape::Rectangle, inner, wall, shift)
+}
+
+fn ring_cover_with(shape: BeadShape, inner: f64, wall: f64, shift: f64) -> Cover {
+    let mut profile = reference();
+    profile.print.bead_shape = shape;
     let mut layers = layers_of(&Tubes::new(vec![Tube::upright(0.0, 3.0)], 1.0, [0.0, 0.2]));
     let lumen = Contour::circle(Point2::new(shift * wall, 0.0), inner, 140);
     let outer = Contour::circle(Point2::origin(), inner + wall, 160);
@@ -512,9 +519,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
     fn any_ring_is_filled_near_its_volume(inner in 0.8..6.0f64, wall in 0.62..2.6f64, shift in 0.0..0.3f64) {
-        let cover = ring_cover(inner, wall, shift);
-        prop_assert!(cover.iou > 0.96, "{cover:?}");
-        prop_assert!((cover.volume_ratio - 1.0).abs() < 0.03, "{cover:?}");
+        // A bead that begins in the wall of a narrow tube leaves the most.
+        let most = if inner < 2.0 && wall < 0.85 { 0.03 } else { 0.015 };
+        for shape in [BeadShape::Rectangle, BeadShape::Stadium] {
+            let cover = ring_cover_with(shape, inner, wall, shift);
+            prop_assert!(cover.iou > 0.987, "{shape:?}: {cover:?}");
+            prop_assert!(cover.gap < 0.012, "{shape:?}: {cover:?}");
+            prop_assert!((cover.volume_ratio - 1.0).abs() < most, "{shape:?}: {cover:?}");
+        }
     }
 
     #[test]
@@ -683,11 +695,42 @@ fn a_part_far_higher_than_its_foot_is_wide_is_told_unless_it_is_steadied() {
     let rod: Vec<Layer> = (0..300).map(|idx| slab(idx, disc(0.0, 1.0))).collect();
     let found = told(&rod, &reference());
     assert!(found.len() == 1 && found[0].0 == "toolpath.slender", "{found:?}");
-    assert!(found[0].1.starts_with("the part is 60 mm high and stands on 2.0 mm: "), "{found:?}");
+    let begin = "a part is 60 mm high by itself and stands on 2.0 mm: ";
+    assert!(found[0].1.starts_with(begin), "{found:?}");
+    // Each of three, however wide they stand together; and where columns are allowed but none stands.
+    let three = Region::new(
+        [disc(0.0, 1.0), disc(20.0, 1.0), disc(40.0, 1.0)].into_iter().flat_map(|d| d.contours).collect(),
+    );
+    let three: Vec<Layer> = (0..300).map(|idx| slab(idx, three.clone())).collect();
+    let mut columns = reference();
+    columns.print.support = SupportStyle::Column;
+    for found in [told(&three, &reference()), told(&rod, &columns)] {
+        assert!(found.len() == 1 && found[0].1.starts_with(begin), "{found:?}");
+    }
     let mut profile = reference();
     profile.print.brim_slenderness = 12.0;
     assert_eq!(told(&rod, &profile), []);
     assert_eq!(told(&rod[..200], &reference()), []);
+}
+
+#[test]
+fn a_roof_that_spans_far_over_nothing_is_told() {
+    let box_of = |side_mm: f64| -> Vec<Layer> {
+        let corners = [(0.0, 0.0), (side_mm, 0.0), (side_mm, side_mm), (0.0, side_mm)];
+        let square = Region::new(vec![Contour::new(corners.map(|(x, y)| Point2::new(x, y)).to_vec())]);
+        (0..20).map(|idx| slab(idx, square.clone())).collect()
+    };
+    let mut profile = reference();
+    profile.print.infill_percent = 0.0;
+    let found = told(&box_of(40.0), &profile);
+    let expected = "lines span up to 38 mm over air, the longest at z ";
+    assert!(
+        found.len() == 1 && found[0].0 == "toolpath.long_bridge" && found[0].1.starts_with(expected),
+        "{found:?}"
+    );
+    assert_eq!(told(&box_of(18.0), &profile), []);
+    profile.print.infill_percent = 20.0;
+    assert_eq!(told(&box_of(40.0), &profile), []);
 }
 
 #[test]
@@ -698,9 +741,14 @@ fn a_wall_that_compensations_have_thinned_is_told_with_them() {
         (0..3).map(|idx| Layer { lumen: disc(0.0, 3.4), ..slab(idx, ring.clone()) }).collect();
     profile.print.hole_compensation_mm = 0.5;
     let words = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
-    let expected =
-        "mm thin after what print.hole_compensation_mm and print.squeeze_compensation_mm take in layer 0";
-    assert!(words.contains(expected), "{words}");
+    assert!(words.contains("mm thin after what print.hole_compensation_mm takes in layer 0"), "{words}");
+    // What thickens is not blamed; what thins the layer on the bed alone is.
+    (profile.print.hole_compensation_mm, profile.print.first_layer_compensation_mm) = (-0.1, 0.32);
+    let words = plan(&layers, &profile, &Task::quiet()).unwrap_err().to_string();
+    assert!(
+        words.contains("mm thin after what print.first_layer_compensation_mm takes in layer 0"),
+        "{words}"
+    );
 }
 
 #[test]
@@ -719,4 +767,65 @@ fn a_part_that_hardly_touches_the_bed_is_told_unless_it_is_held_down() {
     assert!(found[0].1.starts_with(begin) && found[0].1.contains("print.brim_mm"), "{found:?}");
     profile.print.brim_mm = 5.0;
     assert_eq!(told(&ball, &profile), []);
+}
+
+/// How far the beads of a layer reach into its lumen, mm.
+fn intrusion_mm(layer: &LayerPaths) -> f64 {
+    let lumen = crate::geom::SegmentIndex::try_new(&layer.lumen.contours).unwrap();
+    let reach = |pair: &[BeadPoint]| {
+        let way = pair[1].at - pair[0].at;
+        let at = (0..=20).map(|k| pair[0].at + way * (f64::from(k) / 20.0));
+        at.map(|at| pair[0].width_mm / 2.0 - lumen.signed_distance_mm(at)).fold(f64::NEG_INFINITY, f64::max)
+    };
+    layer.beads.iter().flat_map(|b| b.points.windows(2)).map(reach).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// A ring of 1 mm, and of `least_mm` around one place over some length, where one of its skins is dented.
+fn dented(least_mm: f64, length_mm: f64, is_lumen: bool) -> Layer {
+    let outline = |radius: f64, dent_mm: f64| {
+        let at = |k: u32| {
+            let angle = std::f64::consts::TAU * f64::from(k) / 720.0;
+            let off = (angle - std::f64::consts::PI) * 3.5 / (length_mm / 2.0);
+            let radius = radius + dent_mm * (1.0 - off * off).max(0.0).powi(2);
+            Point2::new(radius * angle.cos(), radius * angle.sin())
+        };
+        Contour::new((0..720).map(at).collect())
+    };
+    let by_mm = 1.0 - least_mm;
+    let inner = outline(3.0, if is_lumen { by_mm } else { 0.0 });
+    let outer = outline(4.0, if is_lumen { 0.0 } else { -by_mm });
+    let slot = LayerSlot { z_mid_mm: 0.1, height_mm: 0.2, ct_plane: None };
+    Layer {
+        slot,
+        material: Region::new(vec![outer, inner.clone().reversed()]),
+        lumen: Region::new(vec![inner]),
+    }
+}
+
+#[test]
+fn the_lumen_keeps_its_outline_where_the_wall_is_thinner_than_the_thinnest_bead() {
+    for shape in [BeadShape::Rectangle, BeadShape::Stadium] {
+        let mut profile = reference();
+        profile.print.bead_shape = shape;
+        for is_lumen in [false, true] {
+            // Over less than a bead's turn, two beads may meet in the thin place.
+            for (length_mm, most_mm) in [(1.0, 0.07), (2.0, 0.05), (4.0, 0.015), (8.0, 0.015)] {
+                for least_mm in [0.25, 0.2, 0.17, 0.1, 0.05] {
+                    let planned =
+                        plan(&[dented(least_mm, length_mm, is_lumen)], &profile, &Task::quiet()).unwrap();
+                    let reach_mm = intrusion_mm(&planned.paths.layers[0]);
+                    let case = format!("{shape:?}, lumen {is_lumen}: {least_mm} mm over {length_mm} mm");
+                    assert!(reach_mm < most_mm, "{case}: {reach_mm}");
+                    let told: Vec<_> =
+                        planned.warnings.iter().filter(|w| w.code == "toolpath.thin_wall").collect();
+                    let expected = "too thick there, on the outside: the lumen keeps its outline";
+                    assert!(told.len() == 1 && told[0].text.ends_with(expected), "{case}: {told:?}");
+                }
+            }
+        }
+    }
+    let warnings = plan(&[dented(0.1, 4.0, false)], &reference(), &Task::quiet()).unwrap().warnings;
+    let expected = "material thinner than the thinnest bead in 1 layer, worst 0.100 mm at z 0.10 mm (x -3.00, y 0.00 in the model): \
+                    printed 0.200 mm too thick there, on the outside: the lumen keeps its outline";
+    assert_eq!(warnings[0].text, expected);
 }

@@ -42,6 +42,8 @@ const SECOND_COURSE: f64 = 0.3;
 pub(super) const MOST_GROWTH: f64 = 4.0;
 /// Steepest course that is looked for, sideways over upward (75 degrees), beyond one radius.
 const STEEPEST: f64 = 3.7;
+/// Planes closer together than this share of the interval that a component is to be moved over tell no drift.
+const CLOSE_PLANES: f64 = 0.2;
 /// Rounds in which links found by drift help to find further ones.
 const ROUNDS: usize = 3;
 
@@ -186,34 +188,38 @@ impl Layers<'_> {
     /// Where the drift from below would move component i of plane k by plane k + 1: at constant speed, and with
     /// the speed's change carried on.
     fn shifts_up(&self, k: usize, i: usize, tracks: &Tracks) -> Vec<Vector2> {
-        let before = |k: usize, i: usize| k.checked_sub(1).and_then(|b| Some((b, tracks.below[k][i]?)));
-        let first = before(k, i);
-        self.shifts(k, i, first, first.and_then(|(b, p)| before(b, p)), self.dz(k))
+        let before = |(k, i): (usize, usize)| k.checked_sub(1).and_then(|b| Some((b, tracks.below[k][i]?)));
+        self.shifts((k, i), before, self.dz(k))
     }
 
     /// The same downward, from plane k + 1.
     fn shifts_down(&self, k: usize, j: usize, tracks: &Tracks) -> Vec<Vector2> {
-        let after = |k: usize, i: usize| Some((k + 1, (*tracks.above.get(k)?.get(i)?)?));
-        let first = after(k + 1, j);
-        self.shifts(k + 1, j, first, first.and_then(|(a, p)| after(a, p)), -self.dz(k))
+        let after = |(k, i): (usize, usize)| Some((k + 1, (*tracks.above.get(k)?.get(i)?)?));
+        self.shifts((k + 1, j), after, -self.dz(k))
     }
 
+    /// The shifts of a component over `dz` from where it `came` from, plane by plane. Planes much closer together than that
+    /// say nothing of a drift: noise between them would be taken for one.
     fn shifts(
         &self,
-        k: usize,
-        i: usize,
-        first: Option<(usize, usize)>,
-        second: Option<(usize, usize)>,
+        at: (usize, usize),
+        came: impl Fn((usize, usize)) -> Option<(usize, usize)>,
         dz: f64,
     ) -> Vec<Vector2> {
+        let (k, _) = at;
         let centre = |(k, i): (usize, usize)| self.components[k][i].centre;
+        let far = |from: (usize, usize)| {
+            let is_far =
+                |to: &(usize, usize)| (self.z_mm[to.0] - self.z_mm[from.0]).abs() >= CLOSE_PLANES * dz.abs();
+            std::iter::successors(came(from), |to| came(*to)).find(is_far)
+        };
         let speed = |a: (usize, usize), b: (usize, usize)| {
             (centre(b) - centre(a)) / (self.z_mm[b.0] - self.z_mm[a.0])
         };
-        let Some(first) = first else { return Vec::new() };
-        let v1 = speed(first, (k, i));
+        let Some(first) = far(at) else { return Vec::new() };
+        let v1 = speed(first, at);
         let mut shifts = vec![v1 * dz];
-        if let Some(second) = second {
+        if let Some(second) = far(first) {
             let v0 = speed(second, first);
             let middle = 0.5 * (self.z_mm[k] - self.z_mm[second.0]);
             let change = (v1 - v0) / middle;

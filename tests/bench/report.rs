@@ -4,7 +4,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use lumenfab::ct::{Volume, Voxels};
 use lumenfab::geom::{Contour, Point2, Point3, Region, RigidTransform, SegmentIndex, Vector3};
 use lumenfab::progress::Task;
-use lumenfab::report::{self, BodyKind, Gate, Image, Inputs, Polarity, Record};
+use lumenfab::report::{self, BodyKind, Image, Inputs, Polarity, Record};
 use lumenfab::sections::{PlaneSections, SectionStack};
 use lumenfab::slice::{Layer, LayerSlot};
 use lumenfab::solid::{CrossSection, Sectioned};
@@ -82,7 +82,8 @@ impl Case {
             record: &self.record,
             warnings: &[],
             job: report::Job::default(),
-            gate: Gate::default(),
+            triangles: &[],
+            gate: lumenfab::profile::gate::builtin("marlin").expect("it is built in"),
         }
     }
 }

@@ -32,6 +32,12 @@ fn planning(criterion: &mut Criterion) {
             b.iter(|| toolpath::plan(&layers, &profile, &task));
         });
     }
+    // Every outline is looked for on those below.
+    let steadied = profile::builtin("prusa-mk3s").expect("a built-in profile");
+    let slender = layers(true);
+    group.bench_function("690 layers of a cast that gets a brim", |b| {
+        b.iter(|| toolpath::plan(&slender, &steadied, &task));
+    });
     let planned = toolpath::plan(&layers(false), &profile, &task).expect("it fits the bed");
     let header = gcode::Header::default();
     group.bench_function("G-code of 690 layers", |b| {

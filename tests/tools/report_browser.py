@@ -126,7 +126,7 @@ var is = {red: function (r, g, b) { return r > 200 && g < 110 && b < 110; },
           any: function (r, g, b) { return Math.max(r, g, b) > 60; }}[arguments[1]];
 for (var i = 0; i < d.length; i += 4) { if (is(d[i], d[i + 1], d[i + 2])) { n += 1; } }
 return n;"""
-SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 60); }); });"
+SETTLE = "var done = arguments[0]; requestAnimationFrame(function () { requestAnimationFrame(function () { setTimeout(done, 200); }); });"
 SCRUB = """
 var done = arguments[0], n = document.querySelectorAll('#gallery figure').length, i = 0, from = performance.now(), frames = window.lumenfabView.frames();
 function step() {
@@ -152,12 +152,14 @@ def planes(driver, check):
     check("Home shows the first plane", plane() == 0)
     driver.keys([RIGHT, RIGHT, LEFT])
     check("arrow keys leaf through the planes", plane() == 1)
+    driver.run_async(SETTLE)
     title = driver.run("return document.getElementById('view-title').textContent")
     check("the plane is named", title.startswith("CT plane 1, z "), title)
     driver.keys([END])
     check("End shows the last plane", plane() == n - 1)
     driver.run("var s = document.getElementById('slider'); s.value = 2; s.dispatchEvent(new Event('input'))")
     check("the slider leads to its plane", plane() == 2)
+    driver.run_async(SETTLE)
     shown = driver.run("return document.querySelectorAll('#plane-table tr.current').length")
     check("the table marks the plane", shown == 1)
 

@@ -7,10 +7,9 @@ use crate::app::event::Stage;
 use crate::app::session::{Session, Stopwatch, hash_of};
 use crate::app::settings::{Body, Fault, SettingError};
 use crate::brep::{self, Brep};
-use crate::ct::Warning;
 use crate::mesh::colour::ColourScale;
 use crate::mesh::threemf::{Colour, Description};
-use crate::mesh::{self, Deviation, MeasuredMesh, Parted, Tessellation, sweep};
+use crate::mesh::{self, MeasuredMesh, Parted, Tessellation, sweep};
 use crate::progress::Task;
 use crate::solid::{SkinChoice, Solid};
 use crate::step;
@@ -19,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 pub use crate::solid::SkinChoice as Skin;
 
-/// Deflection of the mesh on which surfaces are tested that are written without one, mm.
+/// Deflection of the mesh on which surfaces are tested that are written without one as fine, mm.
 const TEST_DEFLECTION_MM: f64 = 0.05;
 
 /// How fine an exported mesh is.
@@ -32,6 +31,22 @@ pub enum Deflection {
     /// The same as a fraction of the vessel's local radius.
     #[serde(rename = "deflection_relative")]
     Relative(f64),
+}
+
+impl From<Deflection> for mesh::Deflection {
+    fn from(deflection: Deflection) -> Self {
+        match deflection {
+            Deflection::Absolute(mm) => Self::Absolute { mm },
+            Deflection::Relative(fraction) => Self::Relative { fraction },
+        }
+    }
+}
+
+impl Deflection {
+    /// Whether a mesh that keeps it is everywhere within so much; by a fraction alone that is not known.
+    fn is_within(self, most_mm: f64) -> bool {
+        matches!(self, Self::Absolute(mm) if mm <= most_mm)
+    }
 }
 
 impl std::fmt::Display for Deflection {
@@ -72,9 +87,6 @@ pub struct Meshed {
     /// The deflection that was asked for.
     #[serde(flatten)]
     pub deflection: Deflection,
-    /// Farthest that the surface is from the triangles, mm, where no mesh was found that keeps the deflection.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub deviation_mm: Option<f64>,
 }
 
 /// The exact surfaces that were written.
@@ -107,9 +119,6 @@ pub struct Exported {
     /// What is in the STL and the 3MF.
     #[serde(flatten)]
     pub mesh: Option<Meshed>,
-    /// What is not as it was asked for.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub warnings: Vec<Warning>,
     /// What is in the STEP file.
     #[serde(flatten)]
     pub surfaces: Option<SteppedSolid>,
@@ -130,18 +139,14 @@ pub struct TimedRow {
 
 impl std::fmt::Display for Exported {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if let Some(Meshed { n_triangles, volume_mm3, deflection, deviation_mm }) = self.mesh {
-            let kept = deviation_mm.map_or_else(String::new, |mm| format!(" not kept: {mm:.5} mm"));
+        if let Some(Meshed { n_triangles, volume_mm3, deflection }) = self.mesh {
             for path in self.stl.iter().chain(&self.three_mf) {
                 writeln!(
                     f,
-                    "{}: {n_triangles} triangles, {volume_mm3:.1} mm3, {deflection}{kept}",
+                    "{}: {n_triangles} triangles, {volume_mm3:.1} mm3, {deflection}",
                     path.display()
                 )?;
             }
-        }
-        for Warning { code, text } in &self.warnings {
-            writeln!(f, "warning: {code}: {text}")?;
         }
         if let (Some(path), Some(SteppedSolid { n_faces, brep_volume_mm3 })) = (&self.step, self.surfaces) {
             writeln!(f, "{}: {n_faces} faces, {brep_volume_mm3:.1} mm3", path.display())?;
@@ -234,8 +239,8 @@ impl Session<'_> {
     /// Writes the solid, or its lumen alone, as the files that are asked for: all of them or none.
     ///
     /// # Errors
-    /// [`Error`] where there is no solid, where its surfaces are not valid, where its mesh is not closed or meets itself, or
-    /// where a file cannot be written.
+    /// [`Error`] where there is no solid, where its surfaces are not valid, where its mesh is not closed, meets itself or does
+    /// not keep the deflection, or where a file cannot be written.
     pub fn export(&mut self, wanted: &Export) -> Result<Exported, Error> {
         wanted.check(self.case.dir())?;
         self.require(Stage::Solid)?;
@@ -244,7 +249,7 @@ impl Session<'_> {
         let solid = self.built()?;
         let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
         let is_meshed = wanted.stl.is_some() || wanted.three_mf.is_some();
-        let made = is_meshed.then(|| mesh_of(solid, wanted.skin, wanted.deflection, &task)).transpose()?;
+        let made = is_meshed.then(|| kept_mesh_of(solid, wanted, &task)).transpose()?;
         if let Some(made) = &made {
             files.extend(mesh_files(made, wanted, about)?);
         }
@@ -252,7 +257,8 @@ impl Session<'_> {
         if let Some(path) = &wanted.step {
             let brep = Brep::of(solid, wanted.skin);
             brep::check(&brep)?;
-            if made.is_none() {
+            let is_tested = made.is_some() && wanted.deflection.is_within(TEST_DEFLECTION_MM);
+            if !is_tested {
                 // What happens between the sections that the check looks at, triangles show.
                 mesh_of(solid, wanted.skin, Deflection::Absolute(TEST_DEFLECTION_MM), &task)?;
             }
@@ -272,8 +278,7 @@ impl Session<'_> {
         atomic::write_exports(&files)?;
         let Export { stl, three_mf, step, sweep, .. } = wanted.clone();
         let mesh = made.as_ref().map(|made| Meshed::of(made, wanted.deflection));
-        let warnings = made.iter().filter_map(|made| deviates(made, wanted.deflection)).collect();
-        Ok(Exported { stl, three_mf, step, sweep, plot, mesh, warnings, surfaces, rows })
+        Ok(Exported { stl, three_mf, step, sweep, plot, mesh, surfaces, rows })
     }
 
     /// What a 3MF says about itself.
@@ -296,9 +301,8 @@ impl Session<'_> {
 fn mesh_files<'w>(
     made: &Parted,
     wanted: &'w Export,
-    mut about: Description,
+    about: Description,
 ) -> Result<Vec<(&'w Path, Vec<u8>)>, Error> {
-    about.facts.extend(made.deviation.map(|found| ("DeviationMm", format!("{:.6}", found.mm))));
     let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
     if let Some(path) = &wanted.stl {
         files.push((path, mesh::stl::to_bytes(&made.mesh)?));
@@ -312,24 +316,8 @@ fn mesh_files<'w>(
 
 impl Meshed {
     fn of(made: &Parted, deflection: Deflection) -> Self {
-        Self {
-            n_triangles: made.mesh.triangles.len(),
-            volume_mm3: made.mesh.volume_mm3(),
-            deflection,
-            deviation_mm: made.deviation.map(|found| found.mm),
-        }
+        Self { n_triangles: made.mesh.triangles.len(), volume_mm3: made.mesh.volume_mm3(), deflection }
     }
-}
-
-/// What is to be said of a mesh that does not keep the deflection.
-fn deviates(made: &Parted, deflection: Deflection) -> Option<Warning> {
-    let Deviation { mm, at } = made.deviation?;
-    let text = format!(
-        "the surface at x {:.2} y {:.2} z {:.2} mm is {mm:.5} mm from the triangles ({deflection} was asked for): no \
-         finer mesh was sound; look at the contours near that height",
-        at.x, at.y, at.z
-    );
-    Some(Warning { code: "mesh.deviation".into(), text })
 }
 
 /// The mesh as it will be in a file: of 32-bit floats, closed, and meeting itself nowhere; within the deflection, or with
@@ -340,11 +328,12 @@ fn mesh_of(
     deflection: Deflection,
     task: &Task<'_>,
 ) -> Result<Parted, Error> {
-    let deflection = match deflection {
-        Deflection::Absolute(mm) => mesh::Deflection::Absolute { mm },
-        Deflection::Relative(fraction) => mesh::Deflection::Relative { fraction },
-    };
-    Ok(mesh::parted(solid, &Tessellation { deflection, skin }, task)?)
+    Ok(mesh::parted(solid, &Tessellation { deflection: deflection.into(), skin }, task)?)
+}
+
+/// The mesh as it is wanted: within the deflection.
+fn kept_mesh_of(solid: &Solid, wanted: &Export, task: &Task<'_>) -> Result<Parted, Error> {
+    Ok(mesh_of(solid, wanted.skin, wanted.deflection, task)?.kept(wanted.deflection.into())?)
 }
 
 /// Colours of a mesh's vertices; none where none are asked for.
@@ -368,4 +357,16 @@ fn swept(solid: &Solid, skin: SkinChoice, task: &Task<'_>) -> Result<Vec<TimedRo
         Ok(TimedRow { row: mesh::measure(solid, skin, &mesh, deflection_mm, task)?, elapsed_s })
     };
     sweep::DEFLECTIONS_MM.into_iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn surfaces_are_tested_on_a_mesh_of_their_own_unless_the_one_written_is_as_fine() {
+        let is_fine = |deflection: Deflection| deflection.is_within(TEST_DEFLECTION_MM);
+        assert!(is_fine(Deflection::Absolute(0.05)) && is_fine(Deflection::Absolute(0.002)));
+        assert!(!is_fine(Deflection::Absolute(5.0)) && !is_fine(Deflection::Relative(1e-4)));
+    }
 }

@@ -59,6 +59,8 @@ pub struct SlicedModel {
     pub filament_g: f64,
     /// Where the model's origin lies on the bed, mm.
     pub bed_from_model_mm: [f64; 3],
+    /// What the operator should look at.
+    pub warnings: Vec<Warning>,
 }
 
 impl std::fmt::Display for SlicedModel {
@@ -104,14 +106,18 @@ pub fn slice_model(
     let sink = move |done, total| events(Event::Progress { stage: Stage::Slice, done, total });
     let task = Task::new(&sink, context.cancel.clone());
     events(Event::Started(Stage::Slice));
+    if job.turn.is_some() {
+        let text = "places are told of the model as --orient turns it".to_owned();
+        events(Event::Told { stage: Stage::Slice, code: "model.orient", text });
+    }
     let planned = OnBed::of(path, job, &profile, &task)?;
     let (text, estimate) = super::slice::job_text(&planned.paths, &profile, settings(job), &task)?;
     paper::refuse_replacing(out, job.gives_up_print)?;
     atomic::write_export(out, text.as_bytes())?;
     job.preview.map_or(Ok(()), |dir| layer_pictures::write(dir, &planned.paths, &task))?;
     let told = planned.told(&text, &estimate);
-    for warning in planned.warnings {
-        events(Event::Warned { stage: Stage::Slice, warning });
+    for warning in &told.warnings {
+        events(Event::Warned { stage: Stage::Slice, warning: warning.clone() });
     }
     Ok(told)
 }
@@ -150,6 +156,7 @@ impl OnBed {
             filament_mm: estimate.filament_mm,
             filament_g: estimate.filament_g,
             bed_from_model_mm: [by.x, by.y, by.z],
+            warnings: self.warnings.clone(),
         }
     }
 }

@@ -14,8 +14,10 @@ use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
 use crate::app::settings::{Fault, SIMULATED_PORT, SettingError, Settings};
 use crate::ct::Warning;
+use crate::motion;
 use crate::printer::device::{self, Device};
 use crate::printer::driver;
+use crate::printer::job;
 use crate::printer::journal::Ending;
 use crate::printer::paper::{self, Paper};
 use crate::printer::protocol::Stats;
@@ -24,6 +26,8 @@ use crate::printer::{self, PortProblem};
 use crate::profile::{self, Profile};
 use crate::progress::{Cancelled, Task};
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{BufReader, ErrorKind};
 use std::path::Path;
 use tokio::sync::mpsc;
 use words::show;
@@ -211,7 +215,16 @@ impl Session<'_> {
         let job = self.case.output(Stage::Slice, JOB_FILE)?;
         let record = self.is_simulated().then(|| staging.path().join(RECORD_DIR));
         let (port, profile_name) = (&self.settings().port, &self.settings().profile);
-        let order = Order { job: &job, profile, profile_name, port, baud, record: record.as_deref(), manner };
+        let order = Order {
+            job: &job,
+            profile,
+            profile_name,
+            port,
+            baud,
+            record: record.as_deref(),
+            manner,
+            beyond_bed: false,
+        };
         self.tell_before(&order);
         let printed = order.print(task, &self.context)?;
         staging.write(PRINT_FILE, &to_json(&printed))?;
@@ -288,6 +301,8 @@ pub struct FilePrinter<'a> {
     pub port: Option<&'a str>,
     /// Rate of the wire instead of the profile's, 1/s.
     pub baud: Option<u32>,
+    /// Whether beads may lie beyond the profile's build space, as on machines whose origin is the bed's middle.
+    pub beyond_bed: bool,
 }
 
 /// Prints a file of G-code that belongs to no case; only with `anew` where its last print broke off, unless the port is named
@@ -303,7 +318,7 @@ pub fn print_file(
 ) -> Result<Printed, Error> {
     let made_for = head::profile_of(job)?;
     let profile_name = &*head::profile_wanted(printer.profile_name, made_for.as_deref())?;
-    let FilePrinter { port, baud, .. } = printer;
+    let FilePrinter { port, baud, beyond_bed, .. } = printer;
     let port = match port {
         Some(port) => port,
         // It was a real printer: the simulated one is no place to begin it again by accident.
@@ -319,7 +334,7 @@ pub fn print_file(
         events(Event::Told { stage: Stage::Print, code: "printer.other_profile", text });
     }
     let manner = Manner::FromTheBeginning { anew };
-    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
+    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner, beyond_bed };
     tell_of_part(&order, context);
     order.print(&task, context).map_err(Error::or_interrupted)
 }
@@ -343,7 +358,9 @@ pub fn resume_file(job: &Path, printer: ResumePrinter<'_>, context: &Context<'_>
     events(Event::Started(Stage::Print));
     let manner = Manner::Resume { after_reset: printer.after_reset };
     let baud = printer.baud;
-    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner };
+    // It was looked at when it was begun.
+    let beyond_bed = true;
+    let order = Order { job, profile: &profile, profile_name, port, baud, record: None, manner, beyond_bed };
     order.print(&task, context).map_err(Error::or_interrupted)
 }
 
@@ -426,10 +443,15 @@ struct Order<'a> {
     baud: Option<u32>,
     /// Where the simulated printer records what it lays down.
     record: Option<&'a Path>,
+    /// Whether beads may lie beyond the profile's build space.
+    beyond_bed: bool,
 }
 
 impl Order<'_> {
     fn print(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {
+        if matches!(self.manner, Manner::FromTheBeginning { .. }) {
+            self.check_space(context)?;
+        }
         runtime()?.block_on(async {
             if self.port == SIMULATED_PORT {
                 self.print_simulated(task, context).await
@@ -457,6 +479,31 @@ impl Order<'_> {
                 self.printed(tokio::join!(printing, show(receiver, task, context)).0)
             }
         })
+    }
+
+    /// Refuses a job with beads beyond the build space; tells of other moves that leave it.
+    fn check_space(&self, context: &Context<'_>) -> Result<(), Error> {
+        let failed =
+            |source| printer::Error::from(job::Error::Read { name: self.job.display().to_string(), source });
+        let file = File::open(self.job).map_err(failed)?;
+        let found = match motion::leaving(BufReader::new(file), self.profile.machine.bed_mm) {
+            // The printing itself refuses such lines, and by their numbers.
+            Err(error) if error.kind() == ErrorKind::InvalidData => None,
+            found => found.map_err(failed)?,
+        };
+        match found {
+            Some(leaving) if leaving.is_lost && !self.beyond_bed => Err(Error::BuildSpace {
+                job: self.job.to_owned(),
+                profile: self.profile.name.clone(),
+                leaving,
+            }),
+            Some(leaving) => {
+                let text = format!("{leaving}: a machine that reaches no further stops at its edge");
+                (context.events)(Event::Told { stage: Stage::Print, code: "printer.beyond_bed", text });
+                Ok(())
+            }
+            None => Ok(()),
+        }
     }
 
     async fn print_simulated(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Printed, Error> {

@@ -14,12 +14,15 @@ use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
 use crate::ct::{self, SeriesChoice, Volume, Warning};
 use crate::geom::Point3;
-use crate::profile::Profile;
+use crate::mesh::{self, Tessellation};
+use crate::profile::{self, Gate, Profile};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
 use crate::report::record::Way;
-use crate::report::{self, BodyKind, Gate, Image, Inputs, Job, Record, Report};
+use crate::report::{self, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
 use crate::segment::Polarity;
+use crate::solid::{SkinChoice, Solid};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -111,6 +114,36 @@ fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
     record
 }
 
+/// Deflections that the lumen's triangles are counted for, mm.
+const DEFLECTIONS_MM: [f64; 4] = [0.1, 0.05, 0.02, 0.01];
+/// Meshes that are likely to have more triangles are not made for a chart alone.
+const MOST_TRIANGLES: f64 = 6e4;
+
+/// How many triangles the lumen takes. That a mesh cannot be made is no reason to have no report; it is told.
+fn triangles(solid: &Solid, warnings: &mut Vec<Warning>, task: &Task<'_>) -> Result<Vec<Triangles>, Error> {
+    let counted = counted(solid, task);
+    task.check()?;
+    Ok(counted.unwrap_or_else(|error| {
+        let text = format!("The lumen's triangles were not counted: {error}.");
+        warnings.push(Warning { code: "report.no_triangles".into(), text });
+        Vec::new()
+    }))
+}
+
+/// From the coarsest deflection on; their number is about inversely proportional to it.
+fn counted(solid: &Solid, task: &Task<'_>) -> Result<Vec<Triangles>, mesh::Error> {
+    let count = |&deflection_mm: &f64| -> Result<Triangles, mesh::Error> {
+        let mesh = mesh::tessellate(solid, &Tessellation::within(deflection_mm, SkinChoice::Lumen), task)?;
+        Ok(Triangles { deflection_mm, n_triangles: mesh.triangles.len() })
+    };
+    let (coarsest, finer) = DEFLECTIONS_MM.split_first().expect("there are four");
+    let first = count(coarsest)?;
+    let likely = |deflection_mm: f64| first.n_triangles as f64 * coarsest / deflection_mm;
+    let finer: Result<Vec<Triangles>, mesh::Error> =
+        finer.par_iter().filter(|mm| likely(**mm) <= MOST_TRIANGLES).map(count).collect();
+    Ok(std::iter::once(first).chain(finer?).collect())
+}
+
 impl Session<'_> {
     /// Compares image, contours, solid, toolpaths and deposition.
     ///
@@ -170,6 +203,7 @@ impl Session<'_> {
             ("solid", hash(Stage::Solid, SOLID_FILE)?),
             ("layers", hash(Stage::Slice, LAYERS_FILE)?),
             ("job", hash(Stage::Slice, JOB_FILE)?),
+            ("gate", hash_of(&self.gate()?)),
         ]);
         if self.how_printed()? == How::Simulated {
             made_from.insert("record", hash(Stage::Print, RECORD_DIR)?);
@@ -198,7 +232,7 @@ impl Session<'_> {
     }
 
     fn build_report(&mut self, task: &Task<'_>) -> Result<Report, Error> {
-        let warnings = self.earlier_warnings()?;
+        let mut warnings = self.earlier_warnings()?;
         let polarity = self.segmentation_note()?.map(|n| match n.polarity {
             Polarity::Dark => report::Polarity::Dark,
             Polarity::Bright | Polarity::Auto => report::Polarity::Bright,
@@ -218,6 +252,7 @@ impl Session<'_> {
         self.sliced(task)?;
         let held = &self.held;
         let sliced = held.sliced.as_ref().expect("planned just now");
+        let triangles = triangles(held.solid.as_ref().expect("read just now"), &mut warnings, task)?;
         let inputs = Inputs {
             image: held.volume.as_ref().zip(polarity).map(|(volume, polarity)| Image { volume, polarity }),
             sections: held.sections.as_ref().expect("read just now"),
@@ -229,9 +264,15 @@ impl Session<'_> {
             scan: scan.as_ref(),
             warnings: &warnings,
             job,
-            gate: Gate::default(),
+            triangles: &triangles,
+            gate: self.gate()?,
         };
         Ok(report::build(&inputs, task)?)
+    }
+
+    /// The limits of the case's profile.
+    fn gate(&self) -> Result<Gate, Error> {
+        Ok(profile::load::whole_by_name(&self.settings().profile)?.gate)
     }
 
     /// The scan of the replica, where one was named.

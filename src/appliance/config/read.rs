@@ -1,5 +1,6 @@
 //! Keys of a TOML file with the lines where they stand; what is wrong with each, and which nobody knows.
 
+use crate::nearest::nearest;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use toml::de::{DeTable, DeValue};
@@ -131,11 +132,8 @@ impl Keys {
     pub(super) fn end(mut self, file: &str) -> Result<(), Faults> {
         for (key, (line, _)) in std::mem::take(&mut self.left) {
             let key = without_numbers(&key);
-            let last = key.rsplit('.').next().unwrap_or_default();
-            let is_near = |known: &&String| {
-                known.rsplit('.').next().is_some_and(|name| name == last || is_like(name, last))
-            };
-            let hint = self.known.iter().find(is_near).map(|known| format!(" (did you mean {known}?)"));
+            let hint = nearest(&key, self.known.iter().map(String::as_str))
+                .map(|known| format!(" (did you mean {known}?)"));
             let text = format!("{key}: there is no such key{}", hint.unwrap_or_default());
             self.faults.push(Fault { line, text });
         }
@@ -145,12 +143,6 @@ impl Keys {
         self.faults.sort();
         Err(Faults { file: file.to_owned(), faults: self.faults })
     }
-}
-
-/// Whether one of two words begins with most of the other.
-fn is_like(a: &str, b: &str) -> bool {
-    let n_same = a.chars().zip(b.chars()).take_while(|(a, b)| a == b).count();
-    2 * n_same > a.chars().count().max(b.chars().count())
 }
 
 /// `printer.0.name` is shown as `printer.name`: the line says which.

@@ -9,9 +9,11 @@ use crate::appliance::Error as ServerError;
 use crate::appliance::config::{Port, PrinterConfig};
 use crate::appliance::kit::{Kit, ended};
 use crate::appliance::live::{Board, Lives, idle};
+use crate::appliance::preparing;
 use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
+use crate::motion;
 use crate::printer::driver::PrintEvent;
 use crate::printer::laying::may_lay;
 use crate::printer::{Error, PortProblem, ask};
@@ -19,6 +21,8 @@ use crate::profile;
 use crate::queue::state::Kind;
 use crate::queue::{Bed, By, Change, Claimant, Job, JobId, Name, Refusal, Said, Who};
 use crate::store::{self, Claimed, Store};
+use std::fs::File;
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -261,12 +265,19 @@ impl<S: Store> Station<S> {
     /// That what is to be printed is what was prepared, and within the limits.
     async fn check(&self, job: &Job, held: &Held) -> Result<Survey, String> {
         let (gcode, limits) = (held.gcode.clone(), self.config.limits);
-        let found = tokio::task::spawn_blocking(move || crate::appliance::preparing::examine(&gcode)).await;
-        let found = found.map_err(|_panicked| "the job's G-code cannot be read".to_owned())?;
-        let (digest, survey) =
-            found.map_err(|error| format!("the job's G-code cannot be read: {}", error.kind()))?;
+        let bed_mm = self.machine.profile.machine.bed_mm;
+        let found = tokio::task::spawn_blocking(move || {
+            let (digest, survey) = preparing::examine(&gcode)?;
+            Ok((digest, survey, motion::leaving(BufReader::new(File::open(&gcode)?), bed_mm)?))
+        });
+        let found = found.await.map_err(|_panicked| "the job's G-code cannot be read".to_owned())?;
+        let (digest, survey, leaving) =
+            found.map_err(|error: io::Error| format!("the job's G-code cannot be read: {}", error.kind()))?;
         if job.made.as_ref().is_none_or(|made| made.gcode != digest) {
             return Err("the job's G-code is not what was prepared: it was changed".to_owned());
+        }
+        if let Some(leaving) = leaving.filter(|leaving| leaving.is_lost) {
+            return Err(format!("it was made for another printer: {leaving}"));
         }
         if survey.hotend_c > limits.hotend_c || survey.bed_c > limits.bed_c {
             return Err(format!(
@@ -464,7 +475,7 @@ impl<S: Store> Station<S> {
     }
 }
 
-fn no_thread(held: &Held, error: &std::io::Error) -> Outcome {
+fn no_thread(held: &Held, error: &io::Error) -> Outcome {
     let why = format!("the system gives no thread for the print: {error}");
     if held.is_laid {
         return Outcome::Waits(why);

@@ -21,6 +21,15 @@ pub(crate) struct ServeArgs {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct BackupArgs {
+    #[command(flatten)]
+    pub(crate) state: StateArgs,
+    /// The backup, a ZIP archive
+    #[arg(value_name = "FILE")]
+    pub(crate) file: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct QueueArgs {
     #[command(flatten)]
     pub(crate) state: StateArgs,

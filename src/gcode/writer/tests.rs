@@ -73,6 +73,23 @@ fn filament_adds_up_to_the_planned_volume() {
 }
 
 #[test]
+fn the_head_counts_the_filament_of_the_start_script() {
+    for name in ["marlin", "reference", "klipper"] {
+        let profile = profile::builtin(name).unwrap();
+        let text = write(&job(), &profile, &Header::default());
+        let told = |begin: &str| -> f64 {
+            text.lines().find_map(|line| line.strip_prefix(begin)).unwrap().parse().unwrap()
+        };
+        let estimate = crate::motion::estimate(&text, &profile, &crate::progress::Task::quiet()).unwrap();
+        assert!(
+            (told("; filament used [mm] = ") - estimate.filament_mm).abs() < 0.006,
+            "{name}: {estimate:?}"
+        );
+        assert!((told("; filament_g ") - estimate.filament_g).abs() < 0.006, "{name}: {estimate:?}");
+    }
+}
+
+#[test]
 fn every_line_can_be_read_again_and_coordinates_return() {
     let mut ends = Vec::new();
     for line in text().lines() {

@@ -1,4 +1,4 @@
-//! Lumina that one stage has and the next has not: where a branch was closed.
+//! Lumina that one stage has and the next has not: where a branch was closed, and where an island in it was lost or added.
 
 use super::outlines::{Lumina, plane_runs};
 use super::{Finding, Kind, Place, Size, told};
@@ -8,6 +8,11 @@ use crate::slice::Layer;
 
 /// A lumen with less than this part of the area it had is closed.
 const LEAST_OPEN: f64 = 0.5;
+
+/// Smaller islands in a lumen are none, mm².
+const LEAST_ISLAND_MM2: f64 = 0.05;
+/// An island is lost where the next stage has less than this part of it.
+const LEAST_KEPT: f64 = 0.5;
 
 /// One stage's lumina and the stage that made them.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +44,66 @@ pub(in crate::report) fn plugged(
         }
     }
     findings
+}
+
+/// What lies within a lumen and is no part of it.
+fn islands(lumen: &Region) -> Region {
+    if lumen.contours.len() < 2 { Region::default() } else { lumen.without_holes().difference(lumen) }
+}
+
+/// Islands within the lumen (a wall between two channels, a flap) that a stage lost or added.
+pub(in crate::report) fn changed_islands(
+    first: &[Lumina],
+    made: &[Made<'_>],
+    names: &[String],
+    z_mm: &[f64],
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (branch, name) in names.iter().enumerate() {
+        for (i, own) in made.iter().enumerate() {
+            let before = if i == 0 { first } else { made[i - 1].lumina };
+            for (kind, from, to) in
+                [(Kind::IslandLost, before, own.lumina), (Kind::IslandAdded, own.lumina, before)]
+            {
+                let gone = |k: usize| gone_mm2(from[k][branch].as_ref()?, to[k][branch].as_ref()?);
+                let areas: Vec<Option<f64>> = (0..z_mm.len()).map(gone).collect();
+                let planes: Vec<usize> = (0..z_mm.len()).filter(|&k| areas[k].is_some()).collect();
+                findings.extend(plane_runs(&planes).into_iter().map(|[first, last]| {
+                    let most = areas[first..=last].iter().flatten().copied().fold(0.0, f64::max);
+                    let place = Place { branch: Some(name.clone()), ..Place::of_planes(z_mm, first, last) };
+                    island(own.stage, kind, place, most)
+                }));
+            }
+        }
+    }
+    findings
+}
+
+/// The area of the islands of a lumen that another one does not have, mm²; `None` where it has them.
+fn gone_mm2(lumen: &Region, other: &Region) -> Option<f64> {
+    let islands = islands(lumen);
+    let (all, gone) = (islands.area_mm2(), islands.intersection(other).area_mm2());
+    (all > LEAST_ISLAND_MM2 && gone > (1.0 - LEAST_KEPT) * all).then_some(gone)
+}
+
+fn island(stage: Stage, kind: Kind, place: Place, area_mm2: f64) -> Finding {
+    let [before, own] = stage.sides();
+    let (has, has_not) = if kind == Kind::IslandLost { (before, own) } else { (own, before) };
+    let text = format!(
+        "{}: {has} has an island of {area_mm2:.2} mm\u{b2} within the lumen that {has_not} has not, {}, {}",
+        stage.name(),
+        told("plane", place.planes.unwrap_or_default()),
+        place.branch.as_deref().unwrap_or_default()
+    );
+    Finding {
+        stage: stage.name(),
+        kind,
+        place,
+        size: Some(Size { size: area_mm2, unit: "mm2", uncertainty: 0.02 * area_mm2 }),
+        vector_mm: None,
+        beyond_gate: true,
+        text,
+    }
 }
 
 fn closed_at(stage: Stage, name: &str, place: Place, percent: f64) -> Finding {

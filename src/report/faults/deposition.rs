@@ -6,7 +6,7 @@ use super::matched::{Matched, Role, Where, matched};
 use super::series::{Span, of_scalars, spans};
 use super::{Finding, Kind, Place, Size, told};
 use crate::geom::Vector2;
-use crate::report::verdict::Gate;
+use crate::profile::Gate;
 use crate::report::{Inputs, Stage};
 use crate::slice::LayerSlot;
 use nalgebra::Matrix2;

@@ -17,23 +17,25 @@ mod matched;
 mod order;
 mod outlines;
 mod series;
+mod similarity;
 #[cfg(test)]
 mod tests;
 
-pub(super) use branches::{Made, odd_layers, plugged};
+pub(super) use branches::{Made, changed_islands, odd_layers, plugged};
 pub(super) use deposition::{deposited, volumes_mm3};
 pub(super) use order::{Compared, Seen, broken_course, out_of_order, unlike_image};
-pub(super) use outlines::{StagePair, moved, without_echoes};
+pub(super) use outlines::{Ends, StagePair, moved, without_echoes};
 
 use super::deviation::rounded;
 use crate::slice::LayerSlot;
 use serde::Serialize;
 
 /// What no comparison of this kind can see, for the reader.
-pub const NOT_SEEN: [&str; 4] = [
+pub const NOT_SEEN: [&str; 5] = [
     "An image that is mirrored, or whose planes are all in reverse order, before it was segmented: image, contours and replica then agree. Compare the orientation letters with the patient.",
     "Planes exchanged before the segmentation are seen only where the vessel's course breaks; a straight vessel looks the same in any order.",
     "A lumen that the image does not show, or shows beside the contours by more than a few pixels, where no contour leads there.",
+    "What the solid does between two CT planes, unless it closes the lumen: there is no image to compare it with. Branches that were joined the wrong way between two planes look right in both.",
     "What a printer does beyond its record: the deposition is what was recorded. What was really made is seen where a scan of the replica is given.",
 ];
 
@@ -47,6 +49,8 @@ pub enum Kind {
     OutlineShifted,
     /// Larger or smaller, percent.
     Scaled,
+    /// Heights larger or smaller, percent.
+    Stretched,
     /// Turned about the vertical, degrees.
     Turned,
     /// A mirror image.
@@ -55,6 +59,10 @@ pub enum Kind {
     WrongPlaneOrder,
     /// The lumen of a branch is closed.
     Plugged,
+    /// An island within the lumen is gone, mm².
+    IslandLost,
+    /// An island within the lumen was added, mm².
+    IslandAdded,
     /// From a layer on all lies beside its place, mm.
     LayerShift,
     /// Layers lie beside their places more and more, mm at the worst.
@@ -91,7 +99,7 @@ pub struct Size {
     /// The size.
     #[serde(serialize_with = "rounded_value")]
     pub size: f64,
-    /// `mm`, `percent`, `degrees`, `mm3` or `layers`.
+    /// `mm`, `percent`, `degrees`, `mm2`, `mm3`, `layers` or `planes`.
     pub unit: &'static str,
     /// Standard uncertainty of the size.
     #[serde(serialize_with = "rounded_value")]

@@ -6,21 +6,18 @@
 
 use super::deposition::runs;
 use super::series::{Span, of_scalars, spans};
+use super::similarity::{LEAST_SCALE, MOST_STEPS, SETTLED_MM, Similarity};
 use super::{Finding, Kind, Place, Size, told};
 use crate::geom::{Point2, Region, SegmentIndex, Vector2};
 use crate::report::Stage;
+use crate::report::course::centroid;
 use crate::report::image::median;
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
 
 /// Places along an outline.
 const N_POINTS: usize = 96;
-/// A similarity that explains this part of all deviations is one.
-const EXPLAINED: f64 = 0.8;
-/// Smaller changes of scale are none, as a part.
-const LEAST_SCALE: f64 = 0.002;
-/// Steps until a fit has settled, and when it has, mm.
-const MOST_STEPS: usize = 8;
-const SETTLED_MM: f64 = 2e-3;
+/// An offset that this part of all outlines has is one of all.
+const MOST_ALIKE: f64 = 0.8;
 /// Lumina whose areas differ by more than this factor are not one lumen moved.
 const MOST_AREA: f64 = 2.0;
 
@@ -40,20 +37,40 @@ pub(in crate::report) struct StagePair<'a> {
     pub(in crate::report) least_mm: f64,
     /// Larger ones fail, mm.
     pub(in crate::report) gate_mm: f64,
+    /// Where the tested body ends and where it is meant to, mm; known of a solid.
+    pub(in crate::report) ends_mm: Option<Ends>,
+}
+
+/// The heights at which a body ends, mm.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::report) struct Ends {
+    pub(in crate::report) found: [f64; 2],
+    pub(in crate::report) meant: [f64; 2],
 }
 
 /// The places along the outlines of a branch in a plane, and the reference's outlines.
-struct Outlines {
-    places: Vec<OutlinePlace>,
+pub(super) struct Outlines {
+    pub(super) places: Vec<OutlinePlace>,
     reference: SegmentIndex,
     meant_mm: f64,
+    pub(super) z_mm: f64,
+    /// How far the branch runs aside, and grows in radius, a millimetre of height.
+    pub(super) drift: Vector2,
+    pub(super) flare: f64,
+}
+
+impl Outlines {
+    /// How far a place lies farther out where the section is that of a millimetre higher up.
+    pub(super) fn rise(&self, place: &OutlinePlace) -> f64 {
+        place.normal.dot(&self.drift) + self.flare
+    }
 }
 
 /// A place of an outline.
 #[derive(Debug, Clone, Copy)]
-struct OutlinePlace {
-    at: Point2,
-    normal: Vector2,
+pub(super) struct OutlinePlace {
+    pub(super) at: Point2,
+    pub(super) normal: Vector2,
 }
 
 /// How one outline lies.
@@ -66,13 +83,26 @@ struct Fit {
 /// The findings of a pair of stages.
 pub(in crate::report) fn moved(pair: &StagePair<'_>, names: &[String], z_mm: &[f64]) -> Vec<Finding> {
     let outlines: Vec<Vec<Option<Outlines>>> =
-        (0..z_mm.len()).map(|k| (0..names.len()).map(|b| pair.outlines(k, b)).collect()).collect();
-    let similarity = Similarity::of(&outlines, pair);
-    let mut findings = similarity.map_or_else(Vec::new, |s| s.findings(pair, z_mm));
-    let back = |p: Point2| similarity.map_or(p, |s| s.back(p));
+        (0..z_mm.len()).map(|k| (0..names.len()).map(|b| pair.outlines(k, b, z_mm)).collect()).collect();
+    let of_all = Similarity::of(&outlines, pair).map(|s| (s, s.findings(pair, z_mm)));
+    // What is only beside its place is told plane by plane: it may not be so in all of them.
+    let (similarity, mut findings) = match of_all.filter(|(_, findings)| !findings.is_empty()) {
+        Some((similarity, findings)) => (Some(similarity), findings),
+        None => (None, Vec::new()),
+    };
+    let of_sections = findings.iter_mut().find(|f| f.kind == Kind::Stretched);
+    match (of_sections, pair.stretch_of_ends()) {
+        // The ends tell it more sharply, where they tell the same.
+        (Some(found), Some(part)) if is_like(found, part) => *found = pair.stretched(part, z_mm),
+        (None, Some(part)) if pair.is_hidden(part, &outlines) => findings.push(pair.stretched(part, z_mm)),
+        _ => {}
+    }
+    let back = |own: &Outlines, p: &OutlinePlace| similarity.map_or(p.at, |s| s.back(own, p));
     let fits: Vec<Vec<Option<Fit>>> = outlines
         .iter()
-        .map(|plane| plane.iter().map(|own| own.as_ref().and_then(|own| own.fit(back))).collect())
+        .map(|plane| {
+            plane.iter().map(|own| own.as_ref().and_then(|own| own.fit(|place| back(own, place)))).collect()
+        })
         .collect();
     let search = Search { pair, names, z_mm, fits: &fits };
     findings.extend(search.offsets());
@@ -82,7 +112,7 @@ pub(in crate::report) fn moved(pair: &StagePair<'_>, names: &[String], z_mm: &[f
 
 impl StagePair<'_> {
     /// `None` where one of the two is missing, or they are not the same lumen.
-    fn outlines(&self, plane: usize, branch: usize) -> Option<Outlines> {
+    fn outlines(&self, plane: usize, branch: usize, z_mm: &[f64]) -> Option<Outlines> {
         let (reference, tested) =
             (self.reference[plane][branch].as_ref()?, self.tested[plane][branch].as_ref()?);
         let ratio = tested.area_mm2() / reference.area_mm2();
@@ -102,24 +132,71 @@ impl StagePair<'_> {
             }
         }
         let reference = SegmentIndex::try_new(&reference.contours)?;
-        (places.len() >= N_POINTS / 2).then_some(Outlines { places, reference, meant_mm: self.meant_mm })
+        let (drift, flare) = self.course(plane, branch, z_mm);
+        (places.len() >= N_POINTS / 2).then(|| Outlines {
+            places,
+            reference,
+            meant_mm: self.meant_mm,
+            z_mm: z_mm[plane],
+            drift,
+            flare,
+        })
     }
+
+    /// How a branch runs and widens, from the planes beside; nothing where it has one plane alone.
+    fn course(&self, plane: usize, branch: usize, z_mm: &[f64]) -> (Vector2, f64) {
+        let at = |k: usize| {
+            let lumen = self.reference.get(k)?[branch].as_ref()?;
+            Some((centroid(lumen)?, (lumen.area_mm2() / std::f64::consts::PI).sqrt(), z_mm[k]))
+        };
+        let here = at(plane);
+        let below = plane.checked_sub(1).and_then(at).or(here);
+        let above = at(plane + 1).or(here);
+        match below.zip(above) {
+            Some(((from, narrow, low), (to, wide, high))) if high > low => {
+                ((to - from) / (high - low), (wide - narrow) / (high - low))
+            }
+            _ => (Vector2::zeros(), 0.0),
+        }
+    }
+
+    /// By how much the body's heights are off, as a part, as its ends have it.
+    fn stretch_of_ends(&self) -> Option<f64> {
+        let Ends { found, meant } = self.ends_mm?;
+        let part = (found[1] - found[0]) / (meant[1] - meant[0]) - 1.0;
+        (part.abs() > LEAST_SCALE).then_some(part)
+    }
+
+    /// Whether the vessel is too upright for its sections to show heights that are off by a part.
+    fn is_hidden(&self, part: f64, outlines: &[Vec<Option<Outlines>>]) -> bool {
+        let all = || outlines.iter().flatten().flatten();
+        let [low, high] =
+            all().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], o| [a.min(o.z_mm), b.max(o.z_mm)]);
+        let aside = |o: &Outlines| (part * (o.z_mm - 0.5 * (low + high)) * o.drift.norm()).powi(2);
+        let mean = all().map(aside).sum::<f64>() / all().count().max(1) as f64;
+        mean.sqrt() < 2.0 * self.least_mm
+    }
+}
+
+/// Whether a stretch that the sections show is the one that the ends show.
+fn is_like(found: &Finding, part: f64) -> bool {
+    found.size.is_some_and(|s| (0.01 * s.size - part).abs() < 0.3 * part.abs())
 }
 
 impl Outlines {
     /// How far outside of the reference a place lies, mm.
-    fn off_mm(&self, at: Point2) -> f64 {
+    pub(super) fn off_mm(&self, at: Point2) -> f64 {
         self.reference.signed_distance_mm(at) - self.meant_mm
     }
 
     /// Offset and shift of the places after `back`: robust Gauss-Newton steps.
-    fn fit(&self, back: impl Fn(Point2) -> Point2) -> Option<Fit> {
+    fn fit(&self, back: impl Fn(&OutlinePlace) -> Point2) -> Option<Fit> {
         let mut fit = Fit { offset_mm: 0.0, shift: Vector2::zeros() };
         for _ in 0..MOST_STEPS {
             let rows: Vec<(Vector3<f64>, f64)> = self
                 .places
                 .iter()
-                .map(|p| (Vector3::new(1.0, p.normal.x, p.normal.y), self.off_mm(back(p.at) - fit.shift)))
+                .map(|p| (Vector3::new(1.0, p.normal.x, p.normal.y), self.off_mm(back(p) - fit.shift)))
                 .collect();
             let x = robust(&rows)?;
             let step = Vector2::new(x.y, x.z);
@@ -150,109 +227,8 @@ fn robust(rows: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
     Some(x)
 }
 
-/// One similarity of all planes: x + shift + scale (x - about) + turn J (x - about).
-#[derive(Debug, Clone, Copy)]
-struct Similarity {
-    about: Point2,
-    shift: Vector2,
-    scale: f64,
-    turn: f64,
-}
-
-impl Similarity {
-    /// From the moved place to where it was, to first order.
-    fn back(&self, p: Point2) -> Point2 {
-        let arm = p - self.about;
-        p - self.shift - arm * self.scale - Vector2::new(-arm.y, arm.x) * self.turn
-    }
-
-    /// `None` where no similarity explains what is off, or an even offset of all explains it better.
-    fn of(outlines: &[Vec<Option<Outlines>>], pair: &StagePair<'_>) -> Option<Self> {
-        let all: Vec<(&Outlines, OutlinePlace)> =
-            outlines.iter().flatten().flatten().flat_map(|o| o.places.iter().map(move |p| (o, *p))).collect();
-        let n = all.len().max(1) as f64;
-        let about = Point2::from(all.iter().map(|(_, p)| p.at.coords).sum::<Vector2>() / n);
-        let off = |s: &Self| -> Vec<f64> { all.iter().map(|(o, p)| o.off_mm(s.back(p.at))).collect() };
-        let squares = |off: &[f64]| off.iter().map(|d| d * d).sum::<f64>();
-        let mut similarity = Self { about, shift: Vector2::zeros(), scale: 0.0, turn: 0.0 };
-        let first = off(&similarity);
-        let total = squares(&first);
-        if (total / n).sqrt() < 0.3 * pair.least_mm {
-            return None;
-        }
-        let mut rest = first.clone();
-        for _ in 0..MOST_STEPS {
-            let step = similarity.step(&all, &rest)?;
-            rest = off(&step.0);
-            similarity = step.0;
-            if step.1 < SETTLED_MM {
-                break;
-            }
-        }
-        let mean = first.iter().sum::<f64>() / n;
-        let of_offset = total - n * mean * mean;
-        // A straight round vessel cannot tell an offset from a scale: contours are offset, solids are scaled.
-        let (own, tie) = (squares(&rest), 0.02 * total);
-        let better =
-            if pair.stage == Stage::Segmentation { own + tie < of_offset } else { own <= of_offset + tie };
-        (own < (1.0 - EXPLAINED) * total && better).then_some(similarity)
-    }
-
-    /// The similarity after a Gauss-Newton step, and how far that moves a place about.
-    fn step(&self, all: &[(&Outlines, OutlinePlace)], off_mm: &[f64]) -> Option<(Self, f64)> {
-        let (mut own, mut right) = (Matrix4::identity() * 1e-9, Vector4::zeros());
-        let mut reach_mm: f64 = 0.0;
-        for ((_, p), off_mm) in all.iter().zip(off_mm) {
-            let arm = p.at - self.about;
-            reach_mm = reach_mm.max(arm.norm());
-            let row = Vector4::new(
-                p.normal.x,
-                p.normal.y,
-                p.normal.dot(&arm),
-                p.normal.dot(&Vector2::new(-arm.y, arm.x)),
-            );
-            own += row * row.transpose();
-            right += row * *off_mm;
-        }
-        let x = own.try_inverse()? * right;
-        let moved = Self {
-            shift: self.shift + Vector2::new(x.x, x.y),
-            scale: self.scale + x.z,
-            turn: self.turn + x.w,
-            ..*self
-        };
-        Some((moved, x.x.hypot(x.y) + reach_mm * x.z.hypot(x.w)))
-    }
-
-    fn findings(&self, pair: &StagePair<'_>, z_mm: &[f64]) -> Vec<Finding> {
-        let range = [0, z_mm.len() - 1];
-        let planes = told("plane", range);
-        let place = || Place::of_planes(z_mm, range[0], range[1]);
-        let [from, to] = pair.stage.sides();
-        let mut findings = Vec::new();
-        // What is moved back is the enlarged one: its inverse is what was done to it.
-        let scale = 1.0 / (1.0 - self.scale) - 1.0;
-        if scale.abs() > LEAST_SCALE {
-            let percent = 100.0 * scale;
-            let size = Size { size: percent, unit: "percent", uncertainty: 0.05 };
-            let text = format!("{to} is scaled by {percent:+.2} % against {from}, {planes}");
-            findings.push(pair.finding(Kind::Scaled, place(), size, text));
-        }
-        if self.turn.abs() > LEAST_SCALE {
-            let degrees = self.turn.to_degrees();
-            let size = Size { size: degrees, unit: "degrees", uncertainty: 0.05 };
-            let text = format!("{to} is turned by {degrees:+.2} degrees against {from}, {planes}");
-            findings.push(pair.finding(Kind::Turned, place(), size, text));
-        }
-        if self.shift.norm() > pair.least_mm && findings.is_empty() {
-            findings.push(pair.shifted(place(), self.shift, 0.005));
-        }
-        findings
-    }
-}
-
 impl StagePair<'_> {
-    fn finding(&self, kind: Kind, place: Place, size: Size, text: String) -> Finding {
+    pub(super) fn finding(&self, kind: Kind, place: Place, size: Size, text: String) -> Finding {
         let stage = self.stage.name();
         Finding {
             stage,
@@ -263,6 +239,18 @@ impl StagePair<'_> {
             beyond_gate: true,
             text: format!("{stage}: {text}"),
         }
+    }
+
+    pub(super) fn stretched(&self, part: f64, z_mm: &[f64]) -> Finding {
+        let last = z_mm.len() - 1;
+        let percent = 100.0 * part;
+        let [from, to] = self.stage.sides();
+        let text = format!(
+            "the heights of {to} are scaled by {percent:+.2} % against {from}, {}",
+            told("plane", [0, last])
+        );
+        let size = Size { size: percent, unit: "percent", uncertainty: 0.05 };
+        self.finding(Kind::Stretched, Place::of_planes(z_mm, 0, last), size, text)
     }
 
     fn shifted(&self, place: Place, by: Vector2, uncertainty: f64) -> Finding {
@@ -317,19 +305,18 @@ impl Search<'_> {
     }
 
     fn offsets(&self) -> Vec<Finding> {
-        let all = self.fits.iter().flatten().flatten().map(|f| f.offset_mm);
-        let usual = median(all).unwrap_or(0.0);
+        let all = || self.fits.iter().flatten().flatten().map(|f| f.offset_mm);
+        let middle = median(all()).unwrap_or(0.0);
+        let noise = self.noise(|f| f.offset_mm - middle);
+        let alike_mm = self.pair.least_mm.max(0.3 * middle.abs());
+        let n_alike = all().filter(|o| (o - middle).abs() <= alike_mm).count();
+        // What holds for nearly all outlines is told once; what holds for many of them, where it holds.
+        let usual = if n_alike as f64 >= MOST_ALIKE * all().count() as f64 { middle } else { 0.0 };
         let mut findings = Vec::new();
-        let is_off = usual.abs() > self.pair.least_mm;
-        let last = self.z_mm.len() - 1;
-        if is_off {
-            findings.push(self.pair.offset(
-                Place::of_planes(self.z_mm, 0, last),
-                usual,
-                self.noise(|f| f.offset_mm - usual),
-            ));
+        if usual.abs() > self.pair.least_mm {
+            let place = Place::of_planes(self.z_mm, 0, self.z_mm.len() - 1);
+            findings.push(self.pair.offset(place, usual, noise));
         }
-        let noise = self.noise(|f| f.offset_mm - usual);
         let least = self.pair.least_mm.max(5.0 * noise);
         let mut found = Vec::new();
         for branch in 0..self.names.len() {
@@ -345,7 +332,15 @@ impl Search<'_> {
     }
 
     fn shifts(&self) -> Vec<Finding> {
-        let noise = if self.pair.stage == Stage::Scan { self.step() } else { self.noise(|f| f.shift.norm()) };
+        let part = |get: fn(&Vector2) -> f64| {
+            median(self.fits.iter().flatten().flatten().map(|f| get(&f.shift))).unwrap_or(0.0)
+        };
+        let middle = Vector2::new(part(|v| v.x), part(|v| v.y));
+        let noise = if self.pair.stage == Stage::Scan {
+            self.step()
+        } else {
+            self.noise(|f| (f.shift - middle).norm())
+        };
         let least = self.pair.least_mm.max(5.0 * noise);
         let mut found = Vec::new();
         for branch in 0..self.names.len() {
@@ -372,7 +367,7 @@ impl Search<'_> {
         1.48 * median(steps).unwrap_or(0.0) / std::f64::consts::SQRT_2
     }
 
-    /// The usual size of a deviation (1.48 times the median, the standard deviation of normal noise).
+    /// The usual size of a deviation from the median (1.48 times the median, the standard deviation of normal noise).
     fn noise(&self, of: impl Fn(&Fit) -> f64) -> f64 {
         1.48 * median(self.fits.iter().flatten().flatten().map(|f| of(f).abs())).unwrap_or(0.0)
     }

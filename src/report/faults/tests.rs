@@ -4,7 +4,9 @@ use crate::ct::Voxels;
 use crate::geom::{Contour, Point2, Region, Vector2};
 use crate::progress::Task;
 use crate::report::record::Segment;
-use crate::report::testing::{BEAD_MM, Forked, INTERVAL_MM, LAYER_MM, RADIUS_MM, fork, print, region_of};
+use crate::report::testing::{
+    BEAD_MM, Forked, INTERVAL_MM, LAYER_MM, RADIUS_MM, fork, inputs, print, region_of,
+};
 use crate::report::*;
 
 const N_PLANES: usize = 10;
@@ -15,20 +17,7 @@ fn case() -> Forked {
 }
 
 fn report(case: &Forked) -> Report {
-    let inputs = Inputs {
-        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
-        sections: &case.sections,
-        solid: &case.solid,
-        body: BodyKind::Wall,
-        layers: &case.layers,
-        paths: &case.paths,
-        scan: None,
-        record: &case.record,
-        warnings: &[],
-        job: Job::default(),
-        gate: Gate::default(),
-    };
-    build(&inputs, &Task::quiet()).unwrap()
+    build(&inputs(case), &Task::quiet()).unwrap()
 }
 
 fn told(report: &Report) -> String {
@@ -417,6 +406,44 @@ fn a_scaled_solid_is_an_error_of_reconstruction() {
 }
 
 #[test]
+fn a_solid_of_wrong_heights_is_an_error_of_reconstruction() {
+    // Sections and ends: the ends tell it more sharply.
+    let mut high = case();
+    let [low_mm, high_mm] = high.solid.z_mm;
+    high.solid.z_mm = [low_mm, low_mm + 1.01 * (high_mm - low_mm)];
+    high.solid.lumen = Box::new(move |z_mm| region_of(&fork(low_mm + (z_mm - low_mm) / 1.01, N_PLANES), 0.0));
+    let found = only(&report(&high));
+    assert_eq!((found.stage, found.kind), ("reconstruction", Kind::Stretched), "{found:?}");
+    is_near(&found, 1.0);
+    assert!(found.text.contains("heights of the solid") && found.text.contains("+1.00 %"), "{found:?}");
+
+    // Ends alone: an upright tube looks the same at any height.
+    let mut upright = case();
+    upright
+        .sections
+        .planes
+        .iter_mut()
+        .for_each(|p| p.contours = vec![Contour::circle(Point2::origin(), RADIUS_MM, 128)]);
+    upright.solid.lumen = Box::new(|_| region_of(&vec![(Point2::origin(), RADIUS_MM)], 0.0));
+    upright.solid.z_mm = [low_mm, low_mm + 0.99 * (high_mm - low_mm)];
+    let report_of_upright = report(&upright);
+    let found = report_of_upright.findings.iter().find(|f| f.kind == Kind::Stretched);
+    is_near(found.unwrap_or_else(|| panic!("{}", told(&report_of_upright))), -1.0);
+
+    // Sections alone: the ends are cut where they are meant to be.
+    for (part, about_mm) in [(1.06, 13.5), (0.94, 0.0)] {
+        let mut sections = case();
+        sections.solid.lumen =
+            Box::new(move |z_mm| region_of(&fork(about_mm + (z_mm - about_mm) / part, N_PLANES), 0.0));
+        let report = report(&sections);
+        let found = report.findings.iter().find(|f| f.kind == Kind::Stretched);
+        let found = found.unwrap_or_else(|| panic!("{}", told(&report)));
+        assert_eq!(found.stage, "reconstruction");
+        is_near(found, 100.0 * (part - 1.0));
+    }
+}
+
+#[test]
 fn planes_in_a_wrong_order_are_found_in_contours_and_in_images() {
     let mut contours = case();
     let planes = &mut contours.sections.planes;
@@ -516,4 +543,83 @@ fn a_mirrored_solid_is_found() {
     let report = report(&case);
     let found = report.findings.iter().find(|f| f.kind == Kind::Mirrored);
     assert!(found.is_some_and(|f| f.stage == "reconstruction"), "{}", told(&report));
+}
+
+#[test]
+fn lines_missing_on_one_side_are_found() {
+    let mut case = case();
+    let circles = |layer: usize| fork(LAYER_MM * (layer as f64 - 7.0), N_PLANES);
+    without(&mut case, |layer, s| {
+        let at = Point2::new(s.from.x - 100.0, s.from.y - 90.0);
+        let (centre, radius_mm) = circles(layer)[0];
+        (30..36).contains(&layer) && at.x > centre.x && (at - centre).norm() > radius_mm + 2.0 * BEAD_MM
+    });
+    let found = only(&report(&case));
+    assert_eq!(
+        (found.stage, found.kind, found.place.layers),
+        ("deposition", Kind::MissingBeads, Some([30, 35]))
+    );
+}
+
+#[test]
+fn a_single_plane_beside_its_place_is_found() {
+    let mut case = case();
+    case.sections.planes[5].contours.iter_mut().flat_map(|c| &mut c.points).for_each(|p| p.y -= 0.4);
+    let found = only(&report(&case));
+    assert_eq!(
+        (found.stage, found.kind, found.place.planes),
+        ("segmentation", Kind::OutlineShifted, Some([5, 5]))
+    );
+    is_near(&found, 0.4);
+}
+
+#[test]
+fn what_holds_for_most_planes_is_told_of_these_alone() {
+    let mut shifted = case();
+    for plane in &mut shifted.sections.planes[2..] {
+        plane.contours.iter_mut().flat_map(|c| &mut c.points).for_each(|p| p.x += 0.3);
+    }
+    let found = only(&report(&shifted));
+    assert_eq!((found.kind, found.place.planes), (Kind::OutlineShifted, Some([2, 9])));
+    is_near(&found, 0.3);
+}
+
+#[test]
+fn a_twisted_and_a_shrunken_solid_are_errors_of_reconstruction() {
+    let mut twisted = case();
+    twisted.solid.lumen = Box::new(|z_mm| {
+        let turn = nalgebra::Rotation2::new(0.003 * z_mm);
+        region_of(&fork(z_mm, N_PLANES).into_iter().map(|(c, r)| (turn * c, r)).collect(), 0.0)
+    });
+    let report_of_twisted = report(&twisted);
+    let first = report_of_twisted.findings.first().unwrap_or_else(|| panic!("nothing found"));
+    assert_eq!(first.stage, "reconstruction", "{}", told(&report_of_twisted));
+    assert!(!report_of_twisted.verdict.passed);
+
+    // Smoothing that draws narrow branches in.
+    let mut shrunken = case();
+    shrunken.solid.lumen = Box::new(|z_mm| {
+        let circles = fork(z_mm, N_PLANES).into_iter();
+        region_of(&circles.map(|(c, r)| (c, if r < 2.0 { r - 0.08 } else { r })).collect(), 0.0)
+    });
+    let found = only(&report(&shrunken));
+    assert_eq!(
+        (found.stage, found.kind, found.place.planes),
+        ("reconstruction", Kind::BoundaryMoved, Some([5, 9]))
+    );
+    is_near(&found, -0.08);
+}
+
+#[test]
+fn an_island_in_the_lumen_that_is_lost_is_found_where_it_was_lost() {
+    let mut case = case();
+    for k in 1..4 {
+        let (centre, _) = fork(INTERVAL_MM * k as f64, N_PLANES)[0];
+        case.sections.planes[k].contours.push(Contour::circle(centre, 0.8, 64).reversed());
+    }
+    let report = report(&case);
+    let found: Vec<&Finding> = report.findings.iter().filter(|f| f.kind == Kind::IslandLost).collect();
+    assert_eq!(found.len(), 1, "{}", told(&report));
+    assert_eq!((found[0].stage, found[0].place.planes), ("reconstruction", Some([1, 3])));
+    is_near(found[0], std::f64::consts::PI * 0.64);
 }

@@ -1,6 +1,7 @@
 //! Figures to the coordinates of small vector charts.
 
 use super::super::{Report, Stage};
+use super::spread::{histograms, triangles};
 use serde::Serialize;
 
 const WIDTH: f64 = 560.0;
@@ -9,7 +10,7 @@ const LEFT: f64 = 112.0;
 const BOTTOM: f64 = 30.0;
 const TOP: f64 = 22.0;
 const RIGHT: f64 = 18.0;
-const DARK: &str = "#1f5fa8";
+pub(super) const DARK: &str = "#1f5fa8";
 const LIGHT: &str = "#a9c8ea";
 const WARM: &str = "#b35a00";
 
@@ -61,7 +62,8 @@ pub(in super::super) struct Label {
 
 /// The charts that the report has figures for.
 pub(super) fn all(report: &Report) -> Vec<Chart> {
-    [stages(report), along(report), areas(report)].into_iter().flatten().collect()
+    let charts = [stages(report), histograms(report), along(report), areas(report), triangles(report)];
+    charts.into_iter().flatten().collect()
 }
 
 /// Mean and 95th percentile of each stage as bars.
@@ -177,7 +179,7 @@ fn curve_chart(curves: &[Named<'_>]) -> Option<Chart> {
     Some(chart)
 }
 
-fn blank() -> Chart {
+pub(super) fn blank() -> Chart {
     Chart { width: WIDTH, height: HEIGHT, ..Chart::default() }
 }
 
@@ -219,11 +221,11 @@ impl Scale {
 }
 
 /// A coordinate with one decimal.
-fn shape(value: f64) -> f64 {
+pub(super) fn shape(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-fn tidy(value: f64) -> String {
+pub(super) fn tidy(value: f64) -> String {
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').into()
 }

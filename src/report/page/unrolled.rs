@@ -169,7 +169,7 @@ fn pixels(strips: &[Strip], rows: &[Row], height: f64, range: Range) -> Vec<u8> 
 #[cfg(test)]
 mod tests {
     use super::super::super::testing::{Case, print};
-    use super::super::super::{build, tests::inputs};
+    use super::super::super::{build, testing::inputs};
     use super::*;
     use crate::progress::Task;
 

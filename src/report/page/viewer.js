@@ -15,6 +15,7 @@
   var data = byId("view-data").textContent, setting = JSON.parse(data);
   var range = setting.range_hu, shown = setting.window_hu ? setting.window_hu.slice() : null;
   var current = 0, zoom = 1, centre = null, measuring = false, line = null, grip = null, asked = false;
+  var PAUSE_MS = 120, telling = 0, told = -PAUSE_MS, marked = [];
   var onShow = [];
 
   // A plane's parts, taken from its picture in the document when it is first shown.
@@ -141,18 +142,24 @@
 
   function show(i) {
     current = Math.max(0, Math.min(figures.length - 1, i));
-    var plate = plates[current], caption = figures[current].querySelector("figcaption dl");
-    title.textContent = plate.name;
-    canvas.setAttribute("aria-label", plate.svg.getAttribute("aria-label"));
-    panel.replaceChildren(caption.cloneNode(true));
     slider.value = String(current);
-    slider.setAttribute("aria-valuetext", plate.name);
-    rows.forEach(function (row, j) { row.classList.toggle("current", j === current); });
-    var number = figures[current].getAttribute("data-plane");
-    mapRows.forEach(function (row) { row.classList.toggle("current", row.getAttribute("data-plane") === number); });
-    onShow.forEach(function (tell) { tell(current); });
     for (var d = 1; d < 4; d += 1) { [current - d, current + d].forEach(function (k) { if (plates[k]) { load(plates[k]); } }); }
     ask();
+    if (!telling) { telling = setTimeout(tell, performance.now() - told > PAUSE_MS ? 0 : PAUSE_MS); }
+  }
+  // What stands beside the picture: words, figures, marks in tables and in the model. While planes rush by it follows a few
+  // times a second; laying out the page anew costs more than a picture.
+  function tell() {
+    telling = 0; told = performance.now();
+    var plate = plates[current], figure = figures[current], number = figure.getAttribute("data-plane");
+    title.textContent = plate.name;
+    canvas.setAttribute("aria-label", plate.svg.getAttribute("aria-label"));
+    panel.replaceChildren(figure.querySelector("figcaption dl").cloneNode(true));
+    slider.setAttribute("aria-valuetext", plate.name);
+    marked.forEach(function (element) { element.classList.remove("current"); });
+    marked = [rows[current]].concat(mapRows.filter(function (row) { return row.getAttribute("data-plane") === number; })).filter(Boolean);
+    marked.forEach(function (element) { element.classList.add("current"); });
+    onShow.forEach(function (listener) { listener(current); });
   }
   function zoomBy(factor, about) {
     var before = look(), next = Math.max(0.5, Math.min(60, zoom * factor));
@@ -259,7 +266,7 @@
     show: show,
     plane: function () { return current; },
     frames: function () { return frames; },
-    onShow: function (tell) { onShow.push(tell); tell(current); },
+    onShow: function (listener) { onShow.push(listener); listener(current); },
     z: figures.map(function (f) { return Number(f.getAttribute("data-z")); }),
     sides: setting.sides
   };

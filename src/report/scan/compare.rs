@@ -13,7 +13,7 @@ use crate::report::faults::{Made, Place, Size, StagePair, moved, plugged};
 use crate::report::image::{curvature_per_mm, drawn_inward_mm, outward};
 use crate::report::lumen::{Expected, of_beads};
 use crate::report::stages::section_lumen;
-use crate::report::{Block, BodyKind, Finding, Inputs, Kind, Overall, PlaneFigures, Stage};
+use crate::report::{Block, BodyKind, Finding, Histogram, Inputs, Kind, Overall, PlaneFigures, Stage};
 use crate::sections::march::Grid;
 use crate::solid::CrossSection;
 use rayon::prelude::*;
@@ -169,6 +169,7 @@ impl Scanned {
             meant_mm: 0.0,
             least_mm: LEAST_MM.max(LEAST_VOXEL * self.largest_mm),
             gate_mm: gate.outline_mm,
+            ends_mm: None,
         };
         let names = branches.names();
         findings.extend(moved(&pair, &names, z_mm));
@@ -244,8 +245,10 @@ impl Scanned {
             }
             figures
         };
+        let histogram = Histogram::of(measured.clone());
         let overall = Overall { figures: Figures::of(measured), n_planes, ..Overall::default() };
         Block {
+            histogram,
             overall: (n_planes > 0).then_some(overall),
             planes: self.planes.iter().zip(z_mm).enumerate().map(plane).collect(),
             reason: (n_planes == 0).then(|| "no plane could be measured in the scan".into()),

@@ -4,8 +4,8 @@ use super::*;
 use crate::ct::Voxels;
 use crate::geom::{Point3, Vector3};
 use crate::progress::Task;
-use crate::report::testing::{Forked, WALL_MM, fork};
-use crate::report::{BodyKind, Error, Finding, Gate, Image, Job, Kind, Polarity, Report, Stage, build};
+use crate::report::testing::{self, Forked, WALL_MM, fork};
+use crate::report::{Error, Finding, Kind, Report, Stage, build};
 use nalgebra::{Rotation3, Unit};
 
 const N_PLANES: usize = 10;
@@ -135,19 +135,7 @@ fn is_printed(p: Point3) -> bool {
 }
 
 fn inputs<'a>(case: &'a Forked, scan: Option<&'a Volume>) -> Inputs<'a> {
-    Inputs {
-        image: Some(Image { volume: &case.volume, polarity: Polarity::Bright }),
-        sections: &case.sections,
-        solid: &case.solid,
-        body: BodyKind::Wall,
-        layers: &case.layers,
-        paths: &case.paths,
-        record: &case.record,
-        scan,
-        warnings: &[],
-        job: Job::default(),
-        gate: Gate::default(),
-    }
+    Inputs { scan, ..testing::inputs(case) }
 }
 
 fn reported(volume: &Volume) -> Result<Report, Error> {
@@ -288,7 +276,7 @@ fn a_straight_tube_does_not_tell_how_it_lies() {
     let case = crate::report::testing::Case::new(4);
     let replica =
         Replica::new(|p| (3.0..=4.2).contains(&p.xy().coords.norm()) && (-1.5..10.5).contains(&p.z));
-    let inputs = Inputs { scan: Some(&replica.scanned()), ..crate::report::tests::inputs(&case) };
+    let inputs = Inputs { scan: Some(&replica.scanned()), ..testing::inputs(&case) };
     let refused = build(&inputs, &Task::quiet()).unwrap_err();
     assert!(matches!(&refused, Error::Scan(Refusal::Ambiguous { .. } | Refusal::Loose { .. })), "{refused}");
 }

@@ -113,25 +113,38 @@ pub(super) struct Outer {
 /// A skin, and what was decided by rule on the way to it.
 type Lofted = (Skin, Vec<Warning>);
 
-/// A skin through certain planes, and how thick it makes the wall.
+/// A skin through certain planes, how unsound it is, and how thick it makes the wall.
 struct Attempt {
-    skin: Skin,
-    warnings: Vec<Warning>,
+    lofted: Lofted,
     planes: Vec<PlaneSections>,
+    n_faults: usize,
     measured: Measured,
 }
 
 impl Attempt {
+    /// Whether nothing speaks against it.
+    fn is_valid(&self) -> bool {
+        self.n_faults == 0 && self.measured.thickness.check().is_ok()
+    }
+
+    /// Less unsound than another one; as sound, and not refused for its thickness; alike in that, and nearer to the
+    /// thickness asked for.
+    fn is_better_than(&self, other: &Self) -> bool {
+        let is_refused = |a: &Self| a.measured.thickness.check().is_err();
+        let faults = (self.n_faults, is_refused(self)).cmp(&(other.n_faults, is_refused(other)));
+        faults.then(self.measured.excess_mm3.total_cmp(&other.measured.excess_mm3)).is_lt()
+    }
+
     /// Whether some event has no crease.
     fn is_rounded(&self) -> bool {
-        self.skin.slabs.iter().any(|slab| slab.crotch != Crotch::Crease)
+        self.lofted.0.slabs.iter().any(|slab| slab.crotch != Crotch::Crease)
     }
 }
 
 /// Builds the outer skin around a lumen, and measures the wall in between.
 ///
 /// Where it is not as thick as asked, sections are added; where events were interpolated, they are built on the
-/// distance itself instead. The best is kept.
+/// distance itself instead, and where the skin is unsound or refused, its creases are rounded. The best is kept.
 pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer, Error> {
     let Some(mut wall) = Wall::around(lumen, wall_mm, task)? else { return Ok(Outer::default()) };
     let planes = wall.bracketed(wall.planes(&wall.heights(), task)?, task)?;
@@ -139,6 +152,7 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer
     let mut best = wall.attempt(planes.clone(), task);
     for is_rounded in [false, true] {
         let other = match &best {
+            Ok(known) if !known.is_valid() => true,
             Ok(known) => !known.measured.thickness.is_as_asked() && known.is_rounded() && !is_rounded,
             Err(error) => !matches!(error, Error::Cancelled(_)),
         };
@@ -147,13 +161,13 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer
         }
         (wall.way, wall.barred) = (Way { is_exact: true, is_rounded }, Vec::new());
         match (wall.attempt(planes.clone(), task), &best) {
-            (Ok(next), Ok(known)) if next.measured.excess_mm3 >= known.measured.excess_mm3 => {}
+            (Ok(next), Ok(known)) if !next.is_better_than(known) => {}
             (Ok(next), _) => best = Ok(next),
             (Err(Error::Cancelled(why)), _) => return Err(why.into()),
             (Err(_), _) => {}
         }
     }
-    let Attempt { skin, mut warnings, measured: Measured { thickness, .. }, .. } = best?;
+    let Attempt { lofted: (skin, mut warnings), measured: Measured { thickness, .. }, .. } = best?;
     thickness.check()?;
     warnings.extend(thickness.warning());
     warnings.extend(hole::filled(lumen, wall_mm));
@@ -163,8 +177,8 @@ pub(super) fn build(lumen: &Skin, wall_mm: f64, task: &Task<'_>) -> Result<Outer
 impl Wall<'_> {
     /// The best skin that the way set makes of these planes and of further ones.
     fn attempt(&mut self, planes: Vec<PlaneSections>, task: &Task<'_>) -> Result<Attempt, Error> {
-        let ((skin, warnings), planes) = self.sound(planes, task)?;
-        let first = self.measured(skin, warnings, planes, task)?;
+        let (lofted, planes) = self.sound(planes, task)?;
+        let first = self.measured(lofted, planes, task)?;
         self.refined(first, task)
     }
 
@@ -216,42 +230,46 @@ impl Wall<'_> {
 
     fn measured(
         &self,
-        skin: Skin,
-        warnings: Vec<Warning>,
+        lofted: Lofted,
         planes: Vec<PlaneSections>,
         task: &Task<'_>,
     ) -> Result<Attempt, Error> {
-        let measured = thickness::measure(&skin, self.lumen, &self.feet, self.wall_mm, task)?
+        let measured = thickness::measure(&lofted.0, self.lumen, &self.feet, self.wall_mm, task)?
             .ok_or(Error::NoOuterSkin)?;
-        Ok(Attempt { skin, warnings, planes, measured })
+        let n_faults = sound::faults(&lofted.0, self.wall_mm).len();
+        Ok(Attempt { lofted, planes, n_faults, measured })
     }
 
     /// A sound skin through the planes, and those of them that it runs through: where they do not make a sound one, they
-    /// are looked at from farther apart.
+    /// are looked at from farther apart. An unsound one where that does not help.
     fn sound(
         &mut self,
         mut planes: Vec<PlaneSections>,
         task: &Task<'_>,
     ) -> Result<(Lofted, Vec<PlaneSections>), Error> {
         for _ in 0..MOST_WIDENINGS {
-            let faults = match lofted(self, &planes, task) {
+            let n_planes = planes.len();
+            let mut changes = false;
+            let result = lofted(self, &planes, task);
+            let faults = match &result {
                 Err(Error::Outer { z_mm, .. }) => z_mm.to_vec(),
-                Ok(built) => {
-                    let faults = sound::faults(&built.0, self.wall_mm);
-                    if faults.is_empty() {
-                        return Ok((built, planes));
-                    }
+                Ok((skin, _)) => {
+                    let faults = sound::faults(skin, self.wall_mm);
+                    changes = faults.iter().any(|z| !self.barred.contains(z));
                     self.barred.extend(&faults);
                     faults
                 }
                 // Creases that leave a branch between them no section are too close together: none is built then.
                 Err(Error::OuterBranch { .. }) if !self.way.is_rounded => {
-                    self.way.is_rounded = true;
+                    (self.way.is_rounded, changes) = (true, true);
                     Vec::new()
                 }
-                Err(other) => return Err(other),
+                Err(_) => Vec::new(),
             };
             planes = widened(planes, &faults);
+            if !changes && planes.len() == n_planes {
+                return result.map(|lofted| (lofted, planes));
+            }
         }
         Ok((lofted(self, &planes, task)?, planes))
     }
@@ -267,16 +285,12 @@ impl Wall<'_> {
             let mut planes = decided(self.planes(&heights, task)?, self.wall_mm);
             planes.extend(best.planes.iter().cloned());
             planes.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
-            let (skin, warnings) = match lofted(self, &planes, task) {
+            let next = match lofted(self, &planes, task) {
                 Err(Error::Cancelled(why)) => return Err(why.into()),
                 Err(_worse) => break,
-                Ok(lofted) => lofted,
+                Ok(lofted) => self.measured(lofted, planes, task)?,
             };
-            if !sound::faults(&skin, self.wall_mm).is_empty() {
-                break;
-            }
-            let next = self.measured(skin, warnings, planes, task)?;
-            if next.measured.excess_mm3 >= best.measured.excess_mm3 {
+            if !next.is_better_than(&best) {
                 break;
             }
             best = next;
@@ -509,7 +523,7 @@ impl EventSource for WallSource<'_> {
         Jet { value: foot.distance_mm - self.wall.wall_mm, slope: foot.normal.xy() }
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
+    fn contours_on(&self, w: f64, _finer: f64) -> Vec<Contour> {
         self.wall.outlines(self.sign * w)
     }
 

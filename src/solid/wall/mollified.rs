@@ -134,8 +134,8 @@ impl EventSource for Mollified {
         Some(self.frame)
     }
 
-    fn contours(&self, w: f64) -> Vec<Contour> {
-        let all = iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm);
+    fn contours_on(&self, w: f64, finer: f64) -> Vec<Contour> {
+        let all = iso::contours(&*self.slice(w), self.frame.bounds, self.frame.step_mm / finer);
         all.into_iter().filter(|c| self.is_own(c)).collect()
     }
 

@@ -322,3 +322,49 @@ fn a_wall_thicker_than_the_vessel_is_as_thick_as_asked() {
     let [least, most] = thickness(&solid, 4.0, [58.0, 74.0]);
     assert!(least > 3.92 && most < 4.08, "{least} .. {most}");
 }
+
+/// A skin of a wall of 1 mm that is so thin somewhere, and so much off in all.
+fn attempt(n_faults: usize, least_mm: f64, excess_mm3: f64) -> Attempt {
+    let at = [0.0; 3];
+    let thickness = Thickness {
+        asked_mm: 1.0,
+        least_mm,
+        least_at_mm: at,
+        p5_mm: 1.0,
+        mean_mm: 1.0,
+        p95_mm: 1.0,
+        most_mm: 1.0,
+        most_at_mm: at,
+        within_percent: 99.0,
+        n_samples: 1000,
+    };
+    let measured = Measured { thickness, excess_mm3, off_z_mm: Vec::new() };
+    Attempt { lofted: Lofted::default(), planes: Vec::new(), n_faults, measured }
+}
+
+#[test]
+fn a_sound_wall_comes_before_an_accepted_one_and_that_before_an_even_one() {
+    // From the best to the worst.
+    let all = [
+        attempt(0, 0.95, 0.1),
+        attempt(0, 0.9, 0.2),
+        attempt(0, 0.45, 0.108),
+        attempt(1, 0.99, 0.0),
+        attempt(2, 0.99, 0.0),
+    ];
+    for (i, a) in all.iter().enumerate() {
+        for (j, b) in all.iter().enumerate() {
+            assert_eq!(a.is_better_than(b), i < j, "{i} {j}");
+        }
+    }
+    assert!(all[1].is_valid() && !all[2].is_valid() && !all[3].is_valid());
+}
+
+#[test]
+fn a_wall_whose_thickness_is_no_number_is_refused() {
+    for (least_mm, most_mm) in [(f64::NAN, 1.0), (0.9, f64::NAN), (0.9, f64::INFINITY)] {
+        let mut thickness = attempt(0, least_mm, 0.0).measured.thickness;
+        thickness.most_mm = most_mm;
+        assert!(thickness.check().is_err(), "{least_mm} {most_mm}");
+    }
+}

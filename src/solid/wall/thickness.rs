@@ -125,7 +125,7 @@ impl Thickness {
     pub(super) fn check(&self) -> Result<(), Error> {
         let Self { asked_mm, least_mm, least_at_mm: at_mm, .. } = *self;
         // What is not a number is too thin, too.
-        if least_mm >= LEAST_THICKNESS * asked_mm {
+        if least_mm >= LEAST_THICKNESS * asked_mm && self.most_mm.is_finite() {
             Ok(())
         } else {
             Err(Error::ThinWall { asked_mm, least_mm, at_mm })

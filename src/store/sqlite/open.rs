@@ -63,6 +63,14 @@ impl Db {
         Ok(Self::of(connection, path, STEPS))
     }
 
+    /// A copy of one moment, without the pages that are not used any more.
+    pub(super) fn copy_to(&self, to: &Path) -> Result<(), Error> {
+        self.connection
+            .execute("VACUUM INTO ?1", [to.to_string_lossy()])
+            .map(|_n_rows| ())
+            .map_err(|e| told(to, &e))
+    }
+
     fn of(connection: Connection, path: &Path, steps: &[&str]) -> Self {
         connection.set_prepared_statement_cache_capacity(MOST_PREPARED);
         Self { connection, path: path.to_owned(), version: version(steps.len()), file: identity(path) }

@@ -1,0 +1,132 @@
+use super::*;
+use crate::queue::tests::{at, operator, ticket};
+use std::os::unix::fs::MetadataExt;
+
+/// A state directory with two queued jobs and a draft, as a server leaves it, its store still open.
+async fn state(dir: &Path) -> Sqlite {
+    std::fs::create_dir_all(dir.join("jobs/a")).unwrap();
+    std::fs::create_dir(dir.join("files")).unwrap();
+    std::fs::write(dir.join("config.toml"), "[[printer]]\nname = \"left\"\n").unwrap();
+    std::fs::write(dir.join("jobs/a/job.gcode"), "G28\n".repeat(50_000)).unwrap();
+    std::fs::write(dir.join("files/b.gcode"), "").unwrap();
+    std::fs::write(dir.join("owner.lock"), "").unwrap();
+    std::os::unix::fs::symlink("/etc/hostname", dir.join("files/link")).unwrap();
+    let store = Sqlite::open(&dir.join("queue.db")).unwrap();
+    for number in 1..=3 {
+        store.add(ticket(number), number != 3, operator(0)).await.unwrap();
+    }
+    store
+}
+
+async fn states(dir: &Path) -> Vec<State> {
+    let store = Sqlite::open(&dir.join("queue.db")).unwrap();
+    let mut states: Vec<State> = all_live(&store).await.unwrap().iter().map(|job| job.state).collect();
+    states.sort();
+    store.close().await;
+    states
+}
+
+#[tokio::test]
+async fn what_was_saved_beside_a_living_server_is_restored_with_its_jobs_held() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) =
+        (root.path().join("state"), root.path().join("b.zip"), root.path().join("deep/new"));
+    let store = state(&dir).await;
+    let saved = backup(&dir, &file, at(10)).unwrap();
+    assert_eq!((saved.n_files, saved.bytes), (4, file.metadata().unwrap().len()));
+    assert_eq!(file.metadata().unwrap().mode() & 0o777, 0o600);
+    // What comes after it is not in it; the server goes on.
+    store.add(ticket(4), true, operator(0)).await.unwrap();
+    store.close().await;
+    let restored = restore(&file, &new, at(20)).await.unwrap();
+    assert_eq!(restored, Restored { made_at: at(10), n_files: 4, n_held: 2 });
+    assert_eq!(states(&new).await, [State::Draft, State::Held, State::Held]);
+    let same = |name: &str| {
+        assert_eq!(std::fs::read(new.join(name)).unwrap(), std::fs::read(dir.join(name)).unwrap())
+    };
+    ["config.toml", "jobs/a/job.gcode", "files/b.gcode"].into_iter().for_each(same);
+    assert!(!new.join("files/link").exists() && !new.join("owner.lock").exists());
+    let of_state = new.metadata().unwrap().mode() & 0o777;
+    assert_eq!((of_state, new.join("queue.db").metadata().unwrap().mode() & 0o777), (0o700, 0o600));
+    let store = Sqlite::open(&new.join("queue.db")).unwrap();
+    let history = store.history(None, 0, 100).await.unwrap();
+    let last = &history.last().unwrap().body;
+    assert!(last.contains(&format!("restored from the backup of {}: see whether", at(10))), "{last}");
+    store.verify().await.unwrap();
+    store.close().await;
+    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 3, "nothing else is left");
+}
+
+#[tokio::test]
+async fn nothing_is_restored_over_anything_and_nothing_of_a_damaged_backup() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    state(&dir).await.close().await;
+    backup(&dir, &file, at(10)).unwrap();
+    let refused = restore(&file, &dir, at(20)).await.unwrap_err();
+    assert!(refused.to_string().contains("holds something already: move it aside"), "{refused}");
+    let whole = std::fs::read(&file).unwrap();
+    let damaged = root.path().join("damaged.zip");
+    // Any byte: where it does not matter the same comes back, and else nothing.
+    for k in (0..whole.len()).step_by(whole.len() / 97) {
+        let mut bytes = whole.clone();
+        bytes[k] ^= 0x15;
+        std::fs::write(&damaged, &bytes).unwrap();
+        match restore(&damaged, &new, at(20)).await {
+            Ok(restored) => {
+                assert_eq!((restored.n_files, states(&new).await.len()), (4, 3), "byte {k}");
+                std::fs::remove_dir_all(&new).unwrap();
+            }
+            Err(error) => {
+                assert!(matches!(error, Error::Backup { .. } | Error::Io { .. }), "byte {k}: {error}")
+            }
+        }
+        assert!(!new.exists(), "byte {k}");
+    }
+    for cut in [0, 1, 100, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&damaged, &whole[..cut]).unwrap();
+        let refused = restore(&damaged, &new, at(20)).await.unwrap_err().to_string();
+        assert!(refused.contains("is no backup of lumenfab, or only a part of one"), "{refused}");
+    }
+    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 3, "nothing half-made is left");
+}
+
+#[tokio::test]
+async fn a_name_that_leads_out_of_the_directory_is_refused() {
+    let root = tempfile::tempdir().unwrap();
+    for name in ["../evil", "/etc/evil", "jobs/../../evil", "owner.lock", "jobs", "filesx/a"] {
+        assert_eq!(placed(root.path(), name), None, "{name}");
+    }
+    assert_eq!(placed(root.path(), "jobs/a/job.gcode"), Some(root.path().join("jobs/a/job.gcode")));
+    let file = root.path().join("evil.zip");
+    let mut zip = ZipWriter::new(File::create(&file).unwrap());
+    let entry = |name: &str| Entry {
+        name: name.to_owned(),
+        bytes: 1,
+        blake3: blake3::hash(b"x").to_hex().to_string(),
+    };
+    for name in [QUEUE, "../evil"] {
+        zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        zip.write_all(b"x").unwrap();
+    }
+    zip.start_file(MANIFEST, SimpleFileOptions::default()).unwrap();
+    let entries = vec![entry("../evil"), entry(QUEUE)];
+    let manifest = Manifest { format: 1, made_by: String::new(), made_at: at(0), entries };
+    serde_json::to_writer(&mut zip, &manifest).unwrap();
+    zip.finish().unwrap();
+    let refused = restore(&file, &root.path().join("new/state"), at(0)).await.unwrap_err().to_string();
+    assert!(refused.contains("names a file outside the state directory"), "{refused}");
+    assert!(!root.path().join("evil").exists() && !root.path().join("new/evil").exists());
+}
+
+#[tokio::test]
+async fn a_backup_needs_a_queue_and_a_place_of_its_own() {
+    let root = tempfile::tempdir().unwrap();
+    let refused = backup(root.path(), &root.path().join("../b.zip"), at(0)).unwrap_err().to_string();
+    assert!(refused.contains("holds no queue"), "{refused}");
+    let dir = root.path().join("state");
+    state(&dir).await.close().await;
+    let refused = backup(&dir, &dir.join("b.zip"), at(0)).unwrap_err().to_string();
+    assert!(refused.contains("belongs on another disk"), "{refused}");
+    assert!(matches!(backup(&dir, &root.path().join("nowhere/b.zip"), at(0)), Err(Error::Io { .. })));
+}
