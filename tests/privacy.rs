@@ -278,6 +278,12 @@ fn the_whole_way_tells_nothing() {
     assert!(place.dir.path().join("leaking/leak.png").is_file());
     let case = fs::read_to_string(place.dir.path().join("by-uid/case.toml")).unwrap();
     assert!(case.contains("series = 1"), "{case}");
+    // A scan of the replica comes from a scanner, too. This one shows a patient: it is refused, and nothing of it is told or kept.
+    for further in [None, Some("--json")] {
+        let args: Vec<&str> = ["report", "case", "--scan", &ct].into_iter().chain(further).collect();
+        let told = place.says_nothing(1, &args);
+        assert!(told.contains("scan"), "{told}");
+    }
     let n_written = place.written().len();
     assert!(n_written > 20, "cases, report and exports were looked at: {n_written}");
     place.assert_nothing_written();

@@ -66,11 +66,9 @@ pub enum Error {
     /// The report could not be filed in the patient's study. A fault of the CT names its files.
     #[error(transparent)]
     Filing(report::filing::Error),
-    /// A real printer keeps no record.
-    #[error(
-        "{} was printed on a real printer, which keeps no record of what it deposits: a report needs `--port sim`", .0.display()
-    )]
-    NoRecord(PathBuf),
+    /// The scan of the replica could not be read.
+    #[error("--scan: {0}")]
+    Scan(#[source] ct::Error),
     /// The system gave no threads or no program.
     #[error("cannot start what the print needs: {0}: close other programs and try again")]
     Runtime(#[source] std::io::Error),
@@ -212,6 +210,7 @@ impl Error {
                 | Self::Toolpath(toolpath::Error::Cancelled(_))
                 | Self::Motion(motion::Error::Cancelled(_))
                 | Self::Report(report::Error::Cancelled(_))
+                | Self::Scan(ct::Error::Cancelled(_))
                 | Self::Filing(report::filing::Error::Source(ct::Error::Cancelled(_)))
                 | Self::Printer(printer::Error::Left { .. })
         ) || matches!(self, Self::Printer(printer::Error::Cancelled { heat }) if heat.is_safe())
@@ -225,6 +224,7 @@ impl Error {
             Self::Ct(e) | Self::Filing(report::filing::Error::Source(e)) => {
                 e.text_with(|_| "a file of the CT".into())
             }
+            Self::Scan(e) => format!("--scan: {}", e.text_with(|_| "a file of the scan".into())),
             Self::NotItsCt { .. } => {
                 "--source: the files there are not the CT that the case was made from".into()
             }
@@ -247,7 +247,6 @@ impl Error {
             | Self::Setting(_)
             | Self::SegmentationUnknown(_)
             | Self::CtUnknown(_)
-            | Self::NoRecord(_)
             | Self::Runtime(_)
             | Self::Case(_)
             | Self::File(_)
@@ -312,7 +311,7 @@ impl Error {
     pub const fn exit_code(&self) -> u8 {
         match self {
             interrupted if interrupted.is_interruption() => 130,
-            Self::Ct(e) if e.is_choice() => 2,
+            Self::Ct(e) | Self::Scan(e) if e.is_choice() => 2,
             Self::Ready(e) if e.is_choice() => 2,
             Self::Segment(e) if e.is_choice() => 2,
             Self::Phantom(
@@ -328,7 +327,6 @@ impl Error {
             | Self::SegmentationUnknown(_)
             | Self::NotItsCt { .. }
             | Self::Filing(report::filing::Error::Object(_))
-            | Self::NoRecord(_)
             | Self::PreviewFolder(_)
             | Self::Profile(_)
             | Self::Solid(solid::Error::Topology(topology::Error::Decision { .. }))

@@ -8,6 +8,7 @@
 
 pub mod atomic;
 pub mod case;
+pub mod commanded;
 pub mod error;
 pub mod event;
 pub mod packed;

@@ -6,7 +6,7 @@ use super::error::Error;
 use super::event::{Event, EventSink, Stage, StageOutcome};
 use super::settings::{CaseFile, SeriesKey, Settings, Source, SourceName};
 use super::source::{Places, Sources};
-use super::stages::report::ReportPlace;
+use super::stages::report::{NamedScan, ReportPlace};
 use super::stages::slice::Sliced;
 use crate::ct::{self, SeriesName, Volume, Warning};
 use crate::printer::control::Controls;
@@ -60,9 +60,6 @@ pub struct Outcome {
     /// The picture of the solid, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub view: Option<PathBuf>,
-    /// Why there is no report, although the whole way was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub no_report: Option<&'static str>,
 }
 
 impl Outcome {
@@ -106,9 +103,10 @@ pub struct Session<'a> {
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) topology: Option<topology::Summary>,
     pub(crate) report: Option<ReportPlace>,
+    /// A scan of the replica to be compared with.
+    pub(crate) scan: Option<NamedScan>,
     /// The picture of the solid that was written.
     pub(crate) view: Option<PathBuf>,
-    no_report: Option<&'static str>,
     pub(crate) gives_up_print: bool,
     /// Stages that were found or made up to date in this session.
     fresh: Vec<Stage>,
@@ -193,7 +191,7 @@ impl<'a> Session<'a> {
             topology: None,
             report: None,
             view: None,
-            no_report: None,
+            scan: None,
             gives_up_print: false,
             fresh: Vec::new(),
             outcomes: Vec::new(),
@@ -223,12 +221,7 @@ impl<'a> Session<'a> {
         self.solid()?;
         self.slice()?;
         self.print()?;
-        if self.is_simulated() {
-            return self.report();
-        }
-        // What a real printer laid down is not known: nothing that a report could compare.
-        self.no_report = Some("a real printer keeps no record of what it deposits");
-        Ok(())
+        self.report()
     }
 
     /// What was done.
@@ -242,7 +235,6 @@ impl<'a> Session<'a> {
             topology: self.topology,
             report: self.report,
             view: self.view,
-            no_report: self.no_report,
         }
     }
 

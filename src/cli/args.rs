@@ -16,6 +16,7 @@ use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use queue::{BackupArgs, QueueArgs, ServeArgs};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use values::{
     colouring, deflection_mm, deflection_relative, help, infill_percent, layer_mm, named, noise_hu, orient,
@@ -84,9 +85,19 @@ pub(crate) enum Command {
     ///
     /// With --dicom the report also goes into the patient's study, as an Encapsulated PDF in a new series: who the patient is is
     /// read from the CT at that moment and kept nowhere else.
+    ///
+    /// With --scan a CT of the printed replica (in air; for a hollow one air in its lumen, too) is laid over the model and compared
+    /// plane by plane, as a stage of its own, `scan`. Nothing of the scan but its figures is kept. A scan that does not fit, or fits in
+    /// several ways, is refused; a mirror image is told.
     Report {
         /// Case directory
         case: PathBuf,
+        /// CT of the printed replica: a folder with DICOM files, or an image file: NIfTI, MetaImage, NRRD
+        #[arg(long, value_name = "PATH")]
+        scan: Option<PathBuf>,
+        /// Which series of --scan, where the folder holds several: its number as `lumenfab inspect` lists it, from 1
+        #[arg(long, value_name = "N", requires = "scan")]
+        scan_series: Option<NonZeroUsize>,
         /// Folder for the DICOM object; it names the patient, as the CT does
         #[arg(long, value_name = "DIR", requires = "source")]
         dicom: Option<PathBuf>,

@@ -10,6 +10,7 @@ use super::{Answer, Failure, queue, serve, signals};
 use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
+use crate::ct::SeriesChoice;
 use crate::printer::control::Controls;
 use crate::printer::paper::port_kept;
 use crate::progress::Task;
@@ -52,9 +53,11 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Print(args) => print(&args, &face, context),
         Command::Resume(args) => resume(&args, &face, context),
         Command::SafeOff(args) => safe_off(&args, &face, &context),
-        Command::Report { case, dicom, source } => {
+        Command::Report { case, scan, scan_series, dicom, source } => {
             let filed = dicom.as_deref().zip(source.as_deref());
-            report(&case, filed, context).map(|o| show_case(&face, &o))
+            let choice = scan_series.map_or(SeriesChoice::Only, |n| SeriesChoice::ByNumber(n.get()));
+            report(&case, scan.as_deref().map(|path| (path, choice)), filed, context)
+                .map(|o| show_case(&face, &o))
         }
         Command::Verify { case, key } => verify(&case, key.as_deref(), &face, &context),
         Command::Export(args) => export(&args, &face, context),
@@ -143,10 +146,10 @@ fn run_cases(args: &RunArgs, face: &Face, context: &Context<'_>) -> u8 {
 
 /// What became of a case, in a few words.
 fn result_line(outcome: &Outcome) -> String {
-    match (&outcome.report, outcome.no_report) {
-        (Some(report), _) if report.passed => format!("done: {}", report.index_html.display()),
-        (Some(report), _) => format!("the quality gate failed: {}", report.index_html.display()),
-        (None, why) => why.map_or_else(|| "done".to_owned(), |why| format!("done, no report: {why}")),
+    match &outcome.report {
+        Some(report) if report.passed => format!("done: {}", report.index_html.display()),
+        Some(report) => format!("the quality gate failed: {}", report.index_html.display()),
+        None => "done".to_owned(),
     }
 }
 
@@ -292,9 +295,17 @@ fn stage<'a>(
 }
 
 /// A report, also filed in the patient's study where a folder for that and the CT are named.
-fn report(case: &Path, filed: Option<(&Path, &Path)>, context: Context<'_>) -> Result<Outcome, Error> {
+fn report(
+    case: &Path,
+    scan: Option<(&Path, SeriesChoice)>,
+    filed: Option<(&Path, &Path)>,
+    context: Context<'_>,
+) -> Result<Outcome, Error> {
     stage(case, CaseFile::default(), context, |session| {
-        session.report()?;
+        match scan {
+            Some((path, choice)) => session.report_with_scan(path, choice)?,
+            None => session.report()?,
+        }
         if let Some((dir, source)) = filed {
             session.file_report(source, dir)?;
         }
@@ -611,7 +622,6 @@ fn case_text(outcome: &Outcome) -> String {
         lines.extend(report.headline.iter().map(|line| format!("        {line}")));
     }
     lines.extend(outcome.view.iter().map(|file| format!("view    {}", file.display())));
-    lines.extend(outcome.no_report.map(|why| format!("report  none: {why}")));
     lines.join("\n") + "\n"
 }
 

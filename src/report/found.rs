@@ -93,7 +93,9 @@ fn pair<'a>(stage: Stage, inputs: &Inputs<'_>, lumina: &'a [StageLumina]) -> Sta
             inputs.gate.outline_mm.max(0.5 * pixel_mm),
         ),
         Stage::Reconstruction | Stage::Slicing => (LEAST_EXACT_MM, inputs.gate.outline_mm),
-        Stage::Toolpath | Stage::Deposition | Stage::Total => (LEAST_BEADS_MM, inputs.gate.outline_mm),
+        Stage::Toolpath | Stage::Deposition | Stage::Total | Stage::Scan => {
+            (LEAST_BEADS_MM, inputs.gate.outline_mm)
+        }
     };
     let meant_mm = if stage == Stage::Toolpath { compensation_mm(inputs) } else { 0.0 };
     StagePair {

@@ -370,7 +370,7 @@ impl Between {
 }
 
 /// The unit normal that points out of the lumen: to the right of the contour, whether outer or hole.
-fn outward(points: &[Point2], i: usize, span: usize) -> Vector2 {
+pub(super) fn outward(points: &[Point2], i: usize, span: usize) -> Vector2 {
     let n = points.len();
     let along = points[(i + span) % n] - points[(i + n - span) % n];
     let right = Vector2::new(along.y, -along.x);
@@ -379,7 +379,7 @@ fn outward(points: &[Point2], i: usize, span: usize) -> Vector2 {
 }
 
 /// Curvature of the contour over `span` points to each side, 1/mm: positive where the lumen is convex.
-fn curvature_per_mm(points: &[Point2], i: usize, span: usize) -> f64 {
+pub(super) fn curvature_per_mm(points: &[Point2], i: usize, span: usize) -> f64 {
     let n = points.len();
     let span = span.min(n / 6).max(1);
     let (before, at, after) = (points[(i + n - span) % n], points[i], points[(i + span) % n]);
@@ -390,7 +390,7 @@ fn curvature_per_mm(points: &[Point2], i: usize, span: usize) -> f64 {
 
 /// How far blur draws the half-way place of a curved edge toward the centre of curvature, mm; the first-order formula
 /// is trusted up to a quarter of the blur.
-fn drawn_inward_mm(blur_mm: f64, curvature_per_mm: f64) -> f64 {
+pub(super) fn drawn_inward_mm(blur_mm: f64, curvature_per_mm: f64) -> f64 {
     (0.5 * blur_mm * blur_mm * curvature_per_mm).clamp(-0.25 * blur_mm, 0.25 * blur_mm)
 }
 

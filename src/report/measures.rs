@@ -2,6 +2,7 @@
 
 use super::amounts::{Amounts, lumen_volume};
 use super::faults::volumes_mm3;
+use super::scan::{Scanned, ScannedPlane};
 use super::stages::{LayerWork, Lumen, PlaneWork, STAGES, layer_lumen, layer_of};
 use super::thickness::{self, WallStage};
 use super::{BodyKind, Inputs};
@@ -10,7 +11,12 @@ use crate::slice::Layer;
 use rayon::prelude::*;
 
 /// The wall of every stage that has one.
-pub(super) fn walls(inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[LayerWork]) -> Vec<WallStage> {
+pub(super) fn walls(
+    inputs: &Inputs<'_>,
+    planes: &[PlaneWork],
+    layers: &[LayerWork],
+    scanned: Option<&Scanned>,
+) -> Vec<WallStage> {
     if inputs.body == BodyKind::Cast {
         return Vec::new();
     }
@@ -31,18 +37,32 @@ pub(super) fn walls(inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[LayerWo
         };
         thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>())
     };
-    sides.iter().map(of).collect()
+    let of_scan = |s: &Scanned| {
+        let plane = |(own, p): (&ScannedPlane, &PlaneWork)| {
+            let near = p.section.outer.union(&p.section.lumen);
+            let touches = |island: &Region| island.intersection(&near).area_mm2() > 0.0;
+            let islands = own.material.islands().into_iter().filter(touches).collect::<Vec<_>>();
+            (!own.lumen.is_empty()).then(|| thickness::measured(&own.lumen, &Region::union_all(&islands)))
+        };
+        thickness::stage("scanned", &s.planes.par_iter().zip(planes).map(plane).collect::<Vec<_>>())
+    };
+    let read = scanned.filter(|s| !s.planes.is_empty());
+    sides.iter().map(of).chain(read.map(of_scan)).collect()
 }
 
-pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork]) -> Amounts {
+pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork], scanned: Option<&Scanned>) -> Amounts {
     let z_mm = inputs.sections.plane_z_mm();
     let volume = |stage: &'static str, get: Lumen| {
         let areas = planes.iter().map(|p| get(p).filter(|r| !r.is_empty()).map(Region::area_mm2));
         lumen_volume(stage, &z_mm, &areas.collect::<Vec<_>>())
     };
+    let of_scan = scanned.filter(|s| !s.planes.is_empty()).map(|s| {
+        let areas = s.planes.iter().map(|p| (!p.lumen.is_empty()).then(|| p.lumen.area_mm2()));
+        lumen_volume("scanned", &z_mm, &areas.collect::<Vec<_>>())
+    });
     let [planned_mm3, recorded_mm3] = volumes_mm3(inputs);
     Amounts {
-        lumen: STAGES.map(|(stage, get)| volume(stage, get)).into(),
+        lumen: STAGES.map(|(stage, get)| volume(stage, get)).into_iter().chain(of_scan).collect(),
         layers_mm3: Some(
             inputs.layers.iter().map(|l| layer_lumen(l, inputs.body).area_mm2() * l.slot.height_mm).sum(),
         ),

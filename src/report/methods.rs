@@ -1,7 +1,7 @@
 //! How every figure came about, for page, document and `report.json`.
 
 /// Name and text of each method.
-pub(super) const METHODS: [(&str, &str); 12] = [
+pub(super) const METHODS: [(&str, &str); 13] = [
     (
         "Distances",
         "Each outline is walked in steps of 0.05 mm and the exact distance to the other one is taken, both ways, pooled. Sampling errs by less than 0.001 mm on the mean; the maximum may miss a corner by 0.025 mm.",
@@ -45,6 +45,10 @@ pub(super) const METHODS: [(&str, &str); 12] = [
     (
         "Wall",
         "From places 0.1 mm apart along the lumen the exact distance to the outline of the whole part, in the plane: more than the thickness in space where the wall stands obliquely. Filled: material over all between the outlines.",
+    ),
+    (
+        "Scan of the replica",
+        "Where one was given. The bright body of the model's volume, its surface half-way between air and material (levels and blur from profiles across the outer skin), laid over the model by a rigid fit along the normals, weighted by Tukey's function: principal axes with every sign and turns about them as starts; the mirror image is tried only to be told. The scan is read at the CT planes (trilinear); what blur draws inward is undone as for the image. Scale is measured and not taken away. No other stage rests on it.",
     ),
     (
         "Volumes",

@@ -11,6 +11,7 @@
 //! | `toolpath` | polygons of the layer | beads as planned |
 //! | `deposition` | beads as planned | beads as recorded |
 //! | `total` | boundary in the image | beads as recorded |
+//! | `scan` | section of the solid | a scan of the replica, where there is one ([`scan`](self)) |
 //!
 //! Distances are taken curve to curve, both ways ([`Figures`]); beads are strokes of their width, united. In
 //! `deposition` Dice, IoU and area are those of the deposited material, over all layers in `overall`.
@@ -40,6 +41,7 @@ mod picture;
 mod plate;
 pub mod preview;
 pub mod record;
+mod scan;
 pub mod schema;
 mod stages;
 mod strokes;
@@ -64,7 +66,8 @@ pub use histogram::{Histogram, N_BINS};
 pub use image::Polarity;
 pub use page::html;
 pub use picture::Picture;
-pub use record::Record;
+pub use record::{Origin, Record};
+pub use scan::{Refusal, Registration, Scan, ScanGate, ScanLevels, ScanUncertainty};
 pub use stages::build;
 pub use table::csv;
 pub use thickness::{PlaneWall, Wall, WallStage};
@@ -135,6 +138,8 @@ pub struct Inputs<'a> {
     pub paths: &'a Toolpaths,
     /// What the printer deposited, bed frame.
     pub record: &'a Record,
+    /// A scan of the printed replica: bright material in air, any frame.
+    pub scan: Option<&'a Volume>,
     /// What earlier stages found odd.
     pub warnings: &'a [Warning],
     /// Time and filament, as far as they are known.
@@ -219,12 +224,15 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The scan of the replica does not fit the model.
+    #[error(transparent)]
+    Scan(#[from] Refusal),
     /// Interrupted on request.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// The six error stages.
+/// The six error stages of a run, and what a scan of the replica adds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Image boundary against contours.
@@ -239,10 +247,12 @@ pub enum Stage {
     Deposition,
     /// Image boundary against recorded beads.
     Total,
+    /// Solid against a scan of the replica; only where there is one.
+    Scan,
 }
 
 impl Stage {
-    /// All of them, in the order of the work.
+    /// Those of every report, in the order of the work.
     pub const ALL: [Self; 6] = [
         Self::Segmentation,
         Self::Reconstruction,
@@ -262,6 +272,7 @@ impl Stage {
             Self::Toolpath => "toolpath",
             Self::Deposition => "deposition",
             Self::Total => "total",
+            Self::Scan => "scan",
         }
     }
 
@@ -275,6 +286,7 @@ impl Stage {
             Self::Toolpath => ["the layer", "the planned lumen"],
             Self::Deposition => ["the planned lumen", "the deposited lumen"],
             Self::Total => ["the boundary in the image", "the deposited lumen"],
+            Self::Scan => ["the solid", "the scanned replica"],
         }
     }
 
@@ -288,6 +300,7 @@ impl Stage {
             Self::Toolpath => "layer polygon against beads as planned",
             Self::Deposition => "beads as planned against beads as deposited",
             Self::Total => "boundary in the image against beads as deposited",
+            Self::Scan => "section of the solid against a scan of the replica",
         }
     }
 }
@@ -388,6 +401,10 @@ pub struct Report {
     pub walls: Vec<WallStage>,
     /// Volumes, filament, time.
     pub amounts: Amounts,
+    /// Where the deposition is known from.
+    pub origin: Origin,
+    /// The printed replica as a scan shows it, where there is one.
+    pub scan: Option<Scan>,
     /// Heights of the CT planes, mm.
     pub plane_z_mm: Vec<f64>,
     /// What limits the accuracy of lengths.
@@ -407,10 +424,32 @@ pub struct Report {
 }
 
 impl Report {
-    /// The figures of a stage.
+    /// The figures of a stage; none of the scan where there is no scan.
     #[must_use]
-    pub const fn block(&self, stage: Stage) -> &Block {
-        &self.blocks[stage as usize]
+    pub fn block(&self, stage: Stage) -> &Block {
+        static NONE: Block = Block { overall: None, planes: Vec::new(), histogram: None, reason: None };
+        match stage {
+            Stage::Scan => self.scan.as_ref().map_or(&NONE, |s| &s.block),
+            _ => &self.blocks[stage as usize],
+        }
+    }
+
+    /// The stages that it has, in the order of the work.
+    pub(crate) fn stages(&self) -> impl Iterator<Item = Stage> {
+        Stage::ALL.into_iter().chain(self.scan.as_ref().map(|_| Stage::Scan))
+    }
+
+    /// What is compared in a stage, for the reader; where the deposition is only what was commanded, it says so.
+    pub(crate) fn meaning(&self, stage: Stage) -> &'static str {
+        match (stage, self.origin) {
+            (Stage::Deposition, Origin::Commanded) => {
+                "beads as planned against beads as commanded, not measured"
+            }
+            (Stage::Total, Origin::Commanded) => {
+                "boundary in the image against beads as commanded, not measured"
+            }
+            _ => stage.meaning(),
+        }
     }
 
     /// `report.json`.
@@ -442,13 +481,16 @@ impl Report {
             ),
         };
         let deposited = self.block(Stage::Deposition).overall.unwrap_or_default();
-        let mut lines: Vec<String> = Stage::ALL.into_iter().map(stage_line).collect();
+        let mut lines: Vec<String> = self.stages().map(stage_line).collect();
         lines.push(format!(
             "layers         {} layers, deposited against planned IoU {} at least, {} on average",
             self.layers.len(),
             shown(deposited.iou_min, 4),
             shown(deposited.iou_mean, 4)
         ));
+        if self.origin == Origin::Commanded {
+            lines.push("deposited      is what was commanded, not measured".into());
+        }
         lines.extend(self.findings.iter().map(|f| format!("defect         {}", f.text)));
         lines.push(self.verdict.sentence());
         lines
@@ -477,11 +519,15 @@ impl Serialize for Report {
         map.serialize_entry("format", "lumenfab report 1")?;
         map.serialize_entry("intended_use", INTENDED_USE)?;
         map.serialize_entry("body", &self.body)?;
+        map.serialize_entry("deposited", &self.origin)?;
         map.serialize_entry("verdict", &self.verdict)?;
         map.serialize_entry("findings", &self.findings)?;
         map.serialize_entry("not_seen", &NOT_SEEN)?;
         for stage in Stage::ALL {
             map.serialize_entry(stage.name(), self.block(stage))?;
+        }
+        if let Some(scan) = &self.scan {
+            map.serialize_entry(Stage::Scan.name(), scan)?;
         }
         map.serialize_entry("anatomy", &self.anatomy)?;
         map.serialize_entry("walls", &self.walls)?;

@@ -27,6 +27,7 @@ pub(super) struct View {
     pub(super) model_view: &'static str,
     pub(super) body_text: &'static str,
     pub(super) has_ct: bool,
+    pub(super) has_scan: bool,
     pub(super) n_planes: usize,
     pub(super) n_layers: usize,
     pub(super) passed: bool,
@@ -198,6 +199,7 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
             BodyKind::Cast => "Solid replica: a cast of the lumen.",
         },
         has_ct: report.block(Stage::Total).reason.is_none(),
+        has_scan: report.scan.is_some(),
         n_planes: report.plane_z_mm.len(),
         n_layers: report.layers.len(),
         passed: report.verdict.passed,
@@ -207,7 +209,7 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         not_seen: NOT_SEEN,
         cards: cards(report),
         notes: report.notes.clone(),
-        stages: Stage::ALL.into_iter().map(|stage| stage_row(report, stage)).collect(),
+        stages: report.stages().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
         view_data: serde_json::to_string(&ViewData {
             sides,
@@ -308,7 +310,7 @@ fn stage_row(report: &Report, stage: Stage) -> StageRow {
     let f = block.overall.unwrap_or_default().figures;
     StageRow {
         name: title(stage),
-        meaning: stage.meaning(),
+        meaning: report.meaning(stage),
         reason: block.reason.clone(),
         mean: mm(f.mean_mm),
         rms: mm(f.rms_mm),
@@ -328,6 +330,7 @@ const fn title(stage: Stage) -> &'static str {
         Stage::Toolpath => "Toolpath",
         Stage::Deposition => "Deposition",
         Stage::Total => "Total",
+        Stage::Scan => "Scan",
     }
 }
 
@@ -345,8 +348,9 @@ fn plane_view(report: &Report, picture: &super::Picture, grey: Option<GreyView>)
     cells.push(shown(total.area_error_percent, 2));
     cells.extend(Stage::ALL[..5].iter().map(|&stage| mm(of(stage).mean_mm)));
     cells.push(shown(iou, 4));
-    let mut figures: Vec<Labelled> = Stage::ALL
-        .into_iter()
+    cells.extend(report.scan.as_ref().map(|_| mm(of(Stage::Scan).mean_mm)));
+    let mut figures: Vec<Labelled> = report
+        .stages()
         .map(|stage| Labelled {
             label: format!("{}, mean", title(stage)),
             value: figure_or_reason(report, stage, k),

@@ -356,16 +356,17 @@ fn tables(book: &mut Book, view: &View) {
         Style::soft(8.5),
     );
     let mut columns = vec![column((30.0, true)), column((40.0, true))];
-    columns.extend([column((36.5, true)); 12]);
+    let (n_figures, width) = if view.has_scan { (13, 33.7) } else { (12, 36.5) };
+    columns.extend(vec![column((width, true)); n_figures]);
     let row = |p: &page::PlaneView| -> Vec<String> {
         [p.plane.to_string(), p.z.clone()].into_iter().chain(p.cells.iter().cloned()).collect()
     };
     let rows: Vec<Vec<String>> = view.planes.iter().map(row).collect();
     let head = [
         "Plane", "z", "Mean", "95 %", "Max", "Bias", "Dice", "Area %", "Segm.", "Recon.", "Slicing",
-        "Toolp.", "Depos.", "IoU",
+        "Toolp.", "Depos.", "IoU", "Scan",
     ];
-    book.table(&columns, &head, &rows, 7.5);
+    book.table(&columns, &head[..columns.len()], &rows, 7.5);
     for table in &view.tables {
         book.heading(table.title);
         book.paragraph(table.caption, Style::soft(8.5));

@@ -1,4 +1,4 @@
-//! The record of what a printer deposited: `beads.csv` to segments, bed frame, mm.
+//! The record of what a printer deposited: `beads.csv`, or what it was commanded, to segments; bed frame, mm.
 //!
 //! One row an extruding segment: `t_s,x0_mm,y0_mm,z0_mm,x1_mm,y1_mm,z1_mm,volume_mm3,width_mm,height_mm,hotend_c`.
 //! Columns are found by name, in any order; columns that are not needed may be missing. A row that cannot be
@@ -12,6 +12,8 @@
 
 use crate::ct::Warning;
 use crate::geom::Point3;
+use crate::profile::BeadShape;
+use crate::toolpath::BeadModel;
 
 /// A straight piece of deposited material. Bed frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,11 +30,25 @@ pub struct Segment {
     pub height_mm: f64,
 }
 
+/// Where what is known of a deposition comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub enum Origin {
+    /// Recorded by what watched the nozzle.
+    #[default]
+    #[serde(rename = "recorded")]
+    Recorded,
+    /// From the lines that the printer has acknowledged: what it was told, not what it did.
+    #[serde(rename = "commanded, not measured")]
+    Commanded,
+}
+
 /// All that was deposited, in the order of time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Record {
     /// The pieces.
     pub segments: Vec<Segment>,
+    /// Where they are known from.
+    pub origin: Origin,
     /// What was odd about the file.
     pub warnings: Vec<Warning>,
 }
@@ -66,6 +82,57 @@ pub enum RecordError {
         line: usize,
     },
 }
+
+/// A straight way along which material is laid. Bed frame, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Way {
+    /// Where the nozzle begins.
+    pub from: Point3,
+    /// Where it ends.
+    pub to: Point3,
+    /// Material, mm³.
+    pub volume_mm3: f64,
+}
+
+impl Record {
+    /// The beads that lie along commanded ways: a layer is a height at which beads are laid, as high as it is above the next lower
+    /// one (the bed below the first); widths follow from volume, length and height by the bead model. What is pushed on the spot is
+    /// no bead.
+    #[must_use]
+    pub fn commanded(ways: impl IntoIterator<Item = Way>, shape: BeadShape) -> Self {
+        let mut heights: Vec<f64> = Vec::new();
+        let bead = |way: Way| {
+            let length_mm = (way.to - way.from).norm();
+            let is_level = (way.to.z - way.from.z).abs() < SAME_HEIGHT_MM;
+            if is_level && (way.to - way.from).xy().norm() > 0.0 {
+                heights.retain(|z| *z < way.to.z - SAME_HEIGHT_MM);
+                heights.push(way.to.z);
+            }
+            let (&top, below) = heights.split_last()?;
+            let height_mm = top - below.last().copied().unwrap_or(0.0);
+            if length_mm < 1e-9 || height_mm <= 0.0 {
+                return None;
+            }
+            let width_mm = width_mm(shape, height_mm, way.volume_mm3 / length_mm);
+            Some(Segment { from: way.from, to: way.to, volume_mm3: way.volume_mm3, width_mm, height_mm })
+        };
+        let segments = ways.into_iter().filter_map(bead).collect();
+        Self { segments, origin: Origin::Commanded, warnings: Vec::new() }
+    }
+}
+
+/// The width of a bead of this cross-section: its area over its height is the pitch of the bead model; narrower than it is high, it
+/// is a round thread.
+fn width_mm(shape: BeadShape, height_mm: f64, area_mm2: f64) -> f64 {
+    let wide_mm = area_mm2 / height_mm + BeadModel::new(shape, height_mm).overlap_mm();
+    match shape {
+        BeadShape::Stadium if wide_mm < height_mm => 2.0 * (area_mm2 / std::f64::consts::PI).sqrt(),
+        BeadShape::Stadium | BeadShape::Rectangle => wide_mm,
+    }
+}
+
+/// Heights that differ by less are the same, mm.
+const SAME_HEIGHT_MM: f64 = 5e-4;
 
 const COLUMNS: [&str; 9] =
     ["x0_mm", "y0_mm", "z0_mm", "x1_mm", "y1_mm", "z1_mm", "volume_mm3", "width_mm", "height_mm"];
@@ -191,5 +258,26 @@ mod tests {
         let text = format!("{HEADER}\n0,0,0,0.2,1,0,0.2,0,0,0.2,200\n");
         let record = parse(&text).unwrap();
         assert!(record.segments.is_empty() && record.warnings[0].code == "report.record_empty_rows");
+    }
+
+    #[test]
+    fn commanded_ways_are_beads_as_high_as_their_layers() {
+        let way = |x0: f64, x1: f64, z: f64, volume_mm3: f64| Way {
+            from: Point3::new(x0, 0.0, z),
+            to: Point3::new(x1, 0.0, z),
+            volume_mm3,
+        };
+        let ways = [
+            way(0.0, 10.0, 0.3, 1.2),
+            way(10.0, 20.0, 0.5, 0.8),
+            way(20.0, 20.0, 0.5, 0.1),
+            way(20.0, 0.0, 0.5, 1.6),
+        ];
+        let record = Record::commanded(ways, BeadShape::Rectangle);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+        let shapes: Vec<[f64; 2]> = record.segments.iter().map(|s| [s.width_mm, s.height_mm]).collect();
+        assert!(shapes.len() == 3 && shapes.iter().all(|s| near(s[0], 0.4)), "{shapes:?}");
+        assert!(near(shapes[0][1], 0.3) && near(shapes[1][1], 0.2) && near(shapes[2][1], 0.2), "{shapes:?}");
+        assert_eq!(record.origin, Origin::Commanded);
     }
 }

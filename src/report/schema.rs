@@ -4,7 +4,7 @@
 pub const REPORT: &str = include_str!("report.schema.json");
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::record::Record;
     use super::super::testing::Case;
     use super::super::{Inputs, Report, build, testing::inputs};
@@ -69,7 +69,7 @@ mod tests {
         }
     }
 
-    fn broken(report: &Report) -> Vec<String> {
+    pub(in crate::report) fn broken(report: &Report) -> Vec<String> {
         let schema: Value = serde_json::from_str(super::REPORT).unwrap();
         let document = serde_json::from_str(&report.to_json().unwrap()).unwrap();
         let mut found = Vec::new();

@@ -6,6 +6,7 @@ use super::image::{ImageBoundary, boundaries, median};
 use super::lumen::{Expected, of_beads};
 use super::picture::{Scene, Window, frame_of, paint};
 use super::record::Segment;
+use super::scan::{self, Scanned};
 use super::strokes::{self, Stroke};
 use super::surface::Surface;
 use super::verdict::Judged;
@@ -53,15 +54,23 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
     let pixel_mm = inputs.image.map(|i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
     let branches = Branches::of(inputs.sections);
-    let lumina = lumina(&branches, &planes);
-    let findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let mut lumina = lumina(&branches, &planes);
+    let mut findings = found::findings(inputs, &planes, &lumina, &branches.names());
+    let scanned = scanned(inputs, &planes, task)?;
+    let scan = scanned.as_ref().map(|s| s.stage(branches.z_mm()));
+    if let Some(scanned) = &scanned {
+        let sections: Vec<&CrossSection> = planes.iter().map(|p| &p.section).collect();
+        findings.extend(scanned.findings(&lumina[SOLID], &branches, &sections, inputs.body));
+        lumina.extend(scanned.lumina(&branches));
+    }
+    let (scan, scan_failures) = scan.unzip();
     let uncertainty = Uncertainty::of(&planes);
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
     let mut anatomy = branches.measure(&lumina, &section);
-    uncertainty.state(&mut anatomy);
-    let walls = measures::walls(inputs, &planes, &layers);
-    let amounts = measures::amounts(inputs, &planes);
+    uncertainty.state(&mut anatomy, scan.as_ref().and_then(|s| s.uncertainty_mm.place));
+    let walls = measures::walls(inputs, &planes, &layers, scanned.as_ref());
+    let amounts = measures::amounts(inputs, &planes, scanned.as_ref());
     let judged = Judged {
         pixel_mm,
         meant: if compensation_mm(inputs) == 0.0 { "contours" } else { "planned" },
@@ -73,20 +82,32 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     };
     Ok(Report {
         body: inputs.body,
-        verdict: Verdict::of(inputs.gate, &judged),
+        origin: inputs.record.origin,
+        verdict: Verdict::of(inputs.gate, &judged).with_failures(scan_failures.unwrap_or_default()),
         anatomy,
         walls,
         amounts,
         uncertainty,
+        scan,
         triangles: inputs.triangles.to_vec(),
         plane_z_mm: inputs.sections.plane_z_mm(),
         surface: Surface::of(inputs, &pictures),
-        notes: notes(inputs, &recorded, &figures, &planes),
+        notes: notes(inputs, &recorded, &figures, &planes)
+            .into_iter()
+            .chain(scanned.iter().flat_map(Scanned::notes))
+            .collect(),
         findings,
         layers: figures,
         blocks,
         pictures,
     })
+}
+
+/// The scan of the replica at all planes.
+fn scanned(inputs: &Inputs<'_>, planes: &[PlaneWork], task: &Task<'_>) -> Result<Option<Scanned>, Error> {
+    let heights = inputs.sections.planes.iter().map(|p| p.z_mm);
+    let sections: Vec<(f64, &CrossSection)> = heights.zip(planes.iter().map(|p| &p.section)).collect();
+    inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()
 }
 
 struct Counter<'a> {
@@ -334,7 +355,7 @@ fn plane(
     Ok(work)
 }
 
-fn section_lumen(section: &CrossSection, body: BodyKind) -> &Region {
+pub(super) fn section_lumen(section: &CrossSection, body: BodyKind) -> &Region {
     match body {
         BodyKind::Wall => &section.lumen,
         BodyKind::Cast => &section.outer,
@@ -365,6 +386,7 @@ impl PlaneWork {
                 (planned()?, recorded()?, ["lumen in the planned beads", "lumen in the deposited material"])
             }
             Stage::Total => (image()?, recorded()?, ["edge in the image", "lumen in the deposited material"]),
+            Stage::Scan => return Err("a scan is compared by itself".into()),
         };
         let absent = [reference, tested].map(|o| o.region.is_empty());
         match absent.iter().position(|&absent| absent) {
@@ -446,6 +468,8 @@ fn plane_figures(
 /// How a stage's lumen is found in the work of a plane.
 pub(super) type Lumen = fn(&PlaneWork) -> Option<&Region>;
 
+/// The place of the solid in [`STAGES`].
+const SOLID: usize = 2;
 /// Every stage that has a lumen.
 pub(super) const STAGES: [(&str, Lumen); 6] = [
     ("image", |p| p.image.as_ref().map(ImageBoundary::region)),

@@ -1,5 +1,5 @@
 //! The figures of every CT plane as a table for other programs (CSV, RFC 4180): one row a plane, dot as decimal mark, an empty
-//! field where a figure is not known, units in the names of the columns.
+//! field where a figure is not known, units in the names of the columns. Columns `scan_...` come last, where there is a scan of the replica.
 
 use super::deviation::Figures;
 use super::{Report, Stage};
@@ -26,16 +26,23 @@ pub fn csv(report: &Report) -> String {
         names.extend(FIGURES.map(|(figure, _)| format!("{}_{figure}", stage.name())));
     }
     names.push("deposition_iou".into());
+    if report.scan.is_some() {
+        names.extend(FIGURES.map(|(figure, _)| format!("{}_{figure}", Stage::Scan.name())));
+    }
     let mut text = names.join(",") + "\r\n";
     for (k, z_mm) in report.plane_z_mm.iter().enumerate() {
         let layer = report.layers.iter().find(|l| l.ct_plane == Some(k));
         let mut fields =
             vec![k.to_string(), z_mm.to_string(), layer.map_or_else(String::new, |l| l.layer.to_string())];
-        for stage in Stage::ALL {
+        let figures_of = |stage: Stage| {
             let figures = report.block(stage).planes.get(k).map(|p| p.figures).unwrap_or_default();
-            fields.extend(FIGURES.map(|(_, of)| field(of(&figures))));
-        }
+            FIGURES.map(|(_, of)| field(of(&figures)))
+        };
+        fields.extend(Stage::ALL.into_iter().flat_map(figures_of));
         fields.push(field(report.block(Stage::Deposition).planes.get(k).and_then(|p| p.iou)));
+        if report.scan.is_some() {
+            fields.extend(figures_of(Stage::Scan));
+        }
         if write!(text, "{}\r\n", fields.join(",")).is_err() {
             break;
         }

@@ -137,6 +137,7 @@ pub(super) fn inputs<S: Sectioned>(case: &Made<S>) -> Inputs<'_> {
         layers: &case.layers,
         paths: &case.paths,
         record: &case.record,
+        scan: None,
         warnings: &[],
         job: Job::default(),
         triangles: &[
@@ -365,5 +366,5 @@ pub(super) fn print(paths: &Toolpaths) -> Record {
             })
         })
     });
-    Record { segments: segments.collect(), warnings: Vec::new() }
+    Record { segments: segments.collect(), ..Record::default() }
 }

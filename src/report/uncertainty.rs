@@ -52,8 +52,9 @@ impl Uncertainty {
     }
 
     /// Of a place on the outline that a stage has, mm.
-    fn place_mm(&self, stage: &str) -> Option<f64> {
+    fn place_mm(&self, stage: &str, scanned_mm: Option<f64>) -> Option<f64> {
         match stage {
+            "scanned" => scanned_mm,
             "image" => self.image_place,
             "contours" => Some(self.grid),
             "solid" | "layers" => Some(self.section),
@@ -61,10 +62,10 @@ impl Uncertainty {
         }
     }
 
-    /// Gives the vessel's measures theirs.
-    pub(super) fn state(&self, anatomy: &mut Anatomy) {
+    /// Gives the vessel's measures theirs; `scanned_mm` is that of a place in a scan of the replica.
+    pub(super) fn state(&self, anatomy: &mut Anatomy, scanned_mm: Option<f64>) {
         for stage in anatomy.branches.iter_mut().flat_map(|b| &mut b.stages) {
-            if let Some(place_mm) = self.place_mm(stage.stage) {
+            if let Some(place_mm) = self.place_mm(stage.stage, scanned_mm) {
                 state(stage, place_mm);
             }
         }
@@ -103,7 +104,7 @@ mod tests {
         let branch = Branch { stages: vec![measures], ..Branch::default() };
         let mut anatomy = Anatomy { branches: vec![branch], divisions: Vec::new() };
         let mut uncertainty = Uncertainty { image_place: Some(0.05), ..Uncertainty::of(&[]) };
-        uncertainty.state(&mut anatomy);
+        uncertainty.state(&mut anatomy, None);
         let found = &anatomy.branches[0].stages[0];
         let is = |value: Option<f64>, expected: f64| value.is_some_and(|v| (v - expected).abs() < 1e-9);
         assert!(is(found.diameter_uncertainty_mm, 0.1));
@@ -113,7 +114,7 @@ mod tests {
         uncertainty.image_place = None;
         let mut unknown = anatomy.clone();
         unknown.branches[0].stages[0].diameter_uncertainty_mm = None;
-        uncertainty.state(&mut unknown);
+        uncertainty.state(&mut unknown, None);
         assert_eq!(unknown.branches[0].stages[0].diameter_uncertainty_mm, None);
     }
 }

@@ -50,6 +50,13 @@ impl Verdict {
         Self { passed: failures.is_empty(), gate, failures }
     }
 
+    /// With what else fails.
+    pub(super) fn with_failures(mut self, further: Vec<String>) -> Self {
+        self.failures.extend(further);
+        self.passed = self.failures.is_empty();
+        self
+    }
+
     /// The verdict in one line.
     #[must_use]
     pub fn sentence(&self) -> String {

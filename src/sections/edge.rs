@@ -232,7 +232,7 @@ fn basis(shape: Shape, d: f64) -> Vector3<f64> {
 }
 
 /// The normal distribution's cumulative function, to 1.5e-7 (Abramowitz & Stegun, 7.1.26).
-fn normal_cdf(x: f64) -> f64 {
+pub(crate) fn normal_cdf(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * z);
     let series = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];

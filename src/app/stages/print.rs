@@ -8,6 +8,7 @@ mod words;
 use super::slice::JOB_FILE;
 use super::{read_json, to_json};
 use crate::app::case::MadeFrom;
+use crate::app::commanded;
 use crate::app::error::Error;
 use crate::app::event::{Event, Stage};
 use crate::app::session::{Context, Made, Session};
@@ -152,10 +153,26 @@ impl Session<'_> {
         self.settings().port == SIMULATED_PORT
     }
 
-    /// Whether the job was last printed on a real printer; not so where it never was.
-    pub(crate) fn was_printed_for_real(&self) -> Result<bool, Error> {
+    /// How the job was last printed; where nothing is known of a print, as if it was simulated: it is not there yet.
+    pub(crate) fn how_printed(&self) -> Result<How, Error> {
+        let job = self.case.path(JOB_FILE);
+        let extent = if job.exists() { commanded::extent(&job)? } else { None };
         let path = self.case.path(PRINT_FILE);
-        Ok(path.exists() && !read_json::<Kept>(&path)?.simulated)
+        let is_simulated = !path.exists() || read_json::<Kept>(&path)?.simulated;
+        Ok(match extent {
+            Some(extent) if extent.is_finished && !is_simulated => How::ForReal,
+            // The simulated printer takes no job whose real print may go on: that print is the last one.
+            Some(extent) if !path.exists() || !(extent.is_finished || extent.is_cancelled) => How::BrokenOff,
+            _ => How::Simulated,
+        })
+    }
+
+    /// How long the print on a real printer took, s, where it was done.
+    pub(super) fn printed_s(&self) -> Result<Option<f64>, Error> {
+        if self.how_printed()? != How::ForReal {
+            return Ok(None);
+        }
+        Ok(Some(read_json::<Kept>(&self.case.path(PRINT_FILE))?.elapsed_s))
     }
 
     /// Goes on with the print of the job where it broke off, on the port of that print unless the case now names another real one.
@@ -249,6 +266,19 @@ fn tell_of_part(order: &Order<'_>, context: &Context<'_>) {
 #[derive(Deserialize)]
 struct Kept {
     simulated: bool,
+    #[serde(default)]
+    elapsed_s: f64,
+}
+
+/// How a job was last printed, as far as the case and its journal tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum How {
+    /// On the simulated printer, which records what it lays.
+    Simulated,
+    /// On a real one, to its end.
+    ForReal,
+    /// On a real one, which has acknowledged a part of it.
+    BrokenOff,
 }
 
 /// A printer, as the operator names it.

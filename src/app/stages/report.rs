@@ -1,21 +1,24 @@
 //! Everything to the report: `report/`.
 
-use super::print::RECORD_DIR;
+use super::print::{How, RECORD_DIR};
 use super::read_json;
 use super::segment::{SECTIONS_FILE, VOLUME_FILE, hash_of_source};
 use super::slice::{JOB_FILE, LAYERS_FILE};
 use super::solid::SOLID_FILE;
 use crate::app::atomic;
 use crate::app::case::{CaseError, MadeFrom};
+use crate::app::commanded::{self, Commanded};
 use crate::app::error::Error;
 use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
-use crate::ct::Warning;
+use crate::ct::{self, SeriesChoice, Volume, Warning};
+use crate::geom::Point3;
 use crate::mesh::{self, Tessellation};
-use crate::profile::{self, Gate};
+use crate::profile::{self, Gate, Profile};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
+use crate::report::record::Way;
 use crate::report::{self, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
 use crate::segment::Polarity;
 use crate::solid::{SkinChoice, Solid};
@@ -44,6 +47,13 @@ pub struct ReportPlace {
     pub headline: Vec<String>,
 }
 
+/// A scan of the printed replica, as the operator named it. Kept nowhere but in memory; the case holds its hash.
+pub(crate) struct NamedScan {
+    path: PathBuf,
+    choice: SeriesChoice,
+    hash: String,
+}
+
 /// What is read back from `report.json`.
 #[derive(Deserialize)]
 struct Figures {
@@ -66,6 +76,42 @@ struct Total {
 struct PrintSummary {
     simulated_s: f64,
     filament_mm: f64,
+}
+
+/// The beads that a real printer was told to lay, and what must be said of them.
+fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
+    let area_mm2 = std::f64::consts::FRAC_PI_4 * profile.machine.filament_mm.powi(2);
+    let ways = commanded.pushes.iter().map(|push| Way {
+        from: Point3::from(push.from_mm),
+        to: Point3::from(push.to_mm),
+        volume_mm3: push.filament_mm * area_mm2,
+    });
+    let mut record = Record::commanded(ways, profile.print.bead_shape);
+    let extent = commanded.extent;
+    let [n_done, n_all] = extent.n_lines;
+    let text = format!(
+        "The printer keeps no record of what it lays. What is called deposited or recorded here is commanded, not measured: the {n_done} of {n_all} lines that the printer has acknowledged, followed without their errors. Clogs, lost steps and what was done at the printer are not seen; a scan of the replica shows them (`lumenfab report CASE --scan PATH`)."
+    );
+    record.warnings.push(Warning::new("report.commanded", text));
+    if !extent.is_finished {
+        let text = format!(
+            "The print had not ended when this was made: {} lines were not acknowledged and count as not printed; of the last ones that were, some may not have been moved any more.",
+            n_all - n_done
+        );
+        record.warnings.push(Warning::new("report.print_not_finished", text));
+    }
+    if extent.n_twice > 0 {
+        let text = format!(
+            "Up to {} lines may have been executed twice, after a reset; they count once.",
+            extent.n_twice
+        );
+        record.warnings.push(Warning::new("report.lines_twice", text));
+    }
+    if commanded.n_arcs > 0 {
+        let text = format!("{} arcs of the job are followed as straight lines.", commanded.n_arcs);
+        record.warnings.push(Warning::new("report.arcs", text));
+    }
+    record
 }
 
 /// Deflections that the lumen's triangles are counted for, mm.
@@ -104,13 +150,32 @@ impl Session<'_> {
     /// # Errors
     /// [`Error`] where a stage before it was not done, or where the case cannot be written. A failed gate is none.
     pub fn report(&mut self) -> Result<(), Error> {
-        if self.was_printed_for_real()? {
-            return Err(Error::NoRecord(self.case.dir().to_owned()));
+        match self.how_printed()? {
+            // What was sent before it broke off is in the journal, and no stage of the case yet.
+            How::BrokenOff => self.require(Stage::Slice)?,
+            How::Simulated | How::ForReal => self.require(Stage::Print)?,
         }
-        self.require(Stage::Print)?;
         self.stage(Stage::Report, Self::write_report)?;
         self.report = Some(self.report_place()?);
         Ok(())
+    }
+
+    /// The same with a scan of the printed replica: a CT of it in air, any series that can be read. Without a scan, a report that
+    /// has one is kept as long as nothing else has changed.
+    ///
+    /// # Errors
+    /// As [`Session::report`]; [`Error::Scan`] where the scan cannot be read, [`Error::Report`] where it does not fit the model.
+    pub fn report_with_scan(&mut self, path: &Path, choice: SeriesChoice) -> Result<(), Error> {
+        let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+        let files = ct::reader::files_of(path, &task).map_err(Error::Scan)?;
+        let number = match choice {
+            SeriesChoice::Only => 0,
+            SeriesChoice::ByNumber(number) => number,
+        };
+        let of_files = hash_of_source(&files, self.case.id()).map_err(Error::Scan)?;
+        let hash = hash_of(&(of_files, number));
+        self.scan = Some(NamedScan { path: path.to_owned(), choice, hash });
+        self.report()
     }
 
     /// Files the report's document in the patient's study: an Encapsulated PDF in the folder `dir`, which is its place to be
@@ -138,11 +203,19 @@ impl Session<'_> {
             ("solid", hash(Stage::Solid, SOLID_FILE)?),
             ("layers", hash(Stage::Slice, LAYERS_FILE)?),
             ("job", hash(Stage::Slice, JOB_FILE)?),
-            ("record", hash(Stage::Print, RECORD_DIR)?),
             ("gate", hash_of(&self.gate()?)),
         ]);
+        if self.how_printed()? == How::Simulated {
+            made_from.insert("record", hash(Stage::Print, RECORD_DIR)?);
+        } else {
+            let extent = commanded::extent(&self.case.path(JOB_FILE))?.unwrap_or_default();
+            made_from.insert("journal", hash_of(&(extent.n_lines, extent.n_twice, extent.is_finished)));
+        }
         if self.has_image() {
             made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
+        }
+        if let Some(scan) = &self.scan {
+            made_from.insert("scan", scan.hash.clone());
         }
         Ok(made_from)
     }
@@ -168,8 +241,10 @@ impl Session<'_> {
             Body::WallMm(_) => BodyKind::Wall,
             Body::Cast => BodyKind::Cast,
         };
-        let record = self.record()?;
-        let job = self.job_amounts()?;
+        let commanded = self.commanded()?;
+        let record = self.record(commanded.as_ref())?;
+        let job = self.job_amounts(commanded.as_ref())?;
+        let scan = self.read_scan(task)?;
         // Filled in first, borrowed together afterwards.
         self.volume()?;
         self.sections()?;
@@ -186,6 +261,7 @@ impl Session<'_> {
             layers: &sliced.layers,
             paths: &sliced.paths,
             record: &record,
+            scan: scan.as_ref(),
             warnings: &warnings,
             job,
             triangles: &triangles,
@@ -199,15 +275,43 @@ impl Session<'_> {
         Ok(profile::load::whole_by_name(&self.settings().profile)?.gate)
     }
 
-    fn record(&self) -> Result<Record, Error> {
+    /// The scan of the replica, where one was named.
+    fn read_scan(&self, task: &Task<'_>) -> Result<Option<Volume>, Error> {
+        let Some(NamedScan { path, choice, .. }) = &self.scan else { return Ok(None) };
+        self.note(Stage::Report, "reading the scan of the replica");
+        let loaded = ct::reader::load(path, choice, task).map_err(Error::Scan)?;
+        Ok(Some(loaded.volume))
+    }
+
+    /// What the acknowledged lines of the job have told a real printer to lay; `None` where the simulated one has a record.
+    fn commanded(&self) -> Result<Option<Commanded>, Error> {
+        if self.how_printed()? == How::Simulated {
+            return Ok(None);
+        }
+        let job = self.case.output(Stage::Slice, JOB_FILE)?;
+        Ok(Some(commanded::read(&job, &self.profile()?.firmware)?))
+    }
+
+    fn record(&self, commanded: Option<&Commanded>) -> Result<Record, Error> {
+        if let Some(commanded) = commanded {
+            return Ok(record_of(commanded, &self.profile()?));
+        }
         let path = self.case.output(Stage::Print, RECORD_DIR)?.join("beads.csv");
         let parsed = report::record::parse(&atomic::read_text(&path)?);
         Ok(parsed.map_err(|e| CaseError::Corrupt { path, problem: e.to_string() })?)
     }
 
     /// Time and filament, planned and recorded.
-    fn job_amounts(&self) -> Result<Job, Error> {
+    fn job_amounts(&self, commanded: Option<&Commanded>) -> Result<Job, Error> {
         let planned = self.layers_document()?;
+        if let Some(commanded) = commanded {
+            return Ok(Job {
+                planned_s: Some(planned.print_time_s),
+                recorded_s: self.printed_s()?,
+                planned_filament_mm: Some(planned.filament_mm),
+                recorded_filament_mm: Some(commanded.filament_mm),
+            });
+        }
         let path = self.case.output(Stage::Print, RECORD_DIR)?.join("summary.json");
         let recorded: Option<PrintSummary> = if path.is_file() { Some(read_json(&path)?) } else { None };
         Ok(Job {

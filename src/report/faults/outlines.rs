@@ -336,7 +336,11 @@ impl Search<'_> {
             median(self.fits.iter().flatten().flatten().map(|f| get(&f.shift))).unwrap_or(0.0)
         };
         let middle = Vector2::new(part(|v| v.x), part(|v| v.y));
-        let noise = self.noise(|f| (f.shift - middle).norm());
+        let noise = if self.pair.stage == Stage::Scan {
+            self.step()
+        } else {
+            self.noise(|f| (f.shift - middle).norm())
+        };
         let least = self.pair.least_mm.max(5.0 * noise);
         let mut found = Vec::new();
         for branch in 0..self.names.len() {
@@ -350,6 +354,17 @@ impl Search<'_> {
                 self.pair.shifted(self.place(&branches, &span), span.most(), span.spread.max(noise))
             })
             .collect()
+    }
+
+    /// The usual difference of neighbours, as the deviation of one of them: what was laid over its reference by a fit may lie aside in most
+    /// planes.
+    fn step(&self) -> f64 {
+        let of_branch = |branch: usize| {
+            let shifts: Vec<Vector2> = self.column(branch).flatten().map(|f| f.shift).collect();
+            shifts.windows(2).map(|pair| (pair[1] - pair[0]).norm()).collect::<Vec<_>>()
+        };
+        let steps = (0..self.names.len()).flat_map(of_branch);
+        1.48 * median(steps).unwrap_or(0.0) / std::f64::consts::SQRT_2
     }
 
     /// The usual size of a deviation from the median (1.48 times the median, the standard deviation of normal noise).

@@ -1,0 +1,282 @@
+//! Replicas that are voxelised as a scanner would see them, turned and moved: found again, and what is wrong with them told.
+
+use super::*;
+use crate::ct::Voxels;
+use crate::geom::{Point3, Vector3};
+use crate::progress::Task;
+use crate::report::testing::{self, Forked, WALL_MM, fork};
+use crate::report::{Error, Finding, Kind, Report, Stage, build};
+use nalgebra::{Rotation3, Unit};
+
+const N_PLANES: usize = 10;
+const VOXEL_MM: f64 = 0.3;
+const BLUR_MM: f64 = 0.3;
+const AIR_HU: f64 = -1000.0;
+const MATERIAL_HU: f64 = 150.0;
+
+/// Where the replica lies in the scanner, and what is different about it.
+struct Replica {
+    turn: Rotation3<f64>,
+    shift: Vector3,
+    scale: f64,
+    is_mirrored: bool,
+    noise_hu: f64,
+    /// Whether there is material, by place in the model's frame.
+    is_material: Box<dyn Fn(Point3) -> bool>,
+}
+
+impl Replica {
+    fn new(is_material: impl Fn(Point3) -> bool + 'static) -> Self {
+        let axis = Unit::new_normalize(Vector3::new(0.3, 0.9, 0.5));
+        Self {
+            turn: Rotation3::from_axis_angle(&axis, 1.9),
+            shift: Vector3::new(31.4, -22.7, 140.9),
+            scale: 1.0,
+            is_mirrored: false,
+            noise_hu: 40.0,
+            is_material: Box::new(is_material),
+        }
+    }
+
+    /// The right replica.
+    fn right() -> Self {
+        Self::new(is_printed)
+    }
+
+    fn to_scan(&self, p: Point3) -> Point3 {
+        let p = if self.is_mirrored { Point3::new(-p.x, p.y, p.z) } else { p };
+        self.turn * (p * self.scale) + self.shift
+    }
+
+    fn from_scan(&self, p: Point3) -> Point3 {
+        let p = (self.turn.inverse() * (p - self.shift)) / self.scale;
+        if self.is_mirrored { Point3::new(-p.x, p.y, p.z) } else { p }
+    }
+
+    /// A scan of it: coverage by 2 x 2 x 2 places a voxel, blur, noise.
+    fn scanned(&self) -> Volume {
+        let range = z_range_mm();
+        let corner = |i: usize| {
+            let side = |bit: usize| if i >> bit & 1 == 0 { -9.0 } else { 9.0 };
+            self.to_scan(Point3::new(side(0), side(1), range[i >> 2]))
+        };
+        let corners: Vec<Point3> = (0..8).map(corner).collect();
+        let least = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min) - 2.0;
+        let most = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::NEG_INFINITY, f64::max) + 2.0;
+        let dims = [0, 1, 2].map(|a| ((most(a) - least(a)) / VOXEL_MM).ceil() as usize);
+        let origin = [0, 1, 2].map(least);
+        let covered = |x: usize, y: usize, z: usize| {
+            let inside = (0..8).filter(|s| {
+                let at = |bit: usize, i: usize| {
+                    origin[bit] + VOXEL_MM * (i as f64 + if s >> bit & 1 == 0 { -0.25 } else { 0.25 })
+                };
+                (self.is_material)(self.from_scan(Point3::new(at(0, x), at(1, y), at(2, z))))
+            });
+            inside.count() as f64 / 8.0
+        };
+        let n = dims[0] * dims[1];
+        let mut values: Vec<f64> =
+            (0..n * dims[2]).map(|v| covered(v % dims[0], v % n / dims[0], v / n)).collect();
+        for (stride, length) in [(1, dims[0]), (dims[0], dims[1]), (n, dims[2])] {
+            values = blurred(&values, stride, length, BLUR_MM / VOXEL_MM);
+        }
+        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut noise = || {
+            // The sum of four even ones is near enough to normal.
+            let even = (0..4).map(|_| {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5
+            });
+            self.noise_hu * even.sum::<f64>() * 3f64.sqrt()
+        };
+        let hu: Vec<f32> =
+            values.iter().map(|v| (AIR_HU + (MATERIAL_HU - AIR_HU) * v + noise()) as f32).collect();
+        Volume {
+            dims,
+            hu: Voxels::new(&hu, n),
+            origin_xy_mm: [origin[0], origin[1]],
+            pixel_spacing_xy_mm: [VOXEL_MM; 2],
+            plane_z_mm: (0..dims[2]).map(|k| origin[2] + VOXEL_MM * k as f64).collect(),
+            slab_thickness_mm: VOXEL_MM,
+            patient_from_stack: RigidTransform::identity(),
+        }
+    }
+}
+
+fn blurred(values: &[f64], stride: usize, length: usize, sigma: f64) -> Vec<f64> {
+    let reach = (4.0 * sigma).ceil() as usize;
+    let weights: Vec<f64> = (0..=reach).map(|d| (-0.5 * (d as f64 / sigma).powi(2)).exp()).collect();
+    let sum = weights[0] + 2.0 * weights[1..].iter().sum::<f64>();
+    (0..values.len())
+        .map(|v| {
+            let at = v / stride % length;
+            let mut total = weights[0] * values[v];
+            for (d, w) in weights.iter().enumerate().skip(1) {
+                total += w * if at >= d { values[v - d * stride] } else { 0.0 };
+                total += w * if at + d < length { values[v + d * stride] } else { 0.0 };
+            }
+            total / sum
+        })
+        .collect()
+}
+
+fn z_range_mm() -> [f64; 2] {
+    [-1.5, 3.0 * (N_PLANES - 1) as f64 + 1.5]
+}
+
+/// Whether the forked vessel's wall is there.
+fn is_printed(p: Point3) -> bool {
+    let [low, high] = z_range_mm();
+    if p.z < low || p.z > high {
+        return false;
+    }
+    let within = |wider_mm: f64| fork(p.z, N_PLANES).iter().any(|(c, r)| (p.xy() - c).norm() <= r + wider_mm);
+    within(WALL_MM) && !within(0.0)
+}
+
+fn inputs<'a>(case: &'a Forked, scan: Option<&'a Volume>) -> Inputs<'a> {
+    Inputs { scan, ..testing::inputs(case) }
+}
+
+fn reported(volume: &Volume) -> Result<Report, Error> {
+    build(&inputs(&Forked::new(N_PLANES), Some(volume)), &Task::quiet())
+}
+
+fn report(replica: &Replica) -> Report {
+    reported(&replica.scanned()).unwrap()
+}
+
+/// What the scan shows to be wrong, in words.
+fn told(report: &Report) -> String {
+    format!(
+        "{:#?}\n{:#?}\n{:#?}",
+        report.findings,
+        report.verdict.failures,
+        report.scan.as_ref().map(|s| (&s.registration, s.uncertainty_mm, s.levels, s.block.overall))
+    )
+}
+
+fn of_scan(report: &Report) -> Vec<&Finding> {
+    report.findings.iter().filter(|f| f.stage == "scan").collect()
+}
+
+#[test]
+fn a_right_replica_is_found_where_it_lies_and_nothing_is_wrong_with_it() {
+    let replica = Replica::right();
+    let report = report(&replica);
+    let scan = report.scan.as_ref().unwrap();
+    let found = scan.registration.model_from_scan.unwrap();
+    let corners = [[-6.0, -4.0, -1.5], [6.0, 4.0, 28.5], [-6.0, 4.0, 28.5], [6.0, -4.0, -1.5]];
+    for corner in corners {
+        let p = Point3::from(corner);
+        let off = (found.apply(replica.to_scan(p)) - p).norm();
+        assert!(off < 0.02, "{off} at {p}: {}", told(&report));
+    }
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        let turned = found.rotate(replica.turn * axis);
+        assert!(turned.angle(&axis).to_degrees() < 0.1);
+    }
+    assert!(of_scan(&report).is_empty() && report.verdict.passed, "{}", told(&report));
+    let f = scan.block.overall.unwrap().figures;
+    assert!(f.mean_mm.unwrap() < 0.03 && f.bias_mm.unwrap().abs() < 0.015, "{}", told(&report));
+    assert!(scan.registration.scale_percent.unwrap().abs() < 0.1, "{}", told(&report));
+    // In all that is written, the stage has its name.
+    assert_eq!(crate::report::schema::tests::broken(&report), [""; 0]);
+    let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
+    let table = crate::report::csv(&report);
+    let column = table.lines().next().unwrap().split(',').position(|n| n == "scan_mean_mm").unwrap();
+    for (k, row) in table.lines().skip(1).enumerate() {
+        let mean = json["scan"]["planes"][k]["mean_mm"].as_f64().unwrap();
+        assert_eq!(row.split(',').nth(column).unwrap().parse::<f64>().unwrap(), mean);
+    }
+    let of_stage =
+        |list: &serde_json::Value| list.as_array().unwrap().iter().any(|s| s["stage"] == "scanned");
+    assert!(of_stage(&json["walls"]) && of_stage(&json["amounts"]["lumen"]));
+    assert!(of_stage(&json["anatomy"]["branches"][0]["stages"]));
+    let page = crate::report::html(&report).unwrap();
+    assert!(page.contains(Stage::Scan.meaning()) && page.contains("report.scan"));
+    assert!(!crate::report::pdf(&report).unwrap().is_empty());
+}
+
+#[test]
+fn a_replica_one_percent_too_large_is_told_with_its_scale() {
+    let report = report(&Replica { scale: 1.01, ..Replica::right() });
+    let found = of_scan(&report);
+    assert!(found.len() == 1 && found[0].kind == Kind::Scaled, "{}", told(&report));
+    assert!((found[0].size.unwrap().size - 1.0).abs() < 0.1, "{}", told(&report));
+    assert!(found[0].beyond_gate && !report.verdict.passed);
+}
+
+#[test]
+fn a_plugged_branch_is_told_with_its_planes() {
+    // The right one of the two branches is closed over the height of planes 6 and 7.
+    let plug = |p: Point3| {
+        let (centre, radius_mm) = fork(p.z, N_PLANES).pop().unwrap();
+        (17.0..22.5).contains(&p.z) && (p.xy() - centre).norm() <= radius_mm
+    };
+    let report = report(&Replica::new(move |p| is_printed(p) || plug(p)));
+    let found = of_scan(&report);
+    assert!(found.len() == 1 && found[0].kind == Kind::Plugged, "{}", told(&report));
+    assert_eq!(found[0].place.planes, Some([6, 7]));
+    assert!(found[0].place.branch.is_some() && !report.verdict.passed);
+}
+
+#[test]
+fn layers_beside_their_place_are_told_from_where_on_and_how_far() {
+    let report = report(&Replica::new(|p| {
+        let by = if p.z > 16.5 { Vector3::new(0.32, -0.24, 0.0) } else { Vector3::zeros() };
+        is_printed(p - by)
+    }));
+    let found = of_scan(&report);
+    assert!(!found.is_empty() && found.iter().all(|f| f.kind == Kind::OutlineShifted), "{}", told(&report));
+    // The pose follows one of the two parts: the other one lies beside its place.
+    let planes = found[0].place.planes.unwrap();
+    assert!(planes == [6, 9] || planes == [0, 5], "{}", told(&report));
+    assert!((found[0].size.unwrap().size - 0.4).abs() < 0.04, "{}", told(&report));
+    assert!(!report.verdict.passed);
+}
+
+#[test]
+fn a_mirrored_replica_is_told_and_not_laid_over_the_model() {
+    let report = report(&Replica { is_mirrored: true, ..Replica::right() });
+    let scan = report.scan.as_ref().unwrap();
+    assert!(scan.registration.mirrored && scan.registration.model_from_scan.is_none());
+    assert!(scan.block.overall.is_none() && scan.block.reason.is_some());
+    let found = of_scan(&report);
+    assert!(found.len() == 1 && found[0].kind == Kind::Mirrored, "{}", told(&report));
+    assert!(!report.verdict.passed);
+}
+
+#[test]
+fn a_scan_changes_no_other_stage() {
+    let replica = Replica { scale: 1.01, ..Replica::right() };
+    let with = report(&replica);
+    let case = Forked::new(N_PLANES);
+    let without = build(&inputs(&case, None), &Task::quiet()).unwrap();
+    for stage in Stage::ALL {
+        assert_eq!(with.block(stage), without.block(stage));
+    }
+    assert!(without.scan.is_none() && without.verdict.passed);
+}
+
+#[test]
+fn what_shows_no_replica_is_refused_with_words() {
+    let refused = |replica: &Replica| match reported(&replica.scanned()) {
+        Err(Error::Scan(refusal)) => refusal,
+        other => panic!("{:?}", other.map(|r| told(&r))),
+    };
+    let ball = refused(&Replica::new(|p| (p - Point3::new(0.0, 0.0, 10.0)).norm() < 2.0));
+    assert!(matches!(ball, Refusal::NoBody { .. }) && ball.to_string().contains("mm³"), "{ball}");
+    let block = refused(&Replica::new(|p| p.x.abs() < 4.0 && p.y.abs() < 4.0 && (3.0..21.0).contains(&p.z)));
+    assert!(matches!(block, Refusal::NoFit { .. }), "{block}");
+}
+
+#[test]
+fn a_straight_tube_does_not_tell_how_it_lies() {
+    let case = crate::report::testing::Case::new(4);
+    let replica =
+        Replica::new(|p| (3.0..=4.2).contains(&p.xy().coords.norm()) && (-1.5..10.5).contains(&p.z));
+    let inputs = Inputs { scan: Some(&replica.scanned()), ..testing::inputs(&case) };
+    let refused = build(&inputs, &Task::quiet()).unwrap_err();
+    assert!(matches!(&refused, Error::Scan(Refusal::Ambiguous { .. } | Refusal::Loose { .. })), "{refused}");
+}
