@@ -187,7 +187,7 @@ impl Session<'_> {
     pub fn file_report(&self, source: &Path, dir: &Path) -> Result<PathBuf, Error> {
         let report_dir = self.case.output(Stage::Report, REPORT_DIR)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let hash = hash_of_source(&crate::ct::reader::files_of(source, &task)?, self.case.id())?;
+        let hash = hash_of_source(&ct::reader::files_of(source, &task)?, self.case.id())?;
         if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) != Some(&hash) {
             return Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() });
         }

@@ -195,7 +195,8 @@ fn a_right_replica_is_found_where_it_lies_and_nothing_is_wrong_with_it() {
     assert!(of_stage(&json["anatomy"]["branches"][0]["stages"]));
     let page = crate::report::html(&report).unwrap();
     assert!(page.contains(Stage::Scan.meaning()) && page.contains("report.scan"));
-    assert!(!crate::report::pdf(&report).unwrap().is_empty());
+    let view = crate::report::page::view(&report).unwrap();
+    assert!(!crate::report::pdf::document(&report, &view).unwrap().is_empty());
 }
 
 #[test]
@@ -273,7 +274,7 @@ fn what_shows_no_replica_is_refused_with_words() {
 
 #[test]
 fn a_straight_tube_does_not_tell_how_it_lies() {
-    let case = crate::report::testing::Case::new(4);
+    let case = testing::Case::new(4);
     let replica =
         Replica::new(|p| (3.0..=4.2).contains(&p.xy().coords.norm()) && (-1.5..10.5).contains(&p.z));
     let inputs = Inputs { scan: Some(&replica.scanned()), ..testing::inputs(&case) };
