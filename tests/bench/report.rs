@@ -73,6 +73,7 @@ impl Case {
 
     fn inputs(&self) -> Inputs<'_> {
         Inputs {
+            scan: None,
             image: Some(Image { volume: &self.volume, polarity: Polarity::Dark }),
             sections: &self.sections,
             solid: &Vessel,

@@ -1,5 +1,10 @@
 //! Replicas that are voxelised as a scanner would see them, turned and moved: found again, and what is wrong with them told.
 
+#![expect(
+    clippy::cast_possible_truncation,
+    reason = "voxels of a made-up scan: some hundred along an axis, values of a CT"
+)]
+
 use super::*;
 use crate::ct::Voxels;
 use crate::geom::{Point3, Vector3};
@@ -48,7 +53,7 @@ impl Replica {
         self.turn * (p * self.scale) + self.shift
     }
 
-    fn from_scan(&self, p: Point3) -> Point3 {
+    fn model_of(&self, p: Point3) -> Point3 {
         let p = (self.turn.inverse() * (p - self.shift)) / self.scale;
         if self.is_mirrored { Point3::new(-p.x, p.y, p.z) } else { p }
     }
@@ -70,7 +75,7 @@ impl Replica {
                 let at = |bit: usize, i: usize| {
                     origin[bit] + VOXEL_MM * (i as f64 + if s >> bit & 1 == 0 { -0.25 } else { 0.25 })
                 };
-                (self.is_material)(self.from_scan(Point3::new(at(0, x), at(1, y), at(2, z))))
+                (self.is_material)(self.model_of(Point3::new(at(0, x), at(1, y), at(2, z))))
             });
             inside.count() as f64 / 8.0
         };
