@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
 
 const PROFILE: &str = "reference";
@@ -53,11 +53,9 @@ impl Bench {
         let bench = Self { dir, printer };
         bench.done(&["solid", "--sections", "sections.json", "--out", "case"]);
         bench.done(&["slice", "case", "--profile", PROFILE]);
-        let start = Instant::now();
-        while !bench.path("port").exists() {
-            assert!(start.elapsed() < Duration::from_secs(60), "no printer");
-            wait();
-        }
+        // A minute at most.
+        let waited = (0..N_WAITS).take_while(|_| !bench.path("port").exists()).inspect(|_| wait()).count();
+        assert!(waited < N_WAITS, "no printer");
         bench
     }
 
@@ -100,6 +98,9 @@ impl Bench {
         Record::commanded(ways, profile.print.bead_shape)
     }
 }
+
+/// A minute of waiting.
+const N_WAITS: usize = 30_000;
 
 #[expect(clippy::disallowed_methods, reason = "the test waits for another process")]
 fn wait() {
