@@ -545,7 +545,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phantoms_stenosis_is_measured_within_two_points_of_its_truth() {
+    fn a_phantoms_stenosis_is_measured_within_one_point_of_its_truth() {
         use crate::phantom::{self, Contrast, Kind, Vessel};
         use crate::progress::Task;
         use crate::{sections, segment};
@@ -577,7 +577,7 @@ mod tests {
                 patient_from_stack: measured.patient_from_stack,
             };
             let (found, exact) = (degree(&measured), degree(&truth));
-            assert!(exact > 60.0 && (found - exact).abs() < 2.0, "{polarity:?}: {found} of {exact}");
+            assert!(exact > 60.0 && (found - exact).abs() < 1.0, "{polarity:?}: {found} of {exact}");
         }
     }
 

@@ -15,7 +15,7 @@ pub(super) fn walls(
     inputs: &Inputs<'_>,
     planes: &[PlaneWork],
     layers: &[LayerWork],
-    scanned: Option<&Scanned>,
+    scanned: Option<&Scanned<'_>>,
 ) -> Vec<WallStage> {
     if inputs.body == BodyKind::Cast {
         return Vec::new();
@@ -37,7 +37,7 @@ pub(super) fn walls(
         };
         thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>())
     };
-    let of_scan = |s: &Scanned| {
+    let of_scan = |s: &Scanned<'_>| {
         let plane = |(own, p): (&ScannedPlane, &PlaneWork)| {
             let near = p.section.outer.union(&p.section.lumen);
             let touches = |island: &Region| island.intersection(&near).area_mm2() > 0.0;
@@ -50,7 +50,7 @@ pub(super) fn walls(
     sides.iter().map(of).chain(read.map(of_scan)).collect()
 }
 
-pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork], scanned: Option<&Scanned>) -> Amounts {
+pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork], scanned: Option<&Scanned<'_>>) -> Amounts {
     let z_mm = inputs.sections.plane_z_mm();
     let volume = |stage: &'static str, get: Lumen| {
         let areas = planes.iter().map(|p| get(p).filter(|r| !r.is_empty()).map(Region::area_mm2));

@@ -16,7 +16,7 @@ pub(super) const METHODS: [(&str, &str); 13] = [
     ),
     (
         "Registration",
-        "Image, solid and job stay where the job was planned; nothing is fitted to the recorded material. The planned geometry was checked to lie within 0.01 mm of the layers. Recorded pieces belong to the layer at whose height they were deposited.",
+        "Image, solid and job stay where the job was planned; nothing is fitted to the recorded material. The planned outlines at the CT planes were checked to lie within 0.01 mm of the layers' outlines, corner by corner. Recorded pieces belong to the layer at whose height they were deposited.",
     ),
     (
         "Areas and Dice",
@@ -28,7 +28,7 @@ pub(super) const METHODS: [(&str, &str); 13] = [
     ),
     (
         "Defects",
-        "Recorded beads are laid over the planned ones of their layer (lengths and moments; where these differ, a robust fit of shift, turn and scale), outlines over those of the stage before (offset and shift, robust; one similarity of all planes first). Series over layers and planes are cut where they jump. Sizes carry a standard uncertainty. Nothing of it changes the figures.",
+        "Recorded beads are laid over the planned ones of their layer (lengths and moments; where these differ, a robust fit of shift, turn and scale), outlines over those of the stage before (offset and shift, robust; one similarity of all planes first). Stretches of an outline (1 mm, two pixels) that lie off alone, and diameters of equal area, are told besides. Series over layers and planes are cut where they jump. Sizes carry a standard uncertainty. Nothing of it changes the figures.",
     ),
     (
         "Largest diameter",
@@ -48,7 +48,7 @@ pub(super) const METHODS: [(&str, &str); 13] = [
     ),
     (
         "Scan of the replica",
-        "Where one was given. The bright body of the model's volume, its surface half-way between air and material (levels and blur from profiles across the outer skin), laid over the model by a rigid fit along the normals, weighted by Tukey's function: principal axes with every sign and turns about them as starts; the mirror image is tried only to be told. The scan is read at the CT planes (trilinear); what blur draws inward is undone as for the image. Scale is measured and not taken away. No other stage rests on it.",
+        "Where one was given. The bright body of the model's volume, its surface half-way between air and material (levels and blur from profiles across the outer skin), laid over the model by a rigid fit along the normals, weighted by Tukey's function: principal axes with every sign and turns about them as starts; the mirror image is tried only to be told. The scan is read at the CT planes (trilinear); what blur draws inward is undone as for the image. Scale is measured and not taken away. Between the planes, too, the material of the scan is laid over the model's: pieces that reach farther into wall, lumen or outside than an outline may lie off are measured and joined from height to height; of strands and edges hardly thicker than the blur less is seen than there is. The ends are read along upright lines in the middle of the wall. Voxels larger than half the wall (of a cast: a quarter of its least width) judge nothing. No other stage rests on it.",
     ),
     (
         "Volumes",

@@ -72,7 +72,7 @@ pub use stages::build;
 pub use table::csv;
 pub use thickness::{PlaneWall, Wall, WallStage};
 pub use uncertainty::Uncertainty;
-pub use verdict::Verdict;
+pub use verdict::{Limit, Verdict};
 pub use write::write;
 
 use crate::ct::{Volume, Warning};
@@ -138,6 +138,9 @@ pub struct Inputs<'a> {
     pub paths: &'a Toolpaths,
     /// What the printer deposited, bed frame.
     pub record: &'a Record,
+    /// The beads that the job's file commands, bed frame, where what was deposited is not what was planned: what the file has otherwise
+    /// was not the printer.
+    pub job_beads: Option<&'a Record>,
     /// A scan of the printed replica: bright material in air, any frame.
     pub scan: Option<&'a Volume>,
     /// What earlier stages found odd.
@@ -188,6 +191,11 @@ pub enum Error {
         /// By how much, mm.
         off_mm: f64,
     },
+    /// No layer of the job can be compared with the case.
+    #[error(
+        "no layer of the job at a CT plane has a lumen, in the job or in the case: it cannot be checked that the two belong together, slice the case again"
+    )]
+    Unchecked,
     /// A picture could not be drawn.
     #[error(
         "the picture of plane {plane} could not be made ({why}): the vessel's extent is {width_mm:.0} x {height_mm:.0} mm"

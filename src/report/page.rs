@@ -203,7 +203,11 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         n_planes: report.plane_z_mm.len(),
         n_layers: report.layers.len(),
         passed: report.verdict.passed,
-        verdict: if report.verdict.passed { report.verdict.sentence() } else { "Not passed".into() },
+        verdict: if report.verdict.passed {
+            report.verdict.sentence()
+        } else {
+            report.verdict.heading().into()
+        },
         failures: failures(report),
         defects: defects::rows(report),
         not_seen: NOT_SEEN,
@@ -232,7 +236,8 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
 
 fn failures(report: &Report) -> Vec<String> {
     let is_defect = |text: &String| report.findings.iter().any(|f| f.text == *text);
-    report.verdict.failures.iter().filter(|text| !is_defect(text)).cloned().collect()
+    let told = report.verdict.failures.iter().chain(&report.verdict.not_judged);
+    told.filter(|text| !is_defect(text)).cloned().collect()
 }
 
 /// The grey pictures, as fine as the page may hold.

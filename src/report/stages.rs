@@ -16,7 +16,7 @@ use super::{
 };
 use super::{found, measures};
 use crate::ct::Warning;
-use crate::geom::{Contour, Point3, Region, Vector3};
+use crate::geom::{Contour, Point3, Region, SegmentIndex, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::sections::PlaneSections;
 use crate::slice::Layer;
@@ -55,15 +55,15 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     let pixel_mm = inputs.image.map(|i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
     let branches = Branches::of(inputs.sections);
     let mut lumina = lumina(&branches, &planes);
-    let mut findings = found::findings(inputs, &planes, &lumina, &branches.names());
-    let scanned = scanned(inputs, &planes, task)?;
+    let (mut findings, unsure) = found::findings(inputs, &planes, &lumina, &branches.names());
+    let sections: Vec<(f64, &CrossSection)> =
+        inputs.sections.planes.iter().map(|p| p.z_mm).zip(planes.iter().map(|p| &p.section)).collect();
+    let scanned = inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()?;
     let scan = scanned.as_ref().map(|s| s.stage(branches.z_mm()));
     if let Some(scanned) = &scanned {
-        let sections: Vec<&CrossSection> = planes.iter().map(|p| &p.section).collect();
-        findings.extend(scanned.findings(&lumina[SOLID], &branches, &sections, inputs.body));
+        findings.extend(scanned.findings(&lumina[SOLID], &branches, task)?);
         lumina.extend(scanned.lumina(&branches));
     }
-    let (scan, scan_failures) = scan.unzip();
     let uncertainty = Uncertainty::of(&planes);
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
@@ -75,15 +75,17 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         pixel_mm,
         meant: if compensation_mm(inputs) == 0.0 { "contours" } else { "planned" },
         blocks: &blocks,
+        unseen: &unseen(&planes),
         findings: &findings,
         anatomy: &anatomy,
         walls: &walls,
         amounts: &amounts,
+        scan: scan.as_ref(),
     };
     Ok(Report {
         body: inputs.body,
         origin: inputs.record.origin,
-        verdict: Verdict::of(inputs.gate, &judged).with_failures(scan_failures.unwrap_or_default()),
+        verdict: Verdict::of(inputs.gate, &judged),
         anatomy,
         walls,
         amounts,
@@ -94,6 +96,7 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes)
             .into_iter()
+            .chain(unsure)
             .chain(scanned.iter().flat_map(Scanned::notes))
             .collect(),
         findings,
@@ -101,13 +104,6 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         blocks,
         pictures,
     })
-}
-
-/// The scan of the replica at all planes.
-fn scanned(inputs: &Inputs<'_>, planes: &[PlaneWork], task: &Task<'_>) -> Result<Option<Scanned>, Error> {
-    let heights = inputs.sections.planes.iter().map(|p| p.z_mm);
-    let sections: Vec<(f64, &CrossSection)> = heights.zip(planes.iter().map(|p| &p.section)).collect();
-    inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()
 }
 
 struct Counter<'a> {
@@ -141,25 +137,37 @@ fn check(inputs: &Inputs<'_>) -> Result<(), Error> {
     let at_planes = inputs.paths.layers.iter().enumerate().filter(|(_, l)| l.slot.ct_plane.is_some());
     let offsets = at_planes.filter_map(|(i, l)| Some((i, registration_mm(inputs, l)?)));
     match offsets.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        None => Err(Error::Unchecked),
         Some((layer, off_mm)) if off_mm > REGISTRATION_MM => Err(Error::Registration { layer, off_mm }),
-        _ => Ok(()),
+        Some(_) => Ok(()),
     }
 }
 
-/// How far the planned lumen (a cast's material) lies off the layer's after the transform, mm: by the boxes
-/// around both, which move with any shift, turn or mirroring, without a fit.
+/// How far the planned lumen (a cast's material) lies off the layer's after the transform, mm, without a fit: the farthest that a corner
+/// of one outline lies from the other, both ways; infinite where one of them has nothing. `None` where neither has.
 fn registration_mm(inputs: &Inputs<'_>, paths: &LayerPaths) -> Option<f64> {
     let layer = layer_of(inputs, paths)?;
     let compensation = &inputs.paths.compensation;
-    // By how much each box is meant to be larger on the bed: there outlines are moved, after the part was enlarged.
+    // By how much each outline is meant to lie outward on the bed: there outlines are moved, after the part was enlarged.
     let (planned, sliced, larger_mm) = match inputs.body {
         BodyKind::Wall => (&paths.lumen, &layer.lumen, compensation.lumen_mm),
         BodyKind::Cast => (&paths.material, &layer.material, -compensation.material_mm),
     };
     let back = inputs.paths.stack_from_bed();
-    let planned = moved(planned, &back).bounds()?;
-    let sliced = sliced.bounds()?.grown(back.length_mm(larger_mm));
-    Some((planned.min - sliced.min).norm().max((planned.max - sliced.max).norm()))
+    let (planned, by_mm) = (moved(planned, &back), back.length_mm(larger_mm));
+    let meant = if by_mm == 0.0 { sliced.clone() } else { sliced.offset(by_mm, SECTION_TOLERANCE_MM) };
+    if planned.is_empty() && meant.is_empty() {
+        return None;
+    }
+    let [one, other] = [&planned, &meant].map(|r| SegmentIndex::try_new(&r.contours));
+    let farthest = |from: &Region, to: &SegmentIndex| {
+        let corners = from.contours.iter().flat_map(|c| &c.points);
+        corners.map(|p| to.nearest(*p).distance_mm).fold(0.0, f64::max)
+    };
+    Some(
+        one.zip(other)
+            .map_or(f64::INFINITY, |(one, other)| farthest(&planned, &other).max(farthest(&meant, &one))),
+    )
 }
 
 /// The layer of the case that a layer of the job prints.
@@ -440,6 +448,15 @@ fn found_part(planes: &[PlaneWork]) -> Option<f64> {
     let images = planes.iter().filter_map(|p| p.image.as_ref());
     let (found, points) = images.fold((0, 0), |(f, n), i| (f + i.n_found, n + i.n_points));
     (points > 0).then(|| found as f64 / points as f64)
+}
+
+/// Planes whose total was not measured, or rests on less than half of the outline's places.
+fn unseen(planes: &[PlaneWork]) -> Vec<usize> {
+    let is_seen = |p: &PlaneWork| {
+        let is_clear = p.image.as_ref().is_some_and(|i| 2 * i.n_found >= i.n_points);
+        is_clear && p.comparisons[Stage::Total as usize].is_ok()
+    };
+    (0..planes.len()).filter(|&k| !is_seen(&planes[k])).collect()
 }
 
 fn plane_figures(

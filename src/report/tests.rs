@@ -5,7 +5,7 @@ use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, d
 use super::*;
 use crate::ct::Voxels;
 use crate::geom::Point3;
-use crate::geom::{Contour, Point2, RigidTransform, Vector3};
+use crate::geom::{Contour, Point2, Region, RigidTransform, Vector3};
 use crate::progress::{CancelToken, Task};
 use crate::slice::LayerSlot;
 
@@ -282,6 +282,25 @@ fn what_does_not_belong_together_is_refused() {
     let error = build(&inputs(&case), &Task::quiet()).unwrap_err();
     assert!(matches!(error, Error::Registration { off_mm, .. } if (off_mm - 0.02).abs() < 1e-3));
     assert!(error.to_string().contains("slice the case again"));
+
+    // Within the same box: mirrored, or a lumen in the middle that is not there.
+    let mut within = Case::new(3);
+    let inner = |x: f64| {
+        disk(RADIUS_MM).difference(&Region::new(vec![Contour::circle(Point2::new(x, 0.0), 0.5, 90)]))
+    };
+    within.layers.iter_mut().for_each(|l| l.lumen = inner(1.0));
+    let on_bed = |p: &Point2| Point2::new(p.x + 100.0, p.y + 90.0);
+    let moved = |r: Region| {
+        Region::new(r.contours.iter().map(|c| Contour::new(c.points.iter().map(on_bed).collect())).collect())
+    };
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = moved(inner(1.0)));
+    assert!(build(&inputs(&within), &Task::quiet()).is_ok());
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = moved(inner(-1.0)));
+    let error = build(&inputs(&within), &Task::quiet()).unwrap_err();
+    assert!(matches!(error, Error::Registration { off_mm, .. } if off_mm > 1.0), "{error}");
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = Region::default());
+    within.layers.iter_mut().for_each(|l| l.lumen = Region::default());
+    assert!(matches!(build(&inputs(&within), &Task::quiet()), Err(Error::Unchecked)));
 
     case.paths.bed_from_stack =
         RigidTransform::from_axes(Point3::origin(), Vector3::x(), Vector3::z(), -Vector3::y());

@@ -81,6 +81,7 @@ impl Case {
             layers: &self.layers,
             paths: &self.paths,
             record: &self.record,
+            job_beads: None,
             warnings: &[],
             job: report::Job::default(),
             triangles: &[],

@@ -1,6 +1,6 @@
 //! Everything to the report: `report/`.
 
-use super::print::{How, RECORD_DIR};
+use super::print::{How, PRINT_FILE, RECORD_DIR};
 use super::read_json;
 use super::segment::{SECTIONS_FILE, VOLUME_FILE, hash_of_source};
 use super::slice::{JOB_FILE, LAYERS_FILE};
@@ -15,6 +15,7 @@ use crate::app::settings::Body;
 use crate::ct::{self, SeriesChoice, Volume, Warning};
 use crate::geom::Point3;
 use crate::mesh::{self, Tessellation};
+use crate::printer::journal;
 use crate::profile::{self, Gate, Profile};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
@@ -78,15 +79,20 @@ struct PrintSummary {
     filament_mm: f64,
 }
 
-/// The beads that a real printer was told to lay, and what must be said of them.
-fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
+/// The beads of a job's lines.
+fn beads_of(commanded: &Commanded, profile: &Profile) -> Record {
     let area_mm2 = std::f64::consts::FRAC_PI_4 * profile.machine.filament_mm.powi(2);
     let ways = commanded.pushes.iter().map(|push| Way {
         from: Point3::from(push.from_mm),
         to: Point3::from(push.to_mm),
         volume_mm3: push.filament_mm * area_mm2,
     });
-    let mut record = Record::commanded(ways, profile.print.bead_shape);
+    Record::commanded(ways, profile.print.bead_shape)
+}
+
+/// The beads that a real printer was told to lay, and what must be said of them.
+fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
+    let mut record = beads_of(commanded, profile);
     let extent = commanded.extent;
     let [n_done, n_all] = extent.n_lines;
     let text = format!(
@@ -208,8 +214,13 @@ impl Session<'_> {
         if self.how_printed()? == How::Simulated {
             made_from.insert("record", hash(Stage::Print, RECORD_DIR)?);
         } else {
-            let extent = commanded::extent(&self.case.path(JOB_FILE))?.unwrap_or_default();
-            made_from.insert("journal", hash_of(&(extent.n_lines, extent.n_twice, extent.is_finished)));
+            // Another print of the same job is another replica, whatever its lines: its journal has the places and times of its own.
+            let journal = journal::path_for(&self.case.path(JOB_FILE));
+            made_from.insert("journal", atomic::hash_of_path(&journal)?);
+            let print = self.case.path(PRINT_FILE);
+            if print.exists() {
+                made_from.insert("print", atomic::hash_of_path(&print)?);
+            }
         }
         if self.has_image() {
             made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
@@ -228,11 +239,21 @@ impl Session<'_> {
         report::write(&report, &dir, task)?;
         atomic::write(&dir.join(HEADLINE_FILE), (report.headline().join("\n") + "\n").as_bytes())?;
         let summary = format!("{} planes: {}", report.plane_z_mm.len(), report.verdict.sentence());
-        Ok(Made { staging, summary, warnings: Vec::new() })
+        Ok(Made { staging, summary, warnings: self.scan_left_out().into_iter().collect() })
+    }
+
+    /// What to say of a report that had a scan of the replica, and has none now.
+    fn scan_left_out(&self) -> Option<Warning> {
+        let had_scan = self.case.made_from(Stage::Report).is_some_and(|m| m.contains_key("scan"));
+        (had_scan && self.scan.is_none()).then(|| {
+            let text = "The report before this one had a scan of the replica. What has changed since is not what was scanned, or is judged otherwise, and scans are not kept: the scan is left out. Give the replica's scan once more: lumenfab report CASE --scan PATH.";
+            Warning::new("report.scan_left_out", text)
+        })
     }
 
     fn build_report(&mut self, task: &Task<'_>) -> Result<Report, Error> {
         let mut warnings = self.earlier_warnings()?;
+        warnings.extend(self.scan_left_out());
         let polarity = self.segmentation_note()?.map(|n| match n.polarity {
             Polarity::Dark => report::Polarity::Dark,
             Polarity::Bright | Polarity::Auto => report::Polarity::Bright,
@@ -261,13 +282,22 @@ impl Session<'_> {
             layers: &sliced.layers,
             paths: &sliced.paths,
             record: &record,
+            job_beads: None,
             scan: scan.as_ref(),
             warnings: &warnings,
             job,
             triangles: &triangles,
             gate: self.gate()?,
         };
-        Ok(report::build(&inputs, task)?)
+        let report = report::build(&inputs, task)?;
+        if report.findings.iter().all(|f| f.stage != report::Stage::Deposition.name()) {
+            return Ok(report);
+        }
+        // Whether it was the printer, or the job's file was not what was sliced, the file tells.
+        let profile = self.profile()?;
+        let job = commanded::whole(&self.case.output(Stage::Slice, JOB_FILE)?, &profile.firmware)?;
+        let beads = beads_of(&job, &profile);
+        Ok(report::build(&Inputs { job_beads: Some(&beads), ..inputs }, task)?)
     }
 
     /// The limits of the case's profile.

@@ -45,6 +45,10 @@ const fn words(kind: Kind, size: f64) -> &'static str {
         Kind::BoundaryMoved if size < 0.0 => "Outline too far inside",
         Kind::BoundaryMoved => "Outline too far outside",
         Kind::OutlineShifted => "Outline beside its place",
+        Kind::PartOff if size < 0.0 => "Part of the outline too far inside",
+        Kind::PartOff => "Part of the outline too far outside",
+        Kind::CalibreOff if size < 0.0 => "Lumen too narrow",
+        Kind::CalibreOff => "Lumen too wide",
         Kind::Scaled if size < 0.0 => "Too small",
         Kind::Scaled => "Too large",
         Kind::Stretched if size < 0.0 => "Too low",
@@ -62,6 +66,7 @@ const fn words(kind: Kind, size: f64) -> &'static str {
         Kind::MissingLayers => "Layers missing",
         Kind::PrintStopped => "Print stopped",
         Kind::MissingBeads => "Lines missing",
+        Kind::MissingMaterial => "Material missing",
         Kind::MaterialInLumen => "Material in the lumen",
         Kind::MaterialOutside => "Material beside the part",
         Kind::MaterialInWall => "Surplus material in the wall",
@@ -132,6 +137,7 @@ mod tests {
             size: Some(Size { size: 0.4, unit: "mm", uncertainty: 0.001 }),
             vector_mm: None,
             beyond_gate: true,
+            judged: true,
             text: "a sentence".into(),
         };
         let row = row(&finding, &[0.0, 3.0, 6.0, 9.0]);
