@@ -1,6 +1,6 @@
 //! Figures against limits.
 
-use super::{Amounts, Anatomy, Block, Finding, Gate, Stage, WallStage};
+use super::{Amounts, Anatomy, Block, Finding, Gate, Origin, Stage, WallStage, apart};
 use serde::Serialize;
 
 /// Whether the replica passes, and if not, why.
@@ -12,6 +12,34 @@ pub struct Verdict {
     pub gate: Gate,
     /// One sentence for each limit that is not kept.
     pub failures: Vec<String>,
+    /// What the printed part is known by.
+    pub rests_on: Basis,
+}
+
+/// What is known of the printed part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub enum Basis {
+    /// The record of what watched the nozzle.
+    #[default]
+    #[serde(rename = "recorded")]
+    Recorded,
+    /// The commands alone.
+    #[serde(rename = "commanded, not measured")]
+    Commanded,
+    /// A scan of the replica.
+    #[serde(rename = "scanned")]
+    Scanned,
+}
+
+impl Basis {
+    /// A scan tells more than any record.
+    pub(super) const fn of(origin: Origin, has_scan: bool) -> Self {
+        match (has_scan, origin) {
+            (true, _) => Self::Scanned,
+            (false, Origin::Recorded) => Self::Recorded,
+            (false, Origin::Commanded) => Self::Commanded,
+        }
+    }
 }
 
 /// What is judged.
@@ -47,7 +75,7 @@ impl Verdict {
         failures.extend(branches(gate, judged));
         failures.extend(wall(gate, judged));
         failures.extend(judged.findings.iter().filter(|f| f.beyond_gate).map(|f| f.text.clone()));
-        Self { passed: failures.is_empty(), gate, failures }
+        Self { passed: failures.is_empty(), gate, failures, rests_on: Basis::default() }
     }
 
     /// With what else fails.
@@ -57,16 +85,43 @@ impl Verdict {
         self
     }
 
+    /// With what the part is known by.
+    pub(super) fn resting_on(self, rests_on: Basis) -> Self {
+        Self { rests_on, ..self }
+    }
+
+    /// Whether all limits are kept by what was measured: a part that nothing has watched is no such part.
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
+        self.rests_on != Basis::Commanded
+    }
+
     /// The verdict in one line.
     #[must_use]
     pub fn sentence(&self) -> String {
         if self.passed {
-            return format!(
-                "Passed: total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
+            let limits = format!(
+                "total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
                 self.gate.total_p95_mm, self.gate.layer_iou
             );
+            return match self.rests_on {
+                Basis::Commanded => format!(
+                    "Passed as commanded, the print itself was not measured: {limits}; a scan of the replica shows what was made"
+                ),
+                Basis::Recorded | Basis::Scanned => format!("Passed: {limits}"),
+            };
         }
-        format!("Not passed: {}", self.failures.join("; "))
+        format!("{}: {}", self.refusal(), self.failures.join("; "))
+    }
+}
+
+impl Verdict {
+    /// What a verdict begins with that is none of passing.
+    pub(super) const fn refusal(&self) -> &'static str {
+        match self.rests_on {
+            Basis::Commanded => "Not passed as commanded, the print itself was not measured",
+            Basis::Recorded | Basis::Scanned => "Not passed",
+        }
     }
 }
 
@@ -77,7 +132,8 @@ fn means(gate: Gate, judged: &Judged<'_>) -> Vec<String> {
         let allowed_mm = gate.stage_mean_mm.max(half_pixel_mm);
         let mean_mm = judged.blocks[stage as usize].overall?.figures.mean_mm?;
         (mean_mm > allowed_mm).then(|| {
-            format!("{}: the mean distance is {mean_mm:.3} mm, allowed are {allowed_mm:.3} mm", stage.name())
+            let [mean, allowed] = apart(mean_mm, allowed_mm, 3);
+            format!("{}: the mean distance is {mean} mm, allowed are {allowed} mm", stage.name())
         })
     };
     Stage::ALL.into_iter().filter_map(of).collect()
@@ -86,9 +142,9 @@ fn means(gate: Gate, judged: &Judged<'_>) -> Vec<String> {
 fn dice(gate: Gate, judged: &Judged<'_>) -> Option<String> {
     let dice = judged.blocks[Stage::Total as usize].overall?.figures.dice?;
     (dice < gate.total_dice).then(|| {
+        let [dice, asked] = apart(dice, gate.total_dice, 3);
         format!(
-            "the deposited lumen overlaps that of the image by Dice {dice:.3} only, at least {:.2} is asked",
-            gate.total_dice
+            "the deposited lumen overlaps that of the image by Dice {dice} only, at least {asked} is asked"
         )
     })
 }
@@ -154,18 +210,22 @@ fn total_failure(gate: Gate, has_image: bool, total: &Block) -> Option<String> {
     let Some(p95) = total.overall.and_then(|o| o.figures.p95_mm) else {
         return has_image.then(|| "the total deviation from the image was not measured in any plane".into());
     };
-    (p95 > gate.total_p95_mm)
-        .then(|| format!("the total 95th percentile is {p95:.3} mm, allowed are {:.3} mm", gate.total_p95_mm))
+    (p95 > gate.total_p95_mm).then(|| {
+        let [p95, allowed] = apart(p95, gate.total_p95_mm, 3);
+        format!("the total 95th percentile is {p95} mm, allowed are {allowed} mm")
+    })
 }
 
 fn layer_failure(gate: Gate, deposition: &Block) -> Option<String> {
     let least = deposition.overall.and_then(|o| o.iou_min);
     match least {
         None => Some("nothing was deposited".into()),
-        Some(iou) if iou < gate.layer_iou => Some(format!(
-            "a layer's deposited material overlaps the planned one by IoU {iou:.3} only, at least {:.2} is asked",
-            gate.layer_iou
-        )),
+        Some(iou) if iou < gate.layer_iou => {
+            let [iou, asked] = apart(iou, gate.layer_iou, 3);
+            Some(format!(
+                "a layer's deposited material overlaps the planned one by IoU {iou} only, at least {asked} is asked"
+            ))
+        }
         Some(_) => None,
     }
 }
@@ -214,6 +274,33 @@ mod tests {
         let failed = judged(Some(0.2), &blocks(Some(0.31), Some(0.96)));
         assert!(!failed.passed && failed.failures.len() == 2);
         assert!(failed.sentence().contains("0.310 mm") && failed.sentence().contains("IoU 0.960"));
+    }
+
+    #[test]
+    fn a_figure_and_the_limit_that_it_does_not_keep_are_told_apart() {
+        let close = Gate { layer_iou: 0.9998, ..gate() };
+        let deposition = &blocks(None, Some(0.999_79))[Stage::Deposition as usize];
+        let text = layer_failure(close, deposition).unwrap();
+        assert!(text.contains("IoU 0.99979 only, at least 0.99980 is asked"), "{text}");
+        let missing = &blocks(None, Some(-0.000_01))[Stage::Deposition as usize];
+        assert!(layer_failure(gate(), missing).unwrap().contains("IoU 0.000 only"));
+    }
+
+    #[test]
+    fn a_print_that_nobody_watched_has_no_bare_verdict() {
+        let of = |basis, p95| judged(Some(0.2), &blocks(Some(p95), Some(0.98))).resting_on(basis);
+        let by = |origin, scan| Basis::of(origin, scan);
+        let commanded = of(by(Origin::Commanded, false), 0.1);
+        assert!(commanded.passed && !commanded.is_measured());
+        assert!(commanded.sentence().starts_with("Passed as commanded, the print itself was not measured: "));
+        let failed = of(Basis::Commanded, 0.5).sentence();
+        assert!(
+            failed.starts_with("Not passed as commanded, the print itself was not measured: "),
+            "{failed}"
+        );
+        for measured in [by(Origin::Commanded, true), by(Origin::Recorded, false)] {
+            assert!(of(measured, 0.1).sentence().starts_with("Passed: "));
+        }
     }
 
     #[test]
