@@ -478,7 +478,7 @@ impl Report {
     pub fn headline(&self) -> Vec<String> {
         let stage_line = |stage: Stage| match &self.block(stage).overall {
             Some(o) => format!(
-                "{:<14} mean {} mm, 95 % within {} mm, bias {} mm, Dice {}",
+                "{:<14} mean {} mm, 95th percentile {} mm, bias {} mm, Dice {}",
                 stage.name(),
                 shown(o.figures.mean_mm, 3),
                 shown(o.figures.p95_mm, 3),

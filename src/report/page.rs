@@ -51,7 +51,7 @@ pub(super) struct View {
     pub(super) defects: Vec<defects::DefectRow>,
     pub(super) not_seen: [&'static str; NOT_SEEN.len()],
     pub(super) cards: Vec<Card>,
-    pub(super) notes: Vec<crate::ct::Warning>,
+    pub(super) notes: Vec<Note>,
     pub(super) stages: Vec<StageRow>,
     pub(super) charts: Vec<chart::Chart>,
     window: Option<Window>,
@@ -80,6 +80,33 @@ pub(super) struct Card {
     pub(super) label: String,
     pub(super) value: String,
     pub(super) hint: String,
+}
+
+/// A note as it is shown: a sentence, and what it lists.
+#[derive(Debug, PartialEq, Serialize)]
+pub(super) struct Note {
+    pub(super) code: String,
+    pub(super) lead: String,
+    pub(super) items: Vec<String>,
+}
+
+impl Note {
+    /// Texts longer than this that list things are taken apart, letters.
+    const LONG: usize = 160;
+
+    fn of(note: &crate::ct::Warning) -> Self {
+        let listed = note.text.split_once(": ").filter(|_| note.text.len() > Self::LONG);
+        let parts =
+            listed.map(|(lead, list)| (lead, list.split("; ").map(str::to_owned).collect::<Vec<_>>()));
+        let (lead, items) = match parts {
+            Some((lead, items)) if items.len() > 2 => (format!("{lead}:"), items),
+            _ => (note.text.clone(), Vec::new()),
+        };
+        let mut letters = lead.chars();
+        let first = letters.next().map(char::to_uppercase);
+        let lead = first.into_iter().flatten().chain(letters).collect();
+        Self { code: note.code.clone(), lead, items }
+    }
 }
 
 #[derive(Serialize)]
@@ -242,7 +269,7 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         defects: defects::rows(report),
         not_seen: NOT_SEEN,
         cards: cards(report),
-        notes: report.notes.clone(),
+        notes: report.notes.iter().map(Note::of).collect(),
         stages: report.stages().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
         view_data: serde_json::to_string(&ViewData {
@@ -461,4 +488,23 @@ fn alt(report: &Report, plane: usize, total: &Figures) -> String {
     format!(
         "CT plane {plane} at z {z_mm:.2} mm with segmented boundary, section of the solid, toolpaths and {word} material; {figures}"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ct::Warning;
+
+    #[test]
+    fn a_note_that_lists_places_is_a_list() {
+        let place =
+            "plane 12 (z 34.500 mm) at R 12.3 mm, A 4.5 mm, H 678.9 mm into something bright, 3.4 mm wide";
+        let text =
+            format!("the region was cut off where it left the vessel: {place}; {place}; and 2 narrower ones");
+        let note = Note::of(&Warning::new("segment.leak_cut", text));
+        assert_eq!(note.lead, "The region was cut off where it left the vessel:");
+        assert_eq!(note.items, [place, place, "and 2 narrower ones"]);
+        let short = Note::of(&Warning::new("x", "one: two; three; four"));
+        assert_eq!((short.lead.as_str(), short.items.len()), ("One: two; three; four", 0));
+    }
 }

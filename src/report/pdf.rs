@@ -43,7 +43,7 @@ pub(super) fn document(report: &Report, view: &View) -> Result<Vec<u8>, Error> {
     tables(&mut book, view);
     methods(&mut book, view);
     sign_off(&mut book);
-    let footer = format!("{}. Not a medical device: intended use on the last page.", view.running);
+    let footer = format!("{}. Not a medical device; intended use on the last page.", view.running);
     Ok(book.finish(TITLE, &footer)?)
 }
 
@@ -79,7 +79,10 @@ fn summary(book: &mut Book, view: &View) {
     defects(book, view);
     book.heading("What to know before reading on");
     for note in &view.notes {
-        book.paragraph(&format!("\u{2022} {} ({})", note.text, note.code), Style::plain(9.0));
+        book.paragraph(&format!("\u{2022} {} ({})", note.lead, note.code), Style::plain(9.0));
+        for item in &note.items {
+            book.paragraph(&format!("    \u{2013} {item}"), Style::plain(9.0));
+        }
     }
 }
 

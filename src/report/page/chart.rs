@@ -104,7 +104,8 @@ fn along(report: &Report) -> Option<Chart> {
     let of = |value: fn(&super::Figures) -> Option<f64>| -> Vec<(f64, f64)> {
         planes.iter().filter_map(|p| Some((p.z_mm, value(&p.figures)?))).collect()
     };
-    let curves = [("mean", of(|f| f.mean_mm), DARK, None), ("95 %", of(|f| f.p95_mm), WARM, Some("6 3"))];
+    let curves =
+        [("mean", of(|f| f.mean_mm), DARK, None), ("95th percentile", of(|f| f.p95_mm), WARM, Some("6 3"))];
     let mut chart = curve_chart(&curves)?;
     chart.title = "Total error along the vessel, mm over z in mm";
     chart.description =

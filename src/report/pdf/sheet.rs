@@ -319,10 +319,13 @@ impl Book {
         let mut pages = Vec::with_capacity(n_pages);
         for (i, sheet) in std::mem::take(&mut self.sheets).into_iter().enumerate() {
             self.sheet = sheet;
-            self.text(footer, [MARGIN, HEIGHT - 28.0], Style::soft(7.5));
             let number = format!("page {} of {n_pages}", i + 1);
-            let x = WIDTH - MARGIN - Style::soft(7.5).width(&number);
-            self.text(&number, [x, HEIGHT - 28.0], Style::soft(7.5));
+            let style = Style::soft(7.5);
+            let (y, x) = (HEIGHT - 28.0, WIDTH - MARGIN - style.width(&number));
+            for (j, line) in style.wrapped(footer, x - MARGIN - 12.0).iter().enumerate() {
+                self.text(line, [MARGIN, y + style.leading() * j as f32], style);
+            }
+            self.text(&number, [x, y], style);
             let sheet = std::mem::replace(&mut self.sheet, Sheet::new());
             pages.push(self.page(sheet)?);
         }
