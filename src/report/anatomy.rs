@@ -54,7 +54,7 @@ pub struct Branch {
 /// between two stages is told by their block.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct StageMeasures {
-    /// `image`, `contours`, `solid`, `layers`, `planned` or `recorded`.
+    /// `image`, `contours`, `solid`, `layers`, `planned`, `recorded` or `scanned`.
     pub stage: &'static str,
     /// Mean lumen area, mm².
     #[serde(serialize_with = "rounded")]

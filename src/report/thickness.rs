@@ -14,7 +14,7 @@ const STEP_MM: f64 = 0.1;
 /// The wall of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WallStage {
-    /// `solid`, `layers`, `planned` or `recorded`.
+    /// `solid`, `layers`, `planned`, `recorded` or `scanned`.
     pub stage: &'static str,
     /// All planes together.
     pub overall: Option<Wall>,
