@@ -251,6 +251,7 @@ impl<'a> Session<'a> {
         stage: Stage,
         work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
     ) -> Result<(), Error> {
+        self.case.standing()?;
         let made_from = self.made_from(stage)?;
         match self.case.outdated(stage, &made_from)? {
             None => self.skip(stage),
