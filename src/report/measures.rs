@@ -16,6 +16,7 @@ pub(super) fn walls(
     planes: &[PlaneWork],
     layers: &[LayerWork],
     scanned: Option<&Scanned<'_>>,
+    place_mm: &dyn Fn(&str) -> Option<f64>,
 ) -> Vec<WallStage> {
     if inputs.body == BodyKind::Cast {
         return Vec::new();
@@ -35,7 +36,7 @@ pub(super) fn walls(
             let [lumen, material] = sides(p, layer, beads)?;
             (!lumen.is_empty()).then(|| thickness::measured(lumen, material))
         };
-        thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>())
+        thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>(), place_mm(name))
     };
     let of_scan = |s: &Scanned<'_>| {
         let plane = |(own, p): (&ScannedPlane, &PlaneWork)| {
@@ -44,7 +45,12 @@ pub(super) fn walls(
             let islands = own.material.islands().into_iter().filter(touches).collect::<Vec<_>>();
             (!own.lumen.is_empty()).then(|| thickness::measured(&own.lumen, &Region::union_all(&islands)))
         };
-        thickness::stage("scanned", &s.planes.par_iter().zip(planes).map(plane).collect::<Vec<_>>())
+        let name = "scanned";
+        thickness::stage(
+            name,
+            &s.planes.par_iter().zip(planes).map(plane).collect::<Vec<_>>(),
+            place_mm(name),
+        )
     };
     let read = scanned.filter(|s| !s.planes.is_empty());
     sides.iter().map(of).chain(read.map(of_scan)).collect()

@@ -2,7 +2,7 @@
 
 use super::image::Polarity;
 use super::record::{Record, Segment};
-use super::{BodyKind, Image, Inputs, Job, Triangles};
+use super::{About, BodyKind, Image, Inputs, Job, Triangles};
 use crate::ct::{Volume, Voxels};
 use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector2, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
@@ -146,6 +146,7 @@ pub(super) fn inputs<S: Sectioned>(case: &Made<S>) -> Inputs<'_> {
             Triangles { deflection_mm: 0.01, n_triangles: 8000 },
         ],
         gate: crate::profile::gate::builtin("marlin").unwrap(),
+        about: &About::UNKNOWN,
     }
 }
 

@@ -4,7 +4,7 @@
 //! beyond the limit, but within a pixel or voxel), the figure is not judged; and what is not judged is not passed.
 
 use super::faults::{plane_runs, told};
-use super::{Amounts, Anatomy, Block, Finding, Gate, Kind, Scan, Stage, WallStage};
+use super::{Amounts, Anatomy, Block, Finding, Gate, Kind, Origin, Scan, Stage, WallStage, apart};
 use serde::Serialize;
 
 /// Planes with a total, of those that have contours, at least.
@@ -23,6 +23,34 @@ pub struct Verdict {
     pub failures: Vec<String>,
     /// One sentence for each limit that may be kept or not: pixels or voxels do not tell.
     pub not_judged: Vec<String>,
+    /// What the printed part is known by.
+    pub rests_on: Basis,
+}
+
+/// What is known of the printed part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub enum Basis {
+    /// The record of what watched the nozzle.
+    #[default]
+    #[serde(rename = "recorded")]
+    Recorded,
+    /// The commands alone.
+    #[serde(rename = "commanded, not measured")]
+    Commanded,
+    /// A scan of the replica.
+    #[serde(rename = "scanned")]
+    Scanned,
+}
+
+impl Basis {
+    /// A scan tells more than any record.
+    pub(super) const fn of(origin: Origin, has_scan: bool) -> Self {
+        match (has_scan, origin) {
+            (true, _) => Self::Scanned,
+            (false, Origin::Recorded) => Self::Recorded,
+            (false, Origin::Commanded) => Self::Commanded,
+        }
+    }
 }
 
 /// A limit on a length that an image or a scan is asked for.
@@ -57,10 +85,11 @@ impl Missed {
 
     /// A length against its limit, and what is smaller than pixels or voxels.
     fn length(limit: Limit, value_mm: f64, what: &str, grain: &str) -> Option<Self> {
-        let asked = format!("{what} is {value_mm:.3} mm, allowed are {:.3} mm", limit.asked_mm);
         if value_mm <= limit.asked_mm {
             return None;
         }
+        let [value, allowed] = apart(value_mm, limit.asked_mm, 3);
+        let asked = format!("{what} is {value} mm, allowed are {allowed} mm");
         let is_judged = value_mm > limit.used_mm;
         let text = if is_judged {
             asked
@@ -123,34 +152,57 @@ impl Verdict {
         let (judged, open): (Vec<_>, Vec<_>) = missed.into_iter().partition(|m| m.is_judged);
         let [failures, not_judged] =
             [judged, open].map(|m| m.into_iter().map(|m| m.text).collect::<Vec<_>>());
-        Self { passed: failures.is_empty() && not_judged.is_empty(), gate, limits, failures, not_judged }
+        Self {
+            passed: failures.is_empty() && not_judged.is_empty(),
+            gate,
+            limits,
+            failures,
+            not_judged,
+            rests_on: Basis::default(),
+        }
     }
 
-    /// The verdict in one or two words.
+    /// With what the part is known by.
+    pub(super) fn resting_on(self, rests_on: Basis) -> Self {
+        Self { rests_on, ..self }
+    }
+
+    /// Whether all limits are kept by what was measured: a part that nothing has watched is no such part.
     #[must_use]
-    pub const fn heading(&self) -> &'static str {
-        match (self.passed, self.failures.is_empty()) {
-            (true, _) => "Passed",
-            (false, true) => "Not judged",
-            (false, false) => "Not passed",
-        }
+    pub fn is_measured(&self) -> bool {
+        self.rests_on != Basis::Commanded
     }
 
     /// The verdict in one line.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let heading = self.heading();
         if self.passed {
-            return format!(
-                "{heading}: total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
+            let limits = format!(
+                "total 95th percentile within {:.2} mm where it was measured, every layer's IoU at least {:.2}",
                 self.gate.total_p95_mm, self.gate.layer_iou
             );
+            return match self.rests_on {
+                Basis::Commanded => format!(
+                    "Passed as commanded, the print itself was not measured: {limits}; a scan of the replica shows what was made"
+                ),
+                Basis::Recorded | Basis::Scanned => format!("Passed: {limits}"),
+            };
         }
-        let open = self.not_judged.join("; ");
+        let (refusal, open) = (self.refusal(), self.not_judged.join("; "));
         match (self.failures.is_empty(), open.is_empty()) {
-            (true, _) => format!("{heading}: {open}"),
-            (false, true) => format!("{heading}: {}", self.failures.join("; ")),
-            (false, false) => format!("{heading}: {}; not judged: {open}", self.failures.join("; ")),
+            (true, _) => format!("{refusal}: {open}"),
+            (false, true) => format!("{refusal}: {}", self.failures.join("; ")),
+            (false, false) => format!("{refusal}: {}; not judged: {open}", self.failures.join("; ")),
+        }
+    }
+
+    /// What a verdict begins with that is none of passing.
+    pub(super) const fn refusal(&self) -> &'static str {
+        match (self.rests_on, self.failures.is_empty()) {
+            (Basis::Commanded, false) => "Not passed as commanded, the print itself was not measured",
+            (Basis::Commanded, true) => "Not judged as commanded, the print itself was not measured",
+            (Basis::Recorded | Basis::Scanned, false) => "Not passed",
+            (Basis::Recorded | Basis::Scanned, true) => "Not judged",
         }
     }
 }
@@ -217,9 +269,9 @@ fn totals(gate: Gate, judged: &Judged<'_>, limits: &[Limit]) -> Vec<Missed> {
     missed.extend(Stage::ALL.into_iter().filter_map(mean));
     let dice = total.overall.and_then(|o| o.figures.dice).filter(|dice| *dice < gate.total_dice);
     missed.extend(dice.map(|dice| {
+        let [dice, asked] = apart(dice, gate.total_dice, 3);
         Missed::judged(format!(
-            "the deposited lumen overlaps that of the image by Dice {dice:.3} only, at least {:.2} is asked",
-            gate.total_dice
+            "the deposited lumen overlaps that of the image by Dice {dice} only, at least {asked} is asked"
         ))
     }));
     missed
@@ -251,9 +303,9 @@ fn scanned(gate: Gate, judged: &Judged<'_>, scan: &Scan, limits: &[Limit]) -> Ve
     let mean = limit("stage_mean_mm", gate.stage_mean_mm);
     missed.extend(length(mean, figures.mean_mm, "scan: the mean distance"));
     missed.extend(figures.dice.filter(|dice| *dice < gate.total_dice).map(|dice| {
+        let [dice, asked] = apart(dice, gate.total_dice, 3);
         Missed::judged(format!(
-            "scan: the scanned lumen overlaps that of the model by Dice {dice:.3} only, at least {:.2} is asked",
-            gate.total_dice
+            "scan: the scanned lumen overlaps that of the model by Dice {dice} only, at least {asked} is asked"
         ))
     }));
     let planes: Vec<usize> =
@@ -338,10 +390,12 @@ fn layer_failure(gate: Gate, deposition: &Block) -> Option<String> {
     let least = deposition.overall.and_then(|o| o.iou_min);
     match least {
         None => Some("nothing was deposited".into()),
-        Some(iou) if iou < gate.layer_iou => Some(format!(
-            "a layer's deposited material overlaps the planned one by IoU {iou:.3} only, at least {:.2} is asked",
-            gate.layer_iou
-        )),
+        Some(iou) if iou < gate.layer_iou => {
+            let [iou, asked] = apart(iou, gate.layer_iou, 3);
+            Some(format!(
+                "a layer's deposited material overlaps the planned one by IoU {iou} only, at least {asked} is asked"
+            ))
+        }
         Some(_) => None,
     }
 }
@@ -403,6 +457,33 @@ mod tests {
     }
 
     #[test]
+    fn a_figure_and_the_limit_that_it_does_not_keep_are_told_apart() {
+        let close = Gate { layer_iou: 0.9998, ..gate() };
+        let deposition = &blocks(None, Some(0.999_79))[Stage::Deposition as usize];
+        let text = layer_failure(close, deposition).unwrap();
+        assert!(text.contains("IoU 0.99979 only, at least 0.99980 is asked"), "{text}");
+        let missing = &blocks(None, Some(-0.000_01))[Stage::Deposition as usize];
+        assert!(layer_failure(gate(), missing).unwrap().contains("IoU 0.000 only"));
+    }
+
+    #[test]
+    fn a_print_that_nobody_watched_has_no_bare_verdict() {
+        let of = |basis, p95| judged(Some(0.2), &blocks(Some(p95), Some(0.98))).resting_on(basis);
+        let by = |origin, scan| Basis::of(origin, scan);
+        let commanded = of(by(Origin::Commanded, false), 0.1);
+        assert!(commanded.passed && !commanded.is_measured());
+        assert!(commanded.sentence().starts_with("Passed as commanded, the print itself was not measured: "));
+        let failed = of(Basis::Commanded, 0.5).sentence();
+        assert!(
+            failed.starts_with("Not passed as commanded, the print itself was not measured: "),
+            "{failed}"
+        );
+        for measured in [by(Origin::Commanded, true), by(Origin::Recorded, false)] {
+            assert!(of(measured, 0.1).sentence().starts_with("Passed: "));
+        }
+    }
+
+    #[test]
     fn what_pixels_cannot_tell_is_not_judged_and_not_passed() {
         let open = judged(Some(1.5), &blocks(Some(0.9), Some(0.98)));
         assert!(!open.passed && open.failures.is_empty() && open.not_judged.len() == 1, "{open:?}");
@@ -412,13 +493,13 @@ mod tests {
         assert_eq!((limit.stage, limit.asked_mm, limit.used_mm), ("total", 0.3, 1.5));
         // Within what is asked, pixels do not matter; beyond them, it fails.
         assert!(judged(Some(1.5), &blocks(Some(0.25), Some(0.98))).passed);
-        assert_eq!(judged(Some(1.5), &blocks(Some(1.6), Some(0.98))).heading(), "Not passed");
+        assert_eq!(judged(Some(1.5), &blocks(Some(1.6), Some(0.98))).refusal(), "Not passed");
         let mut means = blocks(Some(0.2), Some(0.98));
         means[Stage::Segmentation as usize].overall = Some(Overall {
             figures: Figures { mean_mm: Some(0.4), ..Figures::default() },
             ..Overall::default()
         });
-        assert_eq!(judged(Some(1.0), &means).heading(), "Not judged");
+        assert_eq!(judged(Some(1.0), &means).refusal(), "Not judged");
         assert!(judged(Some(0.3), &means).sentence().contains("segmentation: the mean distance is 0.400 mm"));
     }
 

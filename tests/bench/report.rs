@@ -85,6 +85,7 @@ impl Case {
             warnings: &[],
             job: report::Job::default(),
             triangles: &[],
+            about: &report::About::UNKNOWN,
             gate: lumenfab::profile::gate::builtin("marlin").expect("it is built in"),
         }
     }

@@ -6,7 +6,7 @@ use super::segment::{SECTIONS_FILE, VOLUME_FILE, hash_of_source};
 use super::slice::{JOB_FILE, LAYERS_FILE};
 use super::solid::SOLID_FILE;
 use crate::app::atomic;
-use crate::app::case::{CaseError, MadeFrom};
+use crate::app::case::{CaseError, JOURNAL_FILE, MadeFrom};
 use crate::app::commanded::{self, Commanded};
 use crate::app::error::Error;
 use crate::app::event::Stage;
@@ -15,12 +15,11 @@ use crate::app::settings::Body;
 use crate::ct::{self, SeriesChoice, Volume, Warning};
 use crate::geom::Point3;
 use crate::mesh::{self, Tessellation};
-use crate::printer::journal;
 use crate::profile::{self, Gate, Profile};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
 use crate::report::record::Way;
-use crate::report::{self, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
+use crate::report::{self, About, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
 use crate::segment::Polarity;
 use crate::solid::{SkinChoice, Solid};
 use rayon::prelude::*;
@@ -192,14 +191,41 @@ impl Session<'_> {
     /// read or written.
     pub fn file_report(&self, source: &Path, dir: &Path) -> Result<PathBuf, Error> {
         let report_dir = self.case.output(Stage::Report, REPORT_DIR)?;
+        self.check_source(source)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let hash = hash_of_source(&ct::reader::files_of(source, &task)?, self.case.id())?;
-        if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) != Some(&hash) {
-            return Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() });
-        }
         let [series, instance] = [uuid::Uuid::now_v7(), uuid::Uuid::now_v7()].map(|id| id.as_u128());
         let new = Instance::of_uuids(series, instance, jiff::Zoned::now().datetime());
         report::filing::file(&report_dir, source, dir, &new, &task).map_err(Error::Filing)
+    }
+
+    /// Refuses a CT that the case was not made from.
+    ///
+    /// # Errors
+    /// [`Error::NotItsCt`], or where the CT cannot be read.
+    pub fn check_source(&self, source: &Path) -> Result<(), Error> {
+        let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+        let hash = hash_of_source(&ct::reader::files_of(source, &task)?, self.case.id())?;
+        if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) == Some(&hash) {
+            return Ok(());
+        }
+        Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() })
+    }
+
+    /// What the report is of; the time is that of the wall clock now.
+    fn about(&self, is_simulated: bool) -> Result<About, Error> {
+        let hash = |stage, file| self.case.output_hash(stage, file);
+        let record = if is_simulated {
+            hash(Stage::Print, RECORD_DIR)?
+        } else {
+            atomic::hash_of_path(&self.case.path(JOURNAL_FILE))?
+        };
+        Ok(About {
+            case_id: Some(self.case.id().to_owned()),
+            made_at: Some(jiff::Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string()),
+            profile: Some(self.profile()?.name),
+            job_blake3: Some(hash(Stage::Slice, JOB_FILE)?),
+            record_blake3: Some(record),
+        })
     }
 
     pub(crate) fn report_made_from(&self) -> Result<MadeFrom, Error> {
@@ -215,8 +241,7 @@ impl Session<'_> {
             made_from.insert("record", hash(Stage::Print, RECORD_DIR)?);
         } else {
             // Another print of the same job is another replica, whatever its lines: its journal has the places and times of its own.
-            let journal = journal::path_for(&self.case.path(JOB_FILE));
-            made_from.insert("journal", atomic::hash_of_path(&journal)?);
+            made_from.insert("journal", atomic::hash_of_path(&self.case.path(JOURNAL_FILE))?);
             let print = self.case.path(PRINT_FILE);
             if print.exists() {
                 made_from.insert("print", atomic::hash_of_path(&print)?);
@@ -265,6 +290,7 @@ impl Session<'_> {
         let commanded = self.commanded()?;
         let record = self.record(commanded.as_ref())?;
         let job = self.job_amounts(commanded.as_ref())?;
+        let about = self.about(commanded.is_none())?;
         let scan = self.read_scan(task)?;
         // Filled in first, borrowed together afterwards.
         self.volume()?;
@@ -288,6 +314,7 @@ impl Session<'_> {
             job,
             triangles: &triangles,
             gate: self.gate()?,
+            about: &about,
         };
         let report = report::build(&inputs, task)?;
         if report.findings.iter().all(|f| f.stage != report::Stage::Deposition.name()) {

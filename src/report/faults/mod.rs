@@ -38,7 +38,7 @@ pub const NOT_SEEN: [&str; 5] = [
     "Planes exchanged before the segmentation are seen only where the vessel's course breaks; a straight vessel looks the same in any order.",
     "A lumen that the image does not show, or shows beside the contours by more than a few pixels, where no contour leads there.",
     "What the solid does between two CT planes, unless it closes the lumen: there is no image to compare it with. Branches that were joined the wrong way between two planes look right in both.",
-    "What a printer does beyond its record: the deposition is what was recorded. What was really made is seen where a scan of the replica is given, as far as its voxels and blur show it.",
+    "What a printer does beyond its record: the deposition is what was recorded, or only what was commanded. What was really made is seen where a scan of the replica is given, as far as its voxels and blur show it.",
 ];
 
 /// What kind of defect.

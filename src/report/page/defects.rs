@@ -28,7 +28,7 @@ pub(super) fn rows(report: &Report) -> Vec<DefectRow> {
 }
 
 fn row(finding: &Finding, plane_z_mm: &[f64]) -> DefectRow {
-    let stage = Stage::ALL.into_iter().find(|s| s.name() == finding.stage);
+    let stage = Stage::ALL.into_iter().chain([Stage::Scan]).find(|s| s.name() == finding.stage);
     DefectRow {
         what: words(finding.kind, finding.size.map_or(0.0, |s| s.size)),
         step: stage.map_or("Image", super::title),
@@ -142,6 +142,8 @@ mod tests {
         };
         let row = row(&finding, &[0.0, 3.0, 6.0, 9.0]);
         assert_eq!((row.what, row.step, row.fails), ("Layers shifted", "Deposition", true));
+        let of = |stage| super::row(&Finding { stage, ..finding.clone() }, &[0.0]).step;
+        assert_eq!([of("scan"), of("image")], ["Scan", "Image"]);
         assert_eq!(row.place, "branch 2, layers 40 to 43, z 6.50 to 7.30 mm");
         assert_eq!((row.size.as_str(), row.plane), ("0.400 \u{b1} 0.001 mm", Some(2)));
         let number = |size, unit| super::size(Size { size, unit, uncertainty: 0.0 });

@@ -37,6 +37,13 @@ pub(in crate::report) struct ScannedPlane {
     comparison: Result<Comparison, String>,
 }
 
+impl ScannedPlane {
+    /// Its distances from the model, where it has any.
+    pub(in crate::report) fn comparison(&self) -> Option<&Comparison> {
+        self.comparison.as_ref().ok()
+    }
+}
+
 /// What is needed to read the scan at planes.
 #[derive(Clone, Copy)]
 pub(super) struct Planes<'a> {
@@ -236,6 +243,7 @@ impl Scanned<'_> {
         let overall = Overall { figures: Figures::of(measured), n_planes, ..Overall::default() };
         Block {
             histogram,
+            branches: Vec::new(),
             overall: (n_planes > 0).then_some(overall),
             planes: self.planes.iter().zip(z_mm).enumerate().map(plane).collect(),
             reason: (n_planes == 0).then(|| "no plane could be measured in the scan".into()),

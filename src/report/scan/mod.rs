@@ -32,6 +32,7 @@ pub use registration::Refusal;
 pub(super) use compare::ScannedPlane;
 
 use super::deviation::rounded;
+use super::uncertainty::Sides;
 use super::{Block, Error, Inputs};
 use crate::ct::Volume;
 use crate::geom::RigidTransform;
@@ -120,6 +121,14 @@ pub struct ScanUncertainty {
     /// A place of the outline: the pose, and a voxel of even probability (its side over the root of 12).
     #[serde(serialize_with = "rounded")]
     pub place: Option<f64>,
+}
+
+impl ScanUncertainty {
+    /// How well the outlines of the stage are known.
+    pub(super) fn sides(&self) -> Option<Sides> {
+        let local_mm = self.voxel? / 12f64.sqrt();
+        Some(Sides { common_mm: self.pose?, local_mm })
+    }
 }
 
 /// The stage `scan`: the solid against the scanned replica.

@@ -72,7 +72,7 @@ pub enum Refusal {
     },
     /// No pose fits.
     #[error(
-        "the scan does not fit the model: at best {on_model_percent:.0} % of the surface in the scan lie on it, {off_mm:.2} mm off on average; see that it is the replica of this case and that lengths in the file are in mm"
+        "nothing in the scan has the shape of the model: of the body that comes nearest {on_model_percent:.0} % of the surface can be laid on it, the rest is {off_mm:.2} mm off on average; see that it is the replica of this case, that it is more than noise, and that lengths in the file are in mm"
     )]
     NoFit {
         /// Part of the surface on the model, percent.

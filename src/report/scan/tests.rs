@@ -479,3 +479,26 @@ fn a_scan_that_is_cropped_closely_has_its_levels() {
     assert!(near(levels.air_hu, AIR_HU) && near(levels.material_hu, MATERIAL_HU), "{}", told(&report));
     assert!(report.verdict.passed, "{}", told(&report));
 }
+
+#[test]
+fn page_and_pictures_show_the_scan_under_its_own_name() {
+    let report = report(&Replica { scale: 1.01, ..Replica::right() });
+    assert!(!of_scan(&report).is_empty());
+    let page = crate::report::html(&report).unwrap();
+    let (table, _) =
+        page.split_once("<table id=\"defect-table\">").unwrap().1.split_once("</table>").unwrap();
+    assert!(table.contains("<td class=\"text\">Scan</td>") && !table.contains(">Image<"), "{table}");
+    for text in
+        ["data-layer=\"scan\"", "class=\"scan\" d=\"M", "The scanned lumen against the solid", "scan_off_um"]
+    {
+        assert!(page.contains(text), "{text}");
+    }
+    // Its bars, its histogram and its curve.
+    assert!(page.matches(">Scan</text>").count() == 2 && page.contains(">scanned</text>"));
+    let off: Vec<f64> = report.pictures[4].plate.scan_ring.iter().filter_map(|s| s.off_mm).collect();
+    let mean_mm = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(!report.pictures[4].plate.scan.is_empty() && (0.0..0.1).contains(&mean_mm), "{mean_mm}");
+    let branches = &report.scan.as_ref().unwrap().block.branches;
+    assert!(branches.len() == 3 && branches.iter().all(|b| b.figures.uncertainty.mean_mm > Some(0.0)));
+    assert_eq!(crate::report::schema::tests::broken(&report), [""; 0]);
+}
