@@ -146,6 +146,20 @@ fn what_was_commanded_is_what_the_simulated_printer_recorded() {
     );
     let page = fs::read_to_string(bench.path("case/report/index.html")).unwrap();
     assert!(page.contains("commanded, not measured"));
+    // A bare "Passed" is for what was watched.
+    assert_eq!(report["verdict"]["rests_on"], "commanded, not measured");
+    let told = String::from_utf8_lossy(&bench.run(&["report", "case"]).stdout).into_owned();
+    assert!(told.contains("Passed as commanded, the print itself was not measured"), "{told}");
+
+    // What the report was made from is as sealed as the report.
+    bench.done(&["verify", "case"]);
+    let journal = bench.path("case/job.gcode.journal");
+    let mut bytes = fs::read(&journal).unwrap();
+    bytes.truncate(bytes.len() - 1);
+    fs::write(&journal, bytes).unwrap();
+    let verified = bench.run(&["verify", "case"]);
+    let told = String::from_utf8_lossy(&verified.stdout).into_owned();
+    assert!(verified.status.code() == Some(1) && told.contains("job.gcode.journal"), "{told}");
 }
 
 #[test]

@@ -29,7 +29,7 @@ mod tests;
 
 use super::atomic::{self, FileError, failed};
 use super::event::Stage;
-use super::seal::{self, KeyFile};
+use super::seal::{self, KeyFile, Standing};
 use super::settings::{CaseFile, Settings};
 use crate::ct::Warning;
 use draft::{Draft, is_unfinished, lock};
@@ -45,6 +45,8 @@ pub const CASE_FILE: &str = "case.toml";
 pub(super) const MANIFEST_FILE: &str = "stages.toml";
 /// The result that operators are told to correct by hand.
 pub(crate) const CONTOURS_FILE: &str = "sections.json";
+/// What a print leaves beside the job.
+pub(super) const JOURNAL_FILE: &str = "job.gcode.journal";
 /// Begins the name of everything that is not finished.
 const UNFINISHED: &str = ".lumenfab-";
 
@@ -101,6 +103,19 @@ pub enum CaseError {
         /// What has changed since; nothing where it was never done.
         changed: Vec<String>,
     },
+    /// The record of the case is not the one that was sealed.
+    #[error(
+        "the seal of {} does not hold ({file}: {problem}): no stage goes on from it. `lumenfab verify {}` tells what was changed; put the case back from a copy, or start a new one from its source with --out",
+        dir.display(), dir.display()
+    )]
+    SealBroken {
+        /// The case.
+        dir: PathBuf,
+        /// The file that is not as it was.
+        file: String,
+        /// What is wrong with it.
+        problem: seal::Problem,
+    },
     /// A file of the case does not say what it should.
     #[error("{}: {problem}", path.display())]
     Corrupt {
@@ -141,6 +156,9 @@ pub type MadeFrom = BTreeMap<&'static str, String>;
 struct Record {
     made_from: BTreeMap<String, String>,
     made: BTreeMap<String, String>,
+    /// What lay beside the results when the stage was done, and what it was made from rests on: the journal of a print.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    beside: BTreeMap<String, String>,
     #[serde(default)]
     told: Told,
 }
@@ -271,6 +289,7 @@ impl Case {
     /// [`FileError`] where `case.toml` cannot be written.
     pub fn keep_settings(&mut self) -> Result<(), CaseError> {
         if self.has_new_settings && self.draft.is_none() {
+            self.standing()?;
             self.write_settings(&self.dir)?;
             self.has_new_settings = false;
             self.seal(&self.dir)?;
@@ -362,11 +381,13 @@ impl Case {
         staging: Staging,
         told: Told,
     ) -> Result<(), CaseError> {
+        self.standing()?;
         atomic::sync_tree(staging.path())?;
         let base = self.base()?.to_owned();
         let mut record = Record {
             made_from: made_from.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect(),
             made: BTreeMap::new(),
+            beside: BTreeMap::new(),
             told,
         };
         // Until the new outputs are all in place, the stage counts as not done.
@@ -382,6 +403,7 @@ impl Case {
         // Gone before the draft is renamed: its guard would not find it afterwards.
         drop(staging);
         atomic::sync_dir(&base)?;
+        self.keep_journal(stage, &base, &mut record)?;
         self.manifest.insert(stage, record);
         if self.has_new_settings {
             self.write_settings(&base)?;
@@ -449,11 +471,33 @@ impl Case {
 
     fn write_manifest(&self, base: &Path) -> Result<(), CaseError> {
         let text = toml::to_string(&self.manifest).expect("maps and texts can be written as TOML");
+        if let Some(key) = &self.key {
+            seal::announce(base, key, &text)?;
+        }
         Ok(atomic::write(&base.join(MANIFEST_FILE), text.as_bytes())?)
     }
 }
 
 impl Case {
+    /// Whether the record is the sealed one, so that a stage may go on from it; by whom it is sealed.
+    ///
+    /// # Errors
+    /// [`CaseError::SealBroken`] where it is not.
+    pub(super) fn standing(&self) -> Result<Standing, CaseError> {
+        let key = self.key.as_ref().filter(|_| self.draft.is_none());
+        key.map_or(Ok(Standing::Own), |key| seal::standing(&self.dir, key))
+    }
+
+    /// The journal as it is when a stage is done that rests on it; an earlier stage may have seen less of it.
+    fn keep_journal(&mut self, stage: Stage, base: &Path, record: &mut Record) -> Result<(), CaseError> {
+        let path = base.join(JOURNAL_FILE);
+        if matches!(stage, Stage::Print | Stage::Report) && path.exists() {
+            self.manifest.values_mut().for_each(|earlier| earlier.beside.clear());
+            record.beside.insert(JOURNAL_FILE.into(), atomic::hash_of_path(&path)?);
+        }
+        Ok(())
+    }
+
     fn seal(&self, base: &Path) -> Result<(), CaseError> {
         let is_whole = base.join(MANIFEST_FILE).exists();
         self.key.as_ref().filter(|_| is_whole).map_or(Ok(()), |key| seal::seal(base, key))
@@ -464,6 +508,12 @@ impl Case {
 pub(super) fn made(dir: &Path) -> Result<Vec<(String, String)>, CaseError> {
     let manifest = read_manifest(&dir.join(MANIFEST_FILE))?;
     Ok(manifest.into_values().flat_map(|record| record.made).collect())
+}
+
+/// What lay beside the results when they were made, with the hash that it had.
+pub(super) fn beside(dir: &Path) -> Result<Vec<(String, String)>, CaseError> {
+    let manifest = read_manifest(&dir.join(MANIFEST_FILE))?;
+    Ok(manifest.into_values().flat_map(|record| record.beside).collect())
 }
 
 /// Whether there is a case that nobody works on; nothing in it is changed.

@@ -98,11 +98,22 @@ pub fn read(job: &Path, firmware: &Firmware) -> Result<Commanded, Error> {
         let journal = path_for(job).display().to_string();
         return Err(printer::Error::OtherJob { job: job.display().to_string(), journal }.into());
     }
-    let extent = Extent::of(&log);
+    Ok(Commanded { extent: Extent::of(&log), ..followed(job, firmware, Extent::of(&log).n_lines[0])? })
+}
+
+/// Follows all lines of a job, printed or not; how far a print came is left out.
+///
+/// # Errors
+/// [`Error::Printer`], [`Error::File`] where the file cannot be read.
+pub fn whole(job: &Path, firmware: &Firmware) -> Result<Commanded, Error> {
+    followed(job, firmware, u64::MAX)
+}
+
+fn followed(job: &Path, firmware: &Firmware, n_lines: u64) -> Result<Commanded, Error> {
     let mut lines = Job::from_file(job, firmware).map_err(printer::Error::from)?;
     let mut follower = Follower::new(firmware.dialect);
-    lines.replay(extent.n_lines[0], |command| follower.take(command)).map_err(printer::Error::from)?;
-    Ok(Commanded { extent, ..follower.commanded })
+    lines.replay(n_lines, |command| follower.take(command)).map_err(printer::Error::from)?;
+    Ok(follower.commanded)
 }
 
 /// The nozzle as the lines move it.

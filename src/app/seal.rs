@@ -5,9 +5,16 @@
 //! the sources, readable by its owner alone. It is written anew with every stage that is done; it says nothing of the patient.
 //!
 //! [`verify`] only reads: a case on a read-only medium can be verified too.
+//!
+//! No stage goes on from a case whose record is not the sealed one ([`standing`]): what was forged would be sealed with the next result.
+//! A record and its seal are two files: the seal is written first, with the hash of the record that is there and of the one to
+//! come, so that the record is a sealed one whenever the power goes. `case.toml` is the operator's to correct and is not looked at here: every stage
+//! compares its parameters by itself.
+//!
+//! A print leaves its journal beside the job; `stages.toml` keeps the hash that it had when print or report were done.
 
-use super::atomic::{self, FileError, failed};
-use super::case::{self, CASE_FILE, CaseError, MANIFEST_FILE};
+use super::atomic::{self, FileError, failed, hash_of_bytes};
+use super::case::{self, CASE_FILE, CaseError, JOURNAL_FILE, MANIFEST_FILE};
 use ed25519_dalek::{Signature, Signer, SigningKey, Verifier, VerifyingKey};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -21,7 +28,7 @@ use std::path::{Path, PathBuf};
 pub(super) const SEAL_FILE: &str = "seal.toml";
 /// What comes and goes in a case beside the results of its stages.
 const NOT_SEALED: [&str; 6] =
-    [CASE_FILE, MANIFEST_FILE, SEAL_FILE, "stages.lock", "job.gcode.journal", "job.gcode.resume.svg"];
+    [CASE_FILE, MANIFEST_FILE, SEAL_FILE, "stages.lock", JOURNAL_FILE, "job.gcode.resume.svg"];
 
 /// The place of an installation's key.
 #[derive(Debug, Clone)]
@@ -80,20 +87,28 @@ struct Seal {
     /// BLAKE3 of `case.toml` and of `stages.toml`.
     case: String,
     stages: String,
+    /// That of the `stages.toml` before it, until the new one is in its place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    before: Option<String>,
     /// Public key of the installation, and its signature of both hashes.
     key: String,
     signature: String,
 }
 
 impl Seal {
-    fn signed_text(case: &str, stages: &str) -> String {
-        format!("lumenfab seal 1\n{case}\n{stages}\n")
+    fn signed_text(&self) -> String {
+        let before = self.before.as_ref().map_or_else(String::new, |hash| format!("{hash}\n"));
+        format!("lumenfab seal 1\n{}\n{}\n{before}", self.case, self.stages)
+    }
+
+    fn has(&self, stages: &str) -> bool {
+        self.stages == stages || self.before.as_deref() == Some(stages)
     }
 
     fn is_genuine(&self) -> bool {
         let key = bytes_of_hex(&self.key).and_then(|bytes| VerifyingKey::from_bytes(&bytes).ok());
         let signature = bytes_of_hex(&self.signature).map(|bytes| Signature::from_bytes(&bytes));
-        let text = Self::signed_text(&self.case, &self.stages);
+        let text = self.signed_text();
         key.zip(signature).is_some_and(|(key, signature)| key.verify(text.as_bytes(), &signature).is_ok())
     }
 }
@@ -103,18 +118,72 @@ impl Seal {
 /// # Errors
 /// [`CaseError`] where the key cannot be read or made, or the case cannot be written.
 pub(super) fn seal(dir: &Path, key: &KeyFile) -> Result<(), CaseError> {
-    let key = key.key()?;
-    let case = atomic::hash_of_path(&dir.join(CASE_FILE))?;
     let stages = atomic::hash_of_path(&dir.join(MANIFEST_FILE))?;
-    let signature = key.sign(Seal::signed_text(&case, &stages).as_bytes());
-    let seal = Seal {
-        case,
+    write_seal(dir, key, stages, None)
+}
+
+/// Seals a case whose `stages.toml` is about to be replaced by `text`; nothing where none is there yet.
+///
+/// # Errors
+/// As [`seal`].
+pub(super) fn announce(dir: &Path, key: &KeyFile, text: &str) -> Result<(), CaseError> {
+    let path = dir.join(MANIFEST_FILE);
+    if !path.exists() {
+        return Ok(());
+    }
+    write_seal(dir, key, hash_of_bytes(text.as_bytes()), Some(atomic::hash_of_path(&path)?))
+}
+
+fn write_seal(dir: &Path, key: &KeyFile, stages: String, before: Option<String>) -> Result<(), CaseError> {
+    let key = key.key()?;
+    let mut seal = Seal {
+        case: atomic::hash_of_path(&dir.join(CASE_FILE))?,
         stages,
+        before,
         key: hex(key.verifying_key().as_bytes()),
-        signature: hex(&signature.to_bytes()),
+        signature: String::new(),
     };
+    seal.signature = hex(&key.sign(seal.signed_text().as_bytes()).to_bytes());
     let text = toml::to_string(&seal).expect("strings can be written as TOML");
     Ok(atomic::write(&dir.join(SEAL_FILE), text.as_bytes())?)
+}
+
+/// How a case's record stands to its seal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// There is nothing yet that could be sealed, or it is sealed with this installation's key.
+    Own,
+    /// Sealed by another installation.
+    OfAnother,
+}
+
+/// Whether the record of a case is the sealed one.
+///
+/// # Errors
+/// [`CaseError::SealBroken`] where it is not; [`FileError`] where something cannot be read.
+pub(super) fn standing(dir: &Path, key: &KeyFile) -> Result<Standing, CaseError> {
+    let path = dir.join(MANIFEST_FILE);
+    if !path.exists() || case::made(dir)?.is_empty() {
+        return Ok(Standing::Own);
+    }
+    let broken =
+        |file: &str, problem| CaseError::SealBroken { dir: dir.to_owned(), file: file.into(), problem };
+    let seal = read_seal(dir)?.map_err(|problem| broken(SEAL_FILE, problem))?;
+    if !seal.has(&atomic::hash_of_path(&path)?) {
+        return Err(broken(MANIFEST_FILE, Problem::Changed));
+    }
+    let own = key.existing()?.map(|key| hex(key.verifying_key().as_bytes()));
+    Ok(if own.as_ref() == Some(&seal.key) { Standing::Own } else { Standing::OfAnother })
+}
+
+/// The seal of a case, or why there is none that counts.
+fn read_seal(dir: &Path) -> Result<Result<Seal, Problem>, CaseError> {
+    let text = match fs::read_to_string(dir.join(SEAL_FILE)) {
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Err(Problem::NotSealed)),
+        Err(e) if e.kind() == ErrorKind::InvalidData => String::new(),
+        text => text.map_err(failed("read", &dir.join(SEAL_FILE)))?,
+    };
+    Ok(toml::from_str::<Seal>(&text).ok().filter(Seal::is_genuine).ok_or(Problem::NotGenuine))
 }
 
 /// What is wrong with a file of a case.
@@ -136,7 +205,7 @@ pub enum Problem {
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::NotSealed => "there is no seal: do a stage of the case again to have one made",
+            Self::NotSealed => "there is no seal",
             Self::NotGenuine => "the seal is damaged or forged: the signature does not fit",
             Self::OtherKey => "sealed by another installation: give its key with --key to check against it",
             Self::Changed => "changed since it was made",
@@ -195,7 +264,8 @@ pub fn verify(dir: &Path, own: Option<&KeyFile>, expected: Option<&str>) -> Resu
     let mut found = Findings(Vec::new());
     let key = found.look_at_seal(dir, own, expected)?;
     let made = case::made(dir).unwrap_or_default();
-    for (name, hash) in &made {
+    let beside = case::beside(dir).unwrap_or_default();
+    for (name, hash) in made.iter().chain(&beside) {
         found.compare(dir, name, hash)?;
     }
     let known: BTreeSet<&str> = made.iter().map(|(name, _)| name.as_str()).chain(NOT_SEALED).collect();
@@ -229,17 +299,12 @@ impl Findings {
         own: Option<&KeyFile>,
         expected: Option<&str>,
     ) -> Result<Option<String>, CaseError> {
-        let text = match fs::read_to_string(dir.join(SEAL_FILE)) {
-            Err(e) if e.kind() == ErrorKind::NotFound => {
-                self.add(SEAL_FILE, Problem::NotSealed);
+        let seal = match read_seal(dir)? {
+            Ok(seal) => seal,
+            Err(problem) => {
+                self.add(SEAL_FILE, problem);
                 return Ok(None);
             }
-            Err(e) if e.kind() == ErrorKind::InvalidData => String::new(),
-            text => text.map_err(failed("read", &dir.join(SEAL_FILE)))?,
-        };
-        let Some(seal) = toml::from_str::<Seal>(&text).ok().filter(Seal::is_genuine) else {
-            self.add(SEAL_FILE, Problem::NotGenuine);
-            return Ok(None);
         };
         let own = own.map(KeyFile::existing).transpose()?.flatten();
         let expected =
@@ -248,7 +313,9 @@ impl Findings {
             self.add(SEAL_FILE, Problem::OtherKey);
         }
         self.compare(dir, CASE_FILE, &seal.case)?;
-        self.compare(dir, MANIFEST_FILE, &seal.stages)?;
+        // Between the seal of a new record and the record itself, the old one is still a sealed one.
+        let stages = seal.before.as_ref().filter(|b| is_now(dir, MANIFEST_FILE, b)).unwrap_or(&seal.stages);
+        self.compare(dir, MANIFEST_FILE, stages)?;
         Ok(Some(seal.key))
     }
 
@@ -261,6 +328,10 @@ impl Findings {
         }
         Ok(())
     }
+}
+
+fn is_now(dir: &Path, name: &str, hash: &str) -> bool {
+    atomic::hash_of_path(&dir.join(name)).is_ok_and(|now| now == hash)
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -361,6 +432,70 @@ mod tests {
         assert_eq!(place.findings(), seal(Problem::NotSealed));
         super::seal(&place.case(), &KeyFile::at(place.0.path().join("other.key"))).unwrap();
         assert_eq!(place.findings(), seal(Problem::OtherKey));
+    }
+
+    /// The case opened again, its next stage done.
+    fn go_on(place: &Place) -> Result<(), CaseError> {
+        let mut case = Case::open(&place.case()).unwrap();
+        case.seal_with(place.key());
+        let staging = case.staging()?;
+        staging.write("print.json", b"{}")?;
+        case.commit(Stage::Print, &case::MadeFrom::new(), staging, case::Told::default())
+    }
+
+    #[test]
+    fn no_stage_goes_on_from_a_record_whose_seal_does_not_hold() {
+        let place = Place::with_case();
+        let stages = fs::read_to_string(place.file("stages.toml")).unwrap();
+        let seal_of = fs::read_to_string(place.file(SEAL_FILE)).unwrap();
+        let refused = |place: &Place, file: &str| {
+            let error = go_on(place).unwrap_err().to_string();
+            assert!(error.contains(file) && error.contains("lumenfab verify"), "{error}");
+            assert!(!place.file("print.json").exists());
+        };
+        let hash = |text: &str| text.split('"').find(|t| t.len() == 64).unwrap().to_owned();
+        fs::write(place.file("stages.toml"), stages.replace(&hash(&stages), &"0".repeat(64))).unwrap();
+        refused(&place, "stages.toml");
+        assert_eq!(place.findings()[0], ("stages.toml".into(), Problem::Changed), "and it is still told");
+        fs::write(place.file("stages.toml"), &stages).unwrap();
+        fs::remove_file(place.file(SEAL_FILE)).unwrap();
+        refused(&place, SEAL_FILE);
+        fs::write(place.file(SEAL_FILE), seal_of.replace(&hash(&seal_of), &"0".repeat(64))).unwrap();
+        refused(&place, SEAL_FILE);
+        fs::write(place.file(SEAL_FILE), &seal_of).unwrap();
+        go_on(&place).unwrap();
+        assert_eq!(place.findings(), []);
+    }
+
+    #[test]
+    fn a_record_is_a_sealed_one_whenever_the_power_goes() {
+        let place = Place::with_case();
+        let stages = fs::read_to_string(place.file("stages.toml")).unwrap();
+        // The new seal is there, the new record is not.
+        super::announce(&place.case(), &place.key(), "[print]\n").unwrap();
+        assert_eq!(place.findings(), []);
+        // Both are.
+        fs::write(place.file("stages.toml"), "[print]\n").unwrap();
+        assert_eq!(place.findings(), []);
+        fs::write(place.file("stages.toml"), "[slice]\n").unwrap();
+        assert_eq!(place.findings(), [("stages.toml".into(), Problem::Changed)]);
+        fs::write(place.file("stages.toml"), stages).unwrap();
+        go_on(&place).unwrap();
+        assert!(!fs::read_to_string(place.file(SEAL_FILE)).unwrap().contains("before"));
+    }
+
+    #[test]
+    fn a_changed_journal_is_found() {
+        let place = Place::with_case();
+        fs::write(place.file("job.gcode.journal"), "acknowledged 100\n").unwrap();
+        assert_eq!(place.findings(), [], "while it is no print's yet");
+        go_on(&place).unwrap();
+        assert_eq!(place.findings(), []);
+        let changed = |problem| vec![("job.gcode.journal".to_owned(), problem)];
+        fs::write(place.file("job.gcode.journal"), "acknowledged 200\n").unwrap();
+        assert_eq!(place.findings(), changed(Problem::Changed));
+        fs::remove_file(place.file("job.gcode.journal")).unwrap();
+        assert_eq!(place.findings(), changed(Problem::Missing));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::atomic;
 use super::case::{Case, CaseError, MadeFrom, Staging, Told};
 use super::error::Error;
 use super::event::{Event, EventSink, Stage, StageOutcome};
+use super::seal::Standing;
 use super::settings::{CaseFile, SeriesKey, Settings, Source, SourceName};
 use super::source::{Places, Sources};
 use super::stages::report::{NamedScan, ReportPlace};
@@ -250,6 +251,7 @@ impl<'a> Session<'a> {
         stage: Stage,
         work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
     ) -> Result<(), Error> {
+        self.case.standing()?;
         let made_from = self.made_from(stage)?;
         match self.case.outdated(stage, &made_from)? {
             None => self.skip(stage),
@@ -283,8 +285,14 @@ impl<'a> Session<'a> {
         because_of: Vec<String>,
         work: impl FnOnce(&mut Self, &Task<'_>) -> Result<Made, Error>,
     ) -> Result<(), Error> {
+        let standing = self.case.standing()?;
         let events = self.context.events;
         events(Event::Started(stage));
+        if standing == Standing::OfAnother {
+            let text = "the case was sealed by another installation; with this stage it is sealed by this one: see first with `lumenfab verify CASE --key KEY` that it is as it left there";
+            let warning = Warning::new("app.other_seal", text);
+            events(Event::Warned { stage, warning });
+        }
         let clock = Stopwatch::start();
         let sink = move |done, total| events(Event::Progress { stage, done, total });
         let task = Task::new(&sink, self.context.cancel.clone());

@@ -302,6 +302,10 @@ fn report(
     context: Context<'_>,
 ) -> Result<Outcome, Error> {
     stage(case, CaseFile::default(), context, |session| {
+        // Before any work: what was told then would stand above a refusal.
+        if let Some((_, source)) = filed {
+            session.check_source(source)?;
+        }
         match scan {
             Some((path, choice)) => session.report_with_scan(path, choice)?,
             None => session.report()?,

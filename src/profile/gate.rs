@@ -12,16 +12,16 @@ pub(super) const TABLE: &str = "gate";
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gate {
-    /// Total 95th percentile, mm; where the image's pixels are larger, one pixel.
+    /// Total 95th percentile, mm; what is beyond it, but within a pixel of the image, is not judged.
     pub total_p95_mm: f64,
-    /// Mean distance of every stage, mm; against the image, half a pixel where that is more.
+    /// Mean distance of every stage, mm; against the image, what is within half a pixel is not judged.
     pub stage_mean_mm: f64,
     /// Least overlap (Dice) of the deposited lumen with that of the image.
     pub total_dice: f64,
     /// Least IoU of deposited against planned material, each layer.
     pub layer_iou: f64,
-    /// Farthest that a stage's outline may lie off the one before on any plane, mm; against the image, half a pixel
-    /// where that is more.
+    /// Farthest that a stage's outline may lie off the one before on any plane, mm; against the image, what is within half
+    /// a pixel is not judged.
     pub outline_mm: f64,
     /// Farthest that the deposited lumen's volume may be off that of the contours, percent.
     pub lumen_volume_percent: f64,

@@ -37,6 +37,9 @@ pub struct Centreline {
     /// Length over chord minus one.
     #[serde(serialize_with = "rounded")]
     pub tortuosity: Option<f64>,
+    /// Its uncertainty.
+    #[serde(serialize_with = "rounded")]
+    pub tortuosity_uncertainty: Option<f64>,
 }
 
 fn rounded_points<S: serde::Serializer>(points: &[[f64; 3]], serializer: S) -> Result<S::Ok, S::Error> {
@@ -72,6 +75,21 @@ pub struct Angles {
     pub between_deg: Option<f64>,
     /// By how much each branch turns off the trunk.
     pub from_trunk_deg: Vec<Option<f64>>,
+    /// Uncertainty of each angle: what the centroids scatter about the straight lines, and how well they are known.
+    #[serde(serialize_with = "rounded")]
+    pub uncertainty_deg: Option<f64>,
+    /// Scatter of the directions about their lines, and how much a centroid that is off turns them.
+    #[serde(skip)]
+    pub(super) directions: Vec<Leverage>,
+}
+
+/// How sure the direction of a fitted line is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Leverage {
+    /// By the scatter of its points about it, rad.
+    pub(super) scatter: f64,
+    /// For each mm that a single point is uncertain, rad.
+    pub(super) per_mm: f64,
 }
 
 /// Area centroid of a region, holes taken off; `None` without area.
@@ -96,6 +114,7 @@ pub(super) fn centreline(points: Vec<Point3>) -> Centreline {
         tortuosity: length_mm.zip(chord_mm).map(|(l, c)| (l / c - 1.0).max(0.0)),
         length_mm,
         chord_mm,
+        tortuosity_uncertainty: None,
         points_mm: points.into_iter().map(|p| [p.x, p.y, p.z]).collect(),
     }
 }
@@ -210,15 +229,19 @@ fn nearest_middle(pieces: &[Region]) -> Option<Point2> {
 
 fn angles(branches: &Branches, stage: &StageLumina, meeting: &Meeting) -> Angles {
     let away = |b: usize, upward: bool| direction(&branches.centroids(stage, b), upward);
-    let into = away(meeting.trunk, meeting.is_junction).map(|d| -d);
-    let outward: Vec<Option<Vector3>> =
+    let trunk = away(meeting.trunk, meeting.is_junction);
+    let into = trunk.map(|d| -d.0);
+    let lines: Vec<Option<(Vector3, Leverage)>> =
         meeting.branches.iter().map(|&b| away(b, !meeting.is_junction)).collect();
+    let outward: Vec<Option<Vector3>> = lines.iter().map(|l| l.map(|l| l.0)).collect();
     let degrees = |a: &Vector3, b: &Vector3| a.angle(b).to_degrees();
     let known: Vec<&Vector3> = outward.iter().flatten().collect();
     let between =
         known.iter().enumerate().flat_map(|(i, a)| known[i + 1..].iter().map(move |b| degrees(a, b)));
     Angles {
         stage: stage.stage,
+        uncertainty_deg: None,
+        directions: lines.iter().chain([&trunk]).flatten().map(|l| l.1).collect(),
         between_deg: between.reduce(f64::max),
         from_trunk_deg: outward
             .iter()
@@ -228,7 +251,7 @@ fn angles(branches: &Branches, stage: &StageLumina, meeting: &Meeting) -> Angles
 }
 
 /// Unit direction away from the lower (`upward`) or upper end, of the line that fits the first [`STRAIGHT_MM`] best.
-fn direction(points: &[Point3], upward: bool) -> Option<Vector3> {
+fn direction(points: &[Point3], upward: bool) -> Option<(Vector3, Leverage)> {
     let end = if upward { points.first()? } else { points.last()? };
     let own: Vec<&Point3> = points.iter().filter(|p| (p.z - end.z).abs() <= STRAIGHT_MM).collect();
     let n = own.len() as f64;
@@ -237,8 +260,16 @@ fn direction(points: &[Point3], upward: bool) -> Option<Vector3> {
         let off = p.coords - mean;
         (zz + off.z * off.z, zv + off * off.z)
     });
-    let along = (zz > 0.0).then(|| (zv / zz).normalize())?;
-    Some(if upward { along } else { -along })
+    let slope = (zz > 0.0).then(|| zv / zz)?;
+    let along = slope.normalize();
+    let off = |p: &&Point3| (p.coords - mean - slope * (p.z - mean.z)).norm_squared();
+    // Two points lie on any line; of what three or more scatter, two coordinates tell.
+    let scatter_mm =
+        if own.len() > 2 { (own.iter().map(off).sum::<f64>() / (2.0 * (n - 2.0))).sqrt() } else { 0.0 };
+    // A vertical spread of `zz` seen along the line.
+    let per_mm = 1.0 / (zz.sqrt() * slope.norm());
+    let leverage = Leverage { scatter: scatter_mm * per_mm, per_mm };
+    Some((if upward { along } else { -along }, leverage))
 }
 
 #[cfg(test)]

@@ -87,6 +87,8 @@ impl Outline {
 pub(super) struct Comparison {
     /// Signed distances of all samples, both ways, mm: positive where the tested outline is outside.
     pub(super) distances_mm: Vec<f64>,
+    /// Where each of them was taken, on either outline.
+    pub(super) places: Vec<Point2>,
     /// Areas; `None` where one of them is not known.
     pub(super) areas: Option<Areas>,
 }
@@ -97,11 +99,15 @@ pub(super) struct Areas {
     pub(super) reference_mm2: f64,
     pub(super) tested_mm2: f64,
     pub(super) common_mm2: f64,
+    /// Length of the outlines of both, mm.
+    pub(super) outlines_mm: f64,
 }
 
 impl Areas {
     pub(super) fn of(reference: &Region, tested: &Region) -> Self {
+        let outlines = reference.contours.iter().chain(&tested.contours);
         Self {
+            outlines_mm: outlines.map(Contour::perimeter_mm).sum(),
             reference_mm2: reference.area_mm2(),
             tested_mm2: tested.area_mm2(),
             common_mm2: reference.intersection(tested).area_mm2(),
@@ -113,6 +119,7 @@ impl Areas {
             reference_mm2: a.reference_mm2 + b.reference_mm2,
             tested_mm2: a.tested_mm2 + b.tested_mm2,
             common_mm2: a.common_mm2 + b.common_mm2,
+            outlines_mm: a.outlines_mm + b.outlines_mm,
         })
     }
 
@@ -141,24 +148,27 @@ impl Areas {
 pub(super) fn compare(reference: &Outline, tested: &Outline) -> Result<Comparison, &'static str> {
     let reference_index = SegmentIndex::try_new(&reference.region.contours).ok_or("no reference outline")?;
     let tested_index = SegmentIndex::try_new(&tested.region.contours).ok_or("no outline to be tested")?;
-    let mut distances_mm = Vec::new();
-    one_way(tested, reference, &reference_index, 1.0, &mut distances_mm);
-    one_way(reference, tested, &tested_index, -1.0, &mut distances_mm);
-    if distances_mm.is_empty() {
+    let known = reference.area_is_known() && tested.area_is_known();
+    let mut comparison = Comparison {
+        areas: known.then(|| Areas::of(&reference.region, &tested.region)),
+        ..Comparison::default()
+    };
+    one_way(tested, reference, &reference_index, 1.0, &mut comparison);
+    one_way(reference, tested, &tested_index, -1.0, &mut comparison);
+    if comparison.distances_mm.is_empty() {
         return Err("no part of the outline was measured");
     }
-    let known = reference.area_is_known() && tested.area_is_known();
-    let areas = known.then(|| Areas::of(&reference.region, &tested.region));
-    Ok(Comparison { distances_mm, areas })
+    Ok(comparison)
 }
 
 /// Distances of the samples of `from` to `to`, outside positive times `sign`; feet on guessed edges do not count.
-fn one_way(from: &Outline, to: &Outline, index: &SegmentIndex, sign: f64, distances_mm: &mut Vec<f64>) {
+fn one_way(from: &Outline, to: &Outline, index: &SegmentIndex, sign: f64, comparison: &mut Comparison) {
     for p in from.samples() {
         let foot = index.nearest(p);
         if to.foot_is_measured(&foot) {
             let signed = if index.contains(p) { -foot.distance_mm } else { foot.distance_mm };
-            distances_mm.push(sign * signed);
+            comparison.distances_mm.push(sign * signed);
+            comparison.places.push(p);
         }
     }
 }
@@ -187,6 +197,34 @@ pub struct Figures {
     /// How much larger the later area is, percent.
     #[serde(serialize_with = "rounded")]
     pub area_error_percent: Option<f64>,
+    /// How uncertain each of them is.
+    pub uncertainty: FigureUncertainty,
+}
+
+/// Standard uncertainties of [`Figures`], each in the unit of its figure; `None` where the figure is not known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct FigureUncertainty {
+    /// Of the mean, mm.
+    #[serde(serialize_with = "rounded")]
+    pub mean_mm: Option<f64>,
+    /// Of the root mean square, mm.
+    #[serde(serialize_with = "rounded")]
+    pub rms_mm: Option<f64>,
+    /// Of the 95th percentile, mm.
+    #[serde(serialize_with = "rounded")]
+    pub p95_mm: Option<f64>,
+    /// Of the largest distance, mm.
+    #[serde(serialize_with = "rounded")]
+    pub max_mm: Option<f64>,
+    /// Of the bias, mm.
+    #[serde(serialize_with = "rounded")]
+    pub bias_mm: Option<f64>,
+    /// Of Dice.
+    #[serde(serialize_with = "rounded")]
+    pub dice: Option<f64>,
+    /// Of the area's error, percentage points.
+    #[serde(serialize_with = "rounded")]
+    pub area_error_percent: Option<f64>,
 }
 
 impl Figures {
@@ -201,7 +239,7 @@ impl Figures {
         }
     }
 
-    fn of_distances(signed_mm: &[f64]) -> Self {
+    pub(super) fn of_distances(signed_mm: &[f64]) -> Self {
         if signed_mm.is_empty() {
             return Self::default();
         }

@@ -2,12 +2,14 @@
 
 use super::anatomy::StageLumina;
 use super::faults::{
-    Compared, Ends, Finding, Kind, Made, Seen, StagePair, broken_course, changed_islands, deposited, moved,
-    odd_layers, out_of_order, plugged, unlike_image, without_echoes,
+    Allowed, BrokenCourse, Compared, Ends, Finding, Kind, Made, Seen, StagePair, broken_course, calibres,
+    changed_islands, deposited, moved, odd_layers, out_of_order, plugged, stretches, unlike, unlike_image,
+    without_echoes,
 };
 use super::image::ImageBoundary;
 use super::stages::{PlaneWork, compensation_mm, layer_lumen};
 use super::{BodyKind, Inputs, Stage};
+use crate::ct::Warning;
 use crate::geom::{Contour, Region};
 use rayon::prelude::*;
 
@@ -21,13 +23,13 @@ const LEAST_BEADS_MM: f64 = 0.06;
 /// Contours farther off the boundary in the image than this, on average, do not fit it, mm.
 const UNLIKE_MM: f64 = 0.4;
 
-/// All findings.
+/// All findings, and what must be looked at because it is not sure.
 pub(super) fn findings(
     inputs: &Inputs<'_>,
     planes: &[PlaneWork],
     lumina: &[StageLumina],
     names: &[String],
-) -> Vec<Finding> {
+) -> (Vec<Finding>, Option<Warning>) {
     let z_mm = inputs.sections.plane_z_mm();
     let stages = [Stage::Segmentation, Stage::Reconstruction, Stage::Slicing, Stage::Toolpath];
     let by_stage: Vec<Vec<Finding>> = stages
@@ -48,15 +50,23 @@ pub(super) fn findings(
     let is_known = |f: &Finding| {
         by_stage.iter().flatten().any(|g| g.kind == Kind::WrongPlaneOrder && g.place == f.place)
     };
-    let mut findings: Vec<Finding> =
-        broken_course(&regions, &z_mm).filter(|f| !is_known(f)).into_iter().collect();
+    let broken = broken(inputs, planes, &regions, &z_mm).filter(|b| !is_known(&b.finding));
+    let (mut findings, unsure) = match broken {
+        Some(BrokenCourse { finding, is_sure: true }) => (vec![finding], None),
+        Some(BrokenCourse { finding, .. }) => (Vec::new(), Some(to_look_at(&finding))),
+        None => (Vec::new(), None),
+    };
+    let mut echoed: Vec<Vec<Finding>> = by_stage.clone();
     findings.extend(without_echoes(by_stage));
     let made: Vec<Made<'_>> = [Stage::Reconstruction, Stage::Slicing, Stage::Toolpath, Stage::Deposition]
         .into_iter()
         .zip(&lumina[2..])
         .map(|(stage, lumina)| Made { stage, lumina: &lumina.planes })
         .collect();
-    let of_beads = deposited(inputs);
+    let of_job = changed_job(inputs);
+    let is_of_job =
+        |f: &Finding| of_job.iter().any(|g| g.kind == f.kind && meet(f.place.layers, g.place.layers));
+    let of_beads: Vec<Finding> = deposited(inputs).into_iter().filter(|f| !is_of_job(f)).collect();
     // A lumen that is not found in a layer that is missing or was moved away is not plugged: a plug is material.
     let is_filled = |f: &Finding| {
         f.stage != Stage::Deposition.name()
@@ -65,19 +75,91 @@ pub(super) fn findings(
                 .iter()
                 .any(|g| g.kind == Kind::MaterialInLumen && meet(f.place.planes, g.place.planes))
     };
-    findings.extend(plugged(&lumina[1].planes, &made, names, &z_mm).into_iter().filter(is_filled));
+    let mut of_lumina: Vec<Finding> =
+        plugged(&lumina[1].planes, &made, names, &z_mm).into_iter().filter(is_filled).collect();
     // What the printer leaves or lays in a lumen, its beads tell.
     let before_print = &made[..made.len() - 1];
-    findings.extend(changed_islands(&lumina[1].planes, before_print, names, &z_mm));
+    of_lumina.extend(changed_islands(&lumina[1].planes, before_print, names, &z_mm));
+    for (known, stage) in echoed.iter_mut().zip(stages) {
+        known.extend(of_lumina.iter().filter(|f| f.stage == stage.name()).cloned());
+        *known = local(&pair(stage, inputs, lumina), inputs, planes, names, known);
+    }
+    findings.extend(without_echoes(echoed));
+    findings.extend(of_lumina);
     findings.extend(odd_layers(inputs.layers, |layer| layer_lumen(layer, inputs.body).area_mm2()));
-    if of_beads.is_empty() {
+    if of_beads.is_empty() && of_job.is_empty() {
         // What no bead tells may still show in the outlines.
         findings.extend(moved(&pair(Stage::Deposition, inputs, lumina), names, &z_mm));
     }
+    findings.extend(of_job);
     findings.extend(of_beads);
     let place = |f: &Finding| Stage::ALL.iter().position(|s| s.name() == f.stage).map_or(0, |i| i + 1);
     findings.sort_by_key(place);
-    findings
+    (findings, unsure)
+}
+
+/// What the job's file has otherwise than the plan that it was written from.
+fn changed_job(inputs: &Inputs<'_>) -> Vec<Finding> {
+    let Some(beads) = inputs.job_beads else { return Vec::new() };
+    let of_file = |f: Finding| Finding {
+        stage: Stage::Toolpath.name(),
+        text: format!(
+            "toolpath: the job's file is not what was sliced, the printer only followed it: {}",
+            f.text
+        ),
+        ..f
+    };
+    deposited(&Inputs { record: beads, ..*inputs }).into_iter().map(of_file).collect()
+}
+
+/// Where the vessel's course breaks; the image, where there is one, has a say.
+fn broken(
+    inputs: &Inputs<'_>,
+    planes: &[PlaneWork],
+    regions: &[Region],
+    z_mm: &[f64],
+) -> Option<BrokenCourse> {
+    let volume_planes: Vec<Option<usize>> = planes.iter().map(|p| p.volume_plane).collect();
+    match inputs.image {
+        Some(image) => {
+            let of_image = |a: usize, b: usize| unlike(image.volume, &volume_planes, regions, [a, b]);
+            broken_course(regions, z_mm, Some(&of_image))
+        }
+        None => broken_course(regions, z_mm, None),
+    }
+}
+
+fn to_look_at(finding: &Finding) -> Warning {
+    let text = format!(
+        "It is not sure, and no defect of the verdict: look at the order of the planes. {}.",
+        finding.text
+    );
+    Warning { code: "report.plane_order".into(), text }
+}
+
+/// What a part of an outline tells, and the calibre; `known` is what else was found in the stage.
+fn local(
+    pair: &StagePair<'_>,
+    inputs: &Inputs<'_>,
+    planes: &[PlaneWork],
+    names: &[String],
+    known: &[Finding],
+) -> Vec<Finding> {
+    let of_image = pair.stage == Stage::Segmentation;
+    let allowed = Allowed {
+        outline_mm: inputs.gate.outline_mm,
+        diameter_percent: inputs.gate.diameter_percent,
+        pixel_mm: if of_image { pixel_mm(inputs) } else { 0.0 },
+    };
+    let z_mm = inputs.sections.plane_z_mm();
+    let compared: Vec<_> = planes.iter().map(|p| p.comparisons[pair.stage as usize].as_ref().ok()).collect();
+    let mut found = stretches(pair, &compared, &z_mm, allowed, known);
+    found.extend(calibres(pair, names, &z_mm, allowed, known));
+    found
+}
+
+fn pixel_mm(inputs: &Inputs<'_>) -> f64 {
+    inputs.image.map_or(0.0, |i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max))
 }
 
 fn meet(one: Option<[usize; 2]>, other: Option<[usize; 2]>) -> bool {
@@ -86,16 +168,11 @@ fn meet(one: Option<[usize; 2]>, other: Option<[usize; 2]>) -> bool {
 
 fn pair<'a>(stage: Stage, inputs: &Inputs<'_>, lumina: &'a [StageLumina]) -> StagePair<'a> {
     let i = stage as usize;
-    let pixel_mm = inputs.image.map_or(0.0, |i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
-    let (least_mm, gate_mm) = match stage {
-        Stage::Segmentation => (
-            LEAST_IN_IMAGE_MM.max(LEAST_IN_IMAGE_PIXEL * pixel_mm),
-            inputs.gate.outline_mm.max(0.5 * pixel_mm),
-        ),
-        Stage::Reconstruction | Stage::Slicing => (LEAST_EXACT_MM, inputs.gate.outline_mm),
-        Stage::Toolpath | Stage::Deposition | Stage::Total | Stage::Scan => {
-            (LEAST_BEADS_MM, inputs.gate.outline_mm)
-        }
+    let pixel_mm = pixel_mm(inputs);
+    let (least_mm, told_mm) = match stage {
+        Stage::Segmentation => (LEAST_IN_IMAGE_MM.max(LEAST_IN_IMAGE_PIXEL * pixel_mm), 0.5 * pixel_mm),
+        Stage::Reconstruction | Stage::Slicing => (LEAST_EXACT_MM, 0.0),
+        Stage::Toolpath | Stage::Deposition | Stage::Total | Stage::Scan => (LEAST_BEADS_MM, 0.0),
     };
     let meant_mm = if stage == Stage::Toolpath { compensation_mm(inputs) } else { 0.0 };
     StagePair {
@@ -104,7 +181,9 @@ fn pair<'a>(stage: Stage, inputs: &Inputs<'_>, lumina: &'a [StageLumina]) -> Sta
         tested: &lumina[i + 1].planes,
         meant_mm,
         least_mm,
-        gate_mm,
+        gate_mm: inputs.gate.outline_mm,
+        gate_percent: None,
+        told_mm,
         ends_mm: if stage == Stage::Reconstruction { ends(inputs) } else { None },
     }
 }

@@ -71,7 +71,7 @@ mod tests {
         distances_mm.extend(vec![0.1; 60]);
         distances_mm.extend(vec![-0.1; 38]);
         distances_mm.extend([9.0, -9.0]);
-        let comparison = Comparison { distances_mm, areas: None };
+        let comparison = Comparison { distances_mm, ..Comparison::default() };
         let h = Histogram::of([comparison].iter()).unwrap();
         assert!((h.bin_mm - 0.005).abs() < 1e-9 && (h.from_mm + 0.1025).abs() < 1e-9, "{h:?}");
         assert_eq!((h.counts[20], h.counts[40], h.counts[0], h.beyond), (900, 60, 38, [1, 1]));

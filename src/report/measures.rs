@@ -15,7 +15,8 @@ pub(super) fn walls(
     inputs: &Inputs<'_>,
     planes: &[PlaneWork],
     layers: &[LayerWork],
-    scanned: Option<&Scanned>,
+    scanned: Option<&Scanned<'_>>,
+    place_mm: &dyn Fn(&str) -> Option<f64>,
 ) -> Vec<WallStage> {
     if inputs.body == BodyKind::Cast {
         return Vec::new();
@@ -35,22 +36,27 @@ pub(super) fn walls(
             let [lumen, material] = sides(p, layer, beads)?;
             (!lumen.is_empty()).then(|| thickness::measured(lumen, material))
         };
-        thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>())
+        thickness::stage(name, &planes.par_iter().map(plane).collect::<Vec<_>>(), place_mm(name))
     };
-    let of_scan = |s: &Scanned| {
+    let of_scan = |s: &Scanned<'_>| {
         let plane = |(own, p): (&ScannedPlane, &PlaneWork)| {
             let near = p.section.outer.union(&p.section.lumen);
             let touches = |island: &Region| island.intersection(&near).area_mm2() > 0.0;
             let islands = own.material.islands().into_iter().filter(touches).collect::<Vec<_>>();
             (!own.lumen.is_empty()).then(|| thickness::measured(&own.lumen, &Region::union_all(&islands)))
         };
-        thickness::stage("scanned", &s.planes.par_iter().zip(planes).map(plane).collect::<Vec<_>>())
+        let name = "scanned";
+        thickness::stage(
+            name,
+            &s.planes.par_iter().zip(planes).map(plane).collect::<Vec<_>>(),
+            place_mm(name),
+        )
     };
     let read = scanned.filter(|s| !s.planes.is_empty());
     sides.iter().map(of).chain(read.map(of_scan)).collect()
 }
 
-pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork], scanned: Option<&Scanned>) -> Amounts {
+pub(super) fn amounts(inputs: &Inputs<'_>, planes: &[PlaneWork], scanned: Option<&Scanned<'_>>) -> Amounts {
     let z_mm = inputs.sections.plane_z_mm();
     let volume = |stage: &'static str, get: Lumen| {
         let areas = planes.iter().map(|p| get(p).filter(|r| !r.is_empty()).map(Region::area_mm2));

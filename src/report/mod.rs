@@ -22,6 +22,7 @@
 //!
 //! [`build`] is pure; [`write()`] and [`filing`] are the only IO.
 
+mod about;
 mod amounts;
 mod anatomy;
 mod course;
@@ -43,6 +44,7 @@ pub mod preview;
 pub mod record;
 mod scan;
 pub mod schema;
+mod shares;
 mod stages;
 mod strokes;
 mod surface;
@@ -57,10 +59,11 @@ mod verdict;
 mod wall;
 mod write;
 
+pub use about::About;
 pub use amounts::{Amounts, Job, LumenVolume};
 pub use anatomy::{Anatomy, Branch, NORMAL_MM, PlaneMeasures, Reference, StageMeasures, Stenosis, Throat};
 pub use course::{Angles, Centreline, DIVISION_MM, Division, STRAIGHT_MM};
-pub use deviation::{Figures, STEP_MM};
+pub use deviation::{FigureUncertainty, Figures, STEP_MM};
 pub use faults::{Finding, Kind, NOT_SEEN, Place, Size};
 pub use histogram::{Histogram, N_BINS};
 pub use image::Polarity;
@@ -68,11 +71,12 @@ pub use page::html;
 pub use picture::Picture;
 pub use record::{Origin, Record};
 pub use scan::{Refusal, Registration, Scan, ScanGate, ScanLevels, ScanUncertainty};
+pub use shares::BranchFigures;
 pub use stages::build;
 pub use table::csv;
-pub use thickness::{PlaneWall, Wall, WallStage};
+pub use thickness::{PlaneWall, Wall, WallStage, WallUncertainty};
 pub use uncertainty::Uncertainty;
-pub use verdict::Verdict;
+pub use verdict::{Basis, Limit, Verdict};
 pub use write::write;
 
 use crate::ct::{Volume, Warning};
@@ -138,6 +142,9 @@ pub struct Inputs<'a> {
     pub paths: &'a Toolpaths,
     /// What the printer deposited, bed frame.
     pub record: &'a Record,
+    /// The beads that the job's file commands, bed frame, where what was deposited is not what was planned: what the file has otherwise
+    /// was not the printer.
+    pub job_beads: Option<&'a Record>,
     /// A scan of the printed replica: bright material in air, any frame.
     pub scan: Option<&'a Volume>,
     /// What earlier stages found odd.
@@ -148,6 +155,8 @@ pub struct Inputs<'a> {
     pub triangles: &'a [Triangles],
     /// The limits of the verdict.
     pub gate: Gate,
+    /// What the report is of.
+    pub about: &'a About,
 }
 
 impl std::fmt::Debug for Inputs<'_> {
@@ -188,6 +197,11 @@ pub enum Error {
         /// By how much, mm.
         off_mm: f64,
     },
+    /// No layer of the job can be compared with the case.
+    #[error(
+        "no layer of the job at a CT plane has a lumen, in the job or in the case: it cannot be checked that the two belong together, slice the case again"
+    )]
+    Unchecked,
     /// A picture could not be drawn.
     #[error(
         "the picture of plane {plane} could not be made ({why}): the vessel's extent is {width_mm:.0} x {height_mm:.0} mm"
@@ -312,6 +326,8 @@ pub struct Block {
     pub overall: Option<Overall>,
     /// Plane by plane.
     pub planes: Vec<PlaneFigures>,
+    /// Branch by branch, those that have figures.
+    pub branches: Vec<BranchFigures>,
     /// How the signed distances of all planes are spread.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub histogram: Option<Histogram>,
@@ -389,6 +405,8 @@ pub struct Triangles {
 /// The whole report: figures, pictures, and what must be said beside them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
+    /// What it is of.
+    pub about: About,
     /// Wall or cast.
     pub body: BodyKind,
     /// Blocks in the order of [`Stage::ALL`].
@@ -427,7 +445,8 @@ impl Report {
     /// The figures of a stage; none of the scan where there is no scan.
     #[must_use]
     pub fn block(&self, stage: Stage) -> &Block {
-        static NONE: Block = Block { overall: None, planes: Vec::new(), histogram: None, reason: None };
+        static NONE: Block =
+            Block { overall: None, planes: Vec::new(), branches: Vec::new(), histogram: None, reason: None };
         match stage {
             Stage::Scan => self.scan.as_ref().map_or(&NONE, |s| &s.block),
             _ => &self.blocks[stage as usize],
@@ -467,7 +486,7 @@ impl Report {
     pub fn headline(&self) -> Vec<String> {
         let stage_line = |stage: Stage| match &self.block(stage).overall {
             Some(o) => format!(
-                "{:<14} mean {} mm, 95 % within {} mm, bias {} mm, Dice {}",
+                "{:<14} mean {} mm, 95th percentile {} mm, bias {} mm, Dice {}",
                 stage.name(),
                 shown(o.figures.mean_mm, 3),
                 shown(o.figures.p95_mm, 3),
@@ -483,8 +502,9 @@ impl Report {
         let deposited = self.block(Stage::Deposition).overall.unwrap_or_default();
         let mut lines: Vec<String> = self.stages().map(stage_line).collect();
         lines.push(format!(
-            "layers         {} layers, deposited against planned IoU {} at least, {} on average",
+            "layers         {} layers, {} against planned IoU {} at least, {} on average",
             self.layers.len(),
+            self.origin.word(),
             shown(deposited.iou_min, 4),
             shown(deposited.iou_mean, 4)
         ));
@@ -495,6 +515,12 @@ impl Report {
         lines.push(self.verdict.sentence());
         lines
     }
+}
+
+/// A figure that does not keep its limit, and the limit, with so many decimals that they differ.
+fn apart(value: f64, limit: f64, decimals: usize) -> [String; 2] {
+    let texts = |n: usize| [value, limit].map(|v| shown(Some(v), n));
+    (decimals..9).map(texts).find(|[a, b]| a != b).unwrap_or_else(|| texts(9))
 }
 
 /// A figure as text, a dash where there is none.
@@ -518,6 +544,7 @@ impl Serialize for Report {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("format", "lumenfab report 1")?;
         map.serialize_entry("intended_use", INTENDED_USE)?;
+        map.serialize_entry("about", &self.about)?;
         map.serialize_entry("body", &self.body)?;
         map.serialize_entry("deposited", &self.origin)?;
         map.serialize_entry("verdict", &self.verdict)?;

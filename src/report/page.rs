@@ -4,10 +4,11 @@
 //! text goes through the template engine's HTML escaping.
 
 use super::plate::{Grey, UNITS_PER_MM};
-use super::{BodyKind, Error, Figures, INTENDED_USE, NOT_SEEN, Report, Stage, methods, shown};
+use super::{BodyKind, Error, Figures, INTENDED_USE, NOT_SEEN, Origin, Report, Stage, methods, shown};
 use minijinja::{AutoEscape, Environment};
 use rayon::prelude::*;
 use serde::Serialize;
+use tables::narrow;
 
 pub(super) mod chart;
 mod colour;
@@ -16,6 +17,8 @@ mod embed;
 mod spread;
 pub(super) mod tables;
 mod unrolled;
+
+pub(super) use unrolled::Map;
 
 /// Most bytes of all grey pictures together; beyond, they are shown with half as many pixels each way.
 const GREY_BYTES_MOST: usize = 7_000_000;
@@ -30,21 +33,32 @@ pub(super) struct View {
     pub(super) has_scan: bool,
     pub(super) n_planes: usize,
     pub(super) n_layers: usize,
+    /// What this is a report of: name and value.
+    pub(super) about: Vec<(&'static str, String)>,
+    /// The same in a line, letters and digits alone: nothing in it ends a style sheet.
+    pub(super) running: String,
+    /// What all that the print has laid is called, and how it is known.
+    pub(super) deposited: &'static str,
+    pub(super) known: &'static str,
     pub(super) passed: bool,
+    /// Whether the part was watched or scanned.
+    pub(super) is_measured: bool,
+    /// Whether what is called deposited is only what was commanded.
+    pub(super) is_commanded: bool,
     pub(super) verdict: String,
-    /// Limits that are not kept, but for those that a defect tells.
+    /// Limits that are not kept, and defects beyond them.
     pub(super) failures: Vec<String>,
     pub(super) defects: Vec<defects::DefectRow>,
     pub(super) not_seen: [&'static str; NOT_SEEN.len()],
     pub(super) cards: Vec<Card>,
-    pub(super) notes: Vec<crate::ct::Warning>,
+    pub(super) notes: Vec<Note>,
     pub(super) stages: Vec<StageRow>,
     pub(super) charts: Vec<chart::Chart>,
     window: Option<Window>,
     /// JSON of numbers, letters and base64: nothing in it ends a script.
     pub(super) view_data: String,
     pub(super) model_data: Option<String>,
-    pub(super) maps: Vec<unrolled::Map>,
+    pub(super) map_groups: Vec<MapGroup>,
     pub(super) most_mm: f64,
     pub(super) sides: [&'static str; 6],
     pub(super) planes: Vec<PlaneView>,
@@ -53,11 +67,46 @@ pub(super) struct View {
     pub(super) intended_use: &'static str,
 }
 
+/// Maps of one comparison.
+#[derive(Serialize)]
+pub(super) struct MapGroup {
+    /// What is compared, where there are several.
+    pub(super) title: Option<String>,
+    pub(super) maps: Vec<Map>,
+}
+
 #[derive(Serialize)]
 pub(super) struct Card {
-    pub(super) label: &'static str,
+    pub(super) label: String,
     pub(super) value: String,
-    pub(super) hint: &'static str,
+    pub(super) hint: String,
+}
+
+/// A note as it is shown: a sentence, and what it lists.
+#[derive(Debug, PartialEq, Serialize)]
+pub(super) struct Note {
+    pub(super) code: String,
+    pub(super) lead: String,
+    pub(super) items: Vec<String>,
+}
+
+impl Note {
+    /// Texts longer than this that list things are taken apart, letters.
+    const LONG: usize = 160;
+
+    fn of(note: &crate::ct::Warning) -> Self {
+        let listed = note.text.split_once(": ").filter(|_| note.text.len() > Self::LONG);
+        let parts =
+            listed.map(|(lead, list)| (lead, list.split("; ").map(str::to_owned).collect::<Vec<_>>()));
+        let (lead, items) = match parts {
+            Some((lead, items)) if items.len() > 2 => (format!("{lead}:"), items),
+            _ => (note.text.clone(), Vec::new()),
+        };
+        let mut letters = lead.chars();
+        let first = letters.next().map(char::to_uppercase);
+        let lead = first.into_iter().flatten().chain(letters).collect();
+        Self { code: note.code.clone(), lead, items }
+    }
 }
 
 #[derive(Serialize)]
@@ -120,6 +169,7 @@ struct PlateView {
     paths: String,
     solid: String,
     contours: String,
+    scan: String,
     bar: Bar,
 }
 
@@ -185,7 +235,8 @@ pub(super) fn render(view: &View) -> Result<String, Error> {
 
 /// What page and document say.
 pub(super) fn view(report: &Report) -> Result<View, Error> {
-    let range = colour::Range::of(report.pictures.iter().flat_map(|p| &p.plate.ring));
+    let rings = report.pictures.iter().flat_map(|p| p.plate.ring.iter().chain(&p.plate.scan_ring));
+    let range = colour::Range::of(rings);
     let greys = greys(report)?;
     let plates = report.pictures.iter().zip(greys);
     let window = report.pictures.iter().find_map(|p| p.plate.grey.as_ref()).map(Window::of);
@@ -202,13 +253,23 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         has_scan: report.scan.is_some(),
         n_planes: report.plane_z_mm.len(),
         n_layers: report.layers.len(),
+        about: report.about.rows(),
+        running: report.about.running(),
+        deposited: report.origin.word(),
+        known: report.origin.known(),
         passed: report.verdict.passed,
-        verdict: if report.verdict.passed { report.verdict.sentence() } else { "Not passed".into() },
-        failures: failures(report),
+        is_measured: report.verdict.is_measured(),
+        is_commanded: report.origin == Origin::Commanded,
+        verdict: if report.verdict.passed {
+            report.verdict.sentence()
+        } else {
+            report.verdict.refusal().into()
+        },
+        failures: report.verdict.failures.iter().chain(&report.verdict.not_judged).cloned().collect(),
         defects: defects::rows(report),
         not_seen: NOT_SEEN,
         cards: cards(report),
-        notes: report.notes.clone(),
+        notes: report.notes.iter().map(Note::of).collect(),
         stages: report.stages().map(|stage| stage_row(report, stage)).collect(),
         charts: chart::all(report),
         view_data: serde_json::to_string(&ViewData {
@@ -216,11 +277,11 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
             range_hu: window.as_ref().map(|w| w.range_hu),
             window_hu: window.as_ref().map(|w| w.window_hu),
         })?,
-        model_data: embed::Model::of(&report.surface, range.most_mm)
+        model_data: embed::Model::of(&report.surface, range.most_mm, report.scan.is_some())
             .map(|model| serde_json::to_string(&model))
             .transpose()?,
         window,
-        maps: unrolled::maps(report, range)?,
+        map_groups: map_groups(report, range)?,
         most_mm: range.most_mm,
         sides,
         planes: plates.map(|(p, grey)| plane_view(report, p, grey)).collect(),
@@ -230,9 +291,18 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
     })
 }
 
-fn failures(report: &Report) -> Vec<String> {
-    let is_defect = |text: &String| report.findings.iter().any(|f| f.text == *text);
-    report.verdict.failures.iter().filter(|text| !is_defect(text)).cloned().collect()
+/// The maps of what was deposited, and of a scan.
+fn map_groups(report: &Report, range: colour::Range) -> Result<Vec<MapGroup>, png::EncodingError> {
+    let deposited = unrolled::maps(report, range, |p| &p.ring)?;
+    if report.scan.is_none() {
+        return Ok(vec![MapGroup { title: None, maps: deposited }]);
+    }
+    let scanned = unrolled::maps(report, range, |p| &p.scan_ring)?;
+    let groups = [
+        (format!("The lumen {} against the image", report.origin.known()), deposited),
+        ("The scanned lumen against the solid".into(), scanned),
+    ];
+    Ok(groups.into_iter().map(|(title, maps)| MapGroup { title: Some(title), maps }).collect())
 }
 
 /// The grey pictures, as fine as the page may hold.
@@ -264,6 +334,7 @@ fn plate_view(plate: &super::plate::Plate, grey: Option<GreyView>) -> PlateView 
         paths: embed::path(&plate.paths, false),
         solid: embed::path(&plate.solid, true),
         contours: embed::path(&plate.contours, true),
+        scan: embed::path(&plate.scan, true),
         bar: Bar::of(plate.size),
     }
 }
@@ -276,49 +347,59 @@ fn with_unit(value: Option<f64>) -> String {
     if value.is_some() { format!("{} mm", mm(value)) } else { "not known".into() }
 }
 
+/// What is uncertain of a card's figure.
+fn off(uncertainty: Option<f64>, decimals: usize, unit: &str) -> String {
+    uncertainty.map_or_else(String::new, |u| format!("\u{b1} {u:.decimals$}{unit}; "))
+}
+
 fn cards(report: &Report) -> Vec<Card> {
     let total = report.block(Stage::Total).overall.unwrap_or_default();
     let deposition = report.block(Stage::Deposition).overall.unwrap_or_default();
-    let dice = total.figures.dice.map_or_else(|| "not known".into(), |d| format!("{d:.4}"));
-    vec![
-        Card {
-            label: "Total error, mean",
-            value: with_unit(total.figures.mean_mm),
-            hint: "image against deposited lumen",
-        },
-        Card {
-            label: "95 % lie within",
-            value: with_unit(total.figures.p95_mm),
-            hint: "image against deposited lumen",
-        },
-        Card {
-            label: "Bias",
-            value: with_unit(total.figures.bias_mm),
-            hint: "positive: the replica's lumen is too wide",
-        },
-        Card { label: "Overlap (Dice)", value: dice, hint: "1 is identical" },
-        Card {
-            label: "Worst layer (IoU)",
-            value: shown(deposition.iou_min, 4),
-            hint: "deposited against planned material",
-        },
-    ]
+    let (f, u) = (total.figures, total.figures.uncertainty);
+    let dice = f.dice.map_or_else(|| "not known".into(), |d| format!("{d:.4}"));
+    let compared = match report.origin {
+        Origin::Recorded => "image against deposited lumen",
+        Origin::Commanded => "image against commanded lumen, not measured",
+    };
+    let layers = match report.origin {
+        Origin::Recorded => "deposited against planned material",
+        Origin::Commanded => "commanded against planned material, not measured",
+    };
+    let card = |label: &str, value: String, hint: String| Card { label: label.into(), value, hint };
+    let mut cards = vec![
+        card("Total error, mean", with_unit(f.mean_mm), off(u.mean_mm, 3, " mm") + compared),
+        card("Total error, 95th percentile", with_unit(f.p95_mm), off(u.p95_mm, 3, " mm") + compared),
+        card(
+            "Total error, bias",
+            with_unit(f.bias_mm),
+            off(u.bias_mm, 3, " mm") + "positive: the lumen is too wide",
+        ),
+        card("Overlap (Dice)", dice, off(u.dice, 4, "") + "1 is identical"),
+        card("Worst layer (IoU)", shown(deposition.iou_min, 4), layers.into()),
+    ];
+    if let Some(scan) = report.scan.as_ref().and_then(|s| s.block.overall) {
+        let (f, u) = (scan.figures, scan.figures.uncertainty);
+        let hint = off(u.p95_mm, 3, " mm") + "solid against scanned replica";
+        cards.push(card("Scan, 95th percentile", with_unit(f.p95_mm), hint));
+    }
+    cards
 }
 
 fn stage_row(report: &Report, stage: Stage) -> StageRow {
     let block = report.block(stage);
     let f = block.overall.unwrap_or_default().figures;
+    let u = f.uncertainty;
     StageRow {
         name: title(stage),
         meaning: report.meaning(stage),
         reason: block.reason.clone(),
-        mean: mm(f.mean_mm),
-        rms: mm(f.rms_mm),
-        p95: mm(f.p95_mm),
-        max: mm(f.max_mm),
-        bias: mm(f.bias_mm),
-        dice: shown(f.dice, 4),
-        area: shown(f.area_error_percent, 2),
+        mean: narrow(f.mean_mm, u.mean_mm, 3),
+        rms: narrow(f.rms_mm, u.rms_mm, 3),
+        p95: narrow(f.p95_mm, u.p95_mm, 3),
+        max: narrow(f.max_mm, u.max_mm, 3),
+        bias: narrow(f.bias_mm, u.bias_mm, 3),
+        dice: narrow(f.dice, u.dice, 4),
+        area: narrow(f.area_error_percent, u.area_error_percent, 2),
     }
 }
 
@@ -356,14 +437,14 @@ fn plane_view(report: &Report, picture: &super::Picture, grey: Option<GreyView>)
             value: figure_or_reason(report, stage, k),
         })
         .collect();
-    figures.push(Labelled { label: "Total, 95 %".into(), value: with_unit(total.p95_mm) });
+    figures.push(Labelled { label: "Total, 95th percentile".into(), value: with_unit(total.p95_mm) });
     figures.push(Labelled { label: "Total, bias".into(), value: with_unit(total.bias_mm) });
     figures.push(Labelled { label: "Material overlap (IoU)".into(), value: shown(iou, 4) });
     PlaneView {
         plane: k,
         z: format!("{z_mm:.2}"),
         layer,
-        alt: alt(k, z_mm, &total),
+        alt: alt(report, k, &total),
         plate: plate_view(&picture.plate, grey),
         figures,
         cells,
@@ -380,7 +461,7 @@ impl PlaneView {
     /// The total error in a line.
     pub(super) fn summary(&self) -> String {
         match self.cells.as_slice() {
-            [mean, p95, _, bias, ..] => format!("total: mean {mean}, 95 % {p95}, bias {bias} mm"),
+            [mean, p95, _, bias, ..] => format!("total: mean {mean}, 95th percentile {p95}, bias {bias} mm"),
             _ => String::new(),
         }
     }
@@ -394,14 +475,36 @@ fn figure_or_reason(report: &Report, stage: Stage, k: usize) -> String {
     }
 }
 
-fn alt(plane: usize, z_mm: f64, total: &Figures) -> String {
+fn alt(report: &Report, plane: usize, total: &Figures) -> String {
+    let (z_mm, word) = (report.plane_z_mm[plane], report.origin.word());
     let figures = match (total.mean_mm, total.p95_mm) {
         (Some(mean), Some(p95)) => {
-            format!("deposited lumen is off the image by {mean:.3} mm on average, {p95:.3} mm at 95 %")
+            format!(
+                "{word} lumen is off the image by {mean:.3} mm on average, {p95:.3} mm at the 95th percentile"
+            )
         }
         _ => "the total error of this plane is not known".into(),
     };
     format!(
-        "CT plane {plane} at z {z_mm:.2} mm with segmented boundary, section of the solid, toolpaths and deposited material; {figures}"
+        "CT plane {plane} at z {z_mm:.2} mm with segmented boundary, section of the solid, toolpaths and {word} material; {figures}"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ct::Warning;
+
+    #[test]
+    fn a_note_that_lists_places_is_a_list() {
+        let place =
+            "plane 12 (z 34.500 mm) at R 12.3 mm, A 4.5 mm, H 678.9 mm into something bright, 3.4 mm wide";
+        let text =
+            format!("the region was cut off where it left the vessel: {place}; {place}; and 2 narrower ones");
+        let note = Note::of(&Warning::new("segment.leak_cut", text));
+        assert_eq!(note.lead, "The region was cut off where it left the vessel:");
+        assert_eq!(note.items, [place, place, "and 2 narrower ones"]);
+        let short = Note::of(&Warning::new("x", "one: two; three; four"));
+        assert_eq!((short.lead.as_str(), short.items.len()), ("One: two; three; four", 0));
+    }
 }

@@ -1,7 +1,7 @@
 //! The report as a document for the record (PDF): what the page says and shows, without what only a screen can do.
 //!
-//! Planes are the pixels of the CT with vector lines over them, as in the page. The same report gives the same bytes; there is
-//! no date in it. It is no PDF/A: the fonts are not embedded.
+//! Planes are the pixels of the CT with vector lines over them, as in the page. The same report gives the same bytes: the only date
+//! in it is the one that the report was given. It is no PDF/A: the fonts are not embedded.
 
 use super::page::chart::Chart;
 use super::page::{self, View};
@@ -9,17 +9,19 @@ use super::plate::{Grey, Line, Plate};
 use super::{Error, INTENDED_USE, Picture, Report};
 use pdf_writer::Name;
 use pdf_writer::types::LineJoinStyle;
-use sheet::{Book, Colour, Column, MARGIN, RULE, Style, WIDTH};
+use sheet::{Book, Colour, Column, MARGIN, RULE, Style, Titled, WIDTH};
 
 mod sheet;
 
 const TITLE: &str = "Quality report of a lumen replica";
 const GOOD: Colour = [20, 102, 47];
 const BAD: Colour = [161, 22, 22];
+const UNSURE: Colour = [138, 90, 0];
 const RED: Colour = [255, 59, 48];
 const GREEN: Colour = [64, 235, 110];
 const BLUE: Colour = [38, 130, 255];
 const AMBER: Colour = [255, 179, 0];
+const VIOLET: Colour = [213, 128, 255];
 const GROUND: Colour = [28, 28, 30];
 const WHITE: Colour = [255, 255, 255];
 /// Width of the text.
@@ -41,10 +43,8 @@ pub(super) fn document(report: &Report, view: &View) -> Result<Vec<u8>, Error> {
     tables(&mut book, view);
     methods(&mut book, view);
     sign_off(&mut book);
-    Ok(book.finish(
-        TITLE,
-        "lumenfab quality report. Not a medical device; see the intended use on the last page.",
-    )?)
+    let footer = format!("{}. Not a medical device; intended use on the last page.", view.running);
+    Ok(book.finish(TITLE, &footer)?)
 }
 
 fn summary(book: &mut Book, view: &View) {
@@ -52,44 +52,55 @@ fn summary(book: &mut Book, view: &View) {
     book.text(TITLE, [MARGIN, book.y()], Style::bold(19.0));
     book.skip(4.0);
     let lead = format!(
-        "{} {} CT planes, {} printed layers. Image, solid, toolpath and deposited material of the same plane are compared; the error is split by the step in which it arose.",
-        view.body_text, view.n_planes, view.n_layers
+        "{} {} CT planes, {} printed layers. Image, solid, toolpath and {} material of the same plane are compared; the error is split by the step in which it arose.",
+        view.body_text, view.n_planes, view.n_layers, view.deposited
     );
     book.paragraph(&lead, Style::soft(9.5));
+    let about: Vec<String> = view.about.iter().map(|(name, value)| format!("{name}: {value}")).collect();
+    book.skip(4.0);
+    for pair in about.chunks(2) {
+        book.paragraph(&pair.join("    "), Style::plain(9.0));
+    }
     book.heading("Result");
-    let colour = if view.passed { GOOD } else { BAD };
+    let colour = match (view.passed, view.is_measured) {
+        (false, _) => BAD,
+        (true, true) => GOOD,
+        (true, false) => UNSURE,
+    };
     book.paragraph(&view.verdict, Style { colour, ..Style::bold(11.0) });
     for failure in &view.failures {
         book.paragraph(&format!("\u{2022} {failure}"), Style { colour, ..Style::plain(9.5) });
     }
     book.skip(6.0);
     let columns = [(180.0, false), (90.0, true), (240.0, false)].map(column);
-    let rows: Vec<Vec<String>> = view
-        .cards
-        .iter()
-        .map(|c| vec![c.label.to_owned(), c.value.clone(), format!("   {}", c.hint)])
-        .collect();
+    let rows: Vec<Vec<String>> =
+        view.cards.iter().map(|c| vec![c.label.clone(), c.value.clone(), format!("   {}", c.hint)]).collect();
     book.table(&columns, &["Figure", "Value", "Meaning"], &rows, 9.5);
     defects(book, view);
     book.heading("What to know before reading on");
     for note in &view.notes {
-        book.paragraph(&format!("\u{2022} {} ({})", note.text, note.code), Style::plain(9.0));
+        book.paragraph(&format!("\u{2022} {} ({})", note.lead, note.code), Style::plain(9.0));
+        for item in &note.items {
+            book.paragraph(&format!("    \u{2013} {item}"), Style::plain(9.0));
+        }
     }
 }
 
 fn defects(book: &mut Book, view: &View) {
-    book.heading("What is wrong");
     if view.defects.is_empty() {
+        book.heading("What is wrong");
         book.paragraph("No defect was found in any step.", Style::plain(9.5));
     } else {
         let columns =
             [(78.0, false), (66.0, false), (120.0, false), (78.0, false), (169.0, false)].map(column);
         let row = |d: &page::defects::DefectRow| {
-            let what = if d.fails { d.what.to_owned() } else { format!("{} (within the limits)", d.what) };
+            let what =
+                if d.fails { d.what.to_owned() } else { format!("{} (noted, within the limits)", d.what) };
             vec![what, d.step.to_owned(), d.place.clone(), d.size.clone(), d.text.clone()]
         };
         let rows: Vec<Vec<String>> = view.defects.iter().map(row).collect();
-        book.table(&columns, &["What", "Step", "Where", "How much", "In words"], &rows, 8.0);
+        let head = ["What", "Step", "Where", "How much", "In words"];
+        book.section(&Titled { title: "What is wrong", caption: "" }, &columns, &head, &rows, 8.0);
     }
     book.skip(4.0);
     book.paragraph("What this comparison cannot see:", Style::soft(8.5));
@@ -103,10 +114,9 @@ fn column((width, right): (f32, bool)) -> Column {
 }
 
 fn stages(book: &mut Book, view: &View) {
-    book.heading("Where the error arose");
-    book.paragraph(
-        "All planes together. Distances in mm, curve to curve, both ways; bias: positive where the later step lies outside the earlier one. In the deposition step, Dice and area are those of the deposited material over all layers.",
-        Style::soft(8.5),
+    let caption = format!(
+        "All planes together. Distances in mm, curve to curve, both ways; bias: positive where the later step lies outside the earlier one; \u{b1}: standard uncertainty. In the deposition step, Dice and area are those of the {} material over all layers.",
+        view.deposited
     );
     let mut columns = vec![column((78.0, false)), column((161.0, false))];
     columns.extend([column((39.0, true)); 7]);
@@ -118,8 +128,8 @@ fn stages(book: &mut Book, view: &View) {
         row
     };
     let rows: Vec<Vec<String>> = view.stages.iter().map(row).collect();
-    let head = ["Step", "Compared", "Mean", "RMS", "95 %", "Max", "Bias", "Dice", "Area %"];
-    book.table(&columns, &head, &rows, 8.5);
+    let head = ["Step", "Compared", "Mean", "RMS", "95th p.", "Max", "Bias", "Dice", "Area %"];
+    book.section(&Titled { title: "Where the error arose", caption: &caption }, &columns, &head, &rows, 8.5);
 }
 
 fn charts(book: &mut Book, charts: &[Chart]) {
@@ -200,20 +210,36 @@ fn stroke_colour(content: &mut pdf_writer::Content, colour: Colour) {
 }
 
 fn maps(book: &mut Book, view: &View) -> Result<(), Error> {
-    if view.maps.is_empty() {
+    let is_empty = view.map_groups.iter().all(|g| g.maps.is_empty());
+    if is_empty {
         return Ok(());
     }
+    book.need(320.0);
     book.heading("Deviation around and along the vessel");
     book.paragraph(
         &format!(
-            "Each branch cut open and laid flat: around it from left to right, along its centreline upward. Blue: the deposited lumen is too narrow (full colour at -{0} mm), red: too wide (+{0} mm), grey: not known.",
-            view.most_mm
+            "Each branch cut open and laid flat: around it from left to right, along its centreline upward. Blue: the lumen is too narrow (full colour at -{0} mm), red: too wide (+{0} mm), grey: not known. The {1} lumen lies against the boundary in the image (of the contours, where there is none){2}.",
+            view.most_mm,
+            view.deposited,
+            if view.is_commanded { "; it is commanded, not measured" } else { "" }
         ),
         Style::soft(8.5),
     );
+    for group in &view.map_groups {
+        if let Some(title) = &group.title {
+            book.need(200.0);
+            book.skip(16.0);
+            book.text(title, [MARGIN, book.y()], Style::bold(9.5));
+        }
+        map_rows(book, &group.maps)?;
+    }
+    Ok(())
+}
+
+fn map_rows(book: &mut Book, maps: &[page::Map]) -> Result<(), Error> {
     const SCALE: f32 = 0.62;
     const PITCH: f32 = 168.0;
-    for row in view.maps.chunks(3) {
+    for row in maps.chunks(3) {
         let height = row.iter().map(|m| narrow(m.height)).fold(0.0, f32::max) * SCALE + 42.0;
         book.need(height);
         let top = book.y() + 16.0;
@@ -238,10 +264,12 @@ fn pictures(book: &mut Book, report: &Report, view: &View) -> Result<(), Error> 
     let Some(first) = report.pictures.first() else { return Ok(()) };
     book.new_page();
     book.heading("Pictures of all planes");
-    book.paragraph(
-        "CT in grey, segmented boundary dashed green, section of the solid red, planned toolpaths blue, deposited material amber.",
-        Style::soft(8.5),
+    let caption = format!(
+        "CT in grey, segmented boundary dashed green, section of the solid red, planned toolpaths blue, material {} amber{}.",
+        view.known,
+        if view.has_scan { ", scanned replica violet" } else { "" }
     );
+    book.paragraph(&caption, Style::soft(8.5));
     book.skip(6.0);
     let [width, height] = first.plate.size.map(|s| narrow(f64::from(s)));
     let scale = (0.48 * TEXT / width).min(PICTURE / height);
@@ -301,6 +329,7 @@ fn draw_lines(book: &mut Book, plate: &Plate, point: f32) {
         (&plate.paths, false, BLUE, 0.35),
         (&plate.solid, true, RED, 0.8),
         (&plate.contours, true, GREEN, 0.5),
+        (&plate.scan, true, VIOLET, 0.5),
     ] {
         stroke_colour(content, colour);
         let dash = if std::ptr::eq(lines, &raw const plate.contours) {
@@ -350,10 +379,9 @@ fn signs(book: &mut Book, plate: &Plate, [x, y]: [f32; 2], [width, height]: [f32
 
 fn tables(book: &mut Book, view: &View) {
     book.new_page();
-    book.heading("Figures of every plane");
-    book.paragraph(
-        "Total: boundary in the image against deposited material. The columns on the right give the mean distance of each step. mm; the IoU is that of the material of the plane's layer.",
-        Style::soft(8.5),
+    let caption = format!(
+        "Total: boundary in the image against {} material. The columns on the right give the mean distance of each step. mm; the IoU is that of the material of the plane's layer.",
+        view.deposited
     );
     let mut columns = vec![column((30.0, true)), column((40.0, true))];
     let (n_figures, width) = if view.has_scan { (13, 33.7) } else { (12, 36.5) };
@@ -363,17 +391,16 @@ fn tables(book: &mut Book, view: &View) {
     };
     let rows: Vec<Vec<String>> = view.planes.iter().map(row).collect();
     let head = [
-        "Plane", "z", "Mean", "95 %", "Max", "Bias", "Dice", "Area %", "Segm.", "Recon.", "Slicing",
+        "Plane", "z", "Mean", "95th p.", "Max", "Bias", "Dice", "Area %", "Segm.", "Recon.", "Slicing",
         "Toolp.", "Depos.", "IoU", "Scan",
     ];
-    book.table(&columns, &head[..columns.len()], &rows, 7.5);
+    let titled = Titled { title: "Figures of every plane", caption: &caption };
+    book.section(&titled, &columns, &head[..columns.len()], &rows, 7.5);
     for table in &view.tables {
-        book.heading(table.title);
-        book.paragraph(table.caption, Style::soft(8.5));
-        book.skip(4.0);
         let columns: Vec<Column> = table.columns.iter().map(|c| column((c.width, !c.is_text))).collect();
         let head: Vec<&str> = table.columns.iter().map(|c| c.head).collect();
-        book.table(&columns, &head, &table.rows, 8.0);
+        let titled = Titled { title: table.title, caption: table.caption };
+        book.section(&titled, &columns, &head, &table.rows, 8.0);
     }
 }
 

@@ -1,5 +1,5 @@
 //! One CT plane to a picture (PNG): the image in grey, deposited material as a translucent fill, toolpaths blue,
-//! section of the solid red, segmented boundary green (dashed, so that the red under it stays visible).
+//! section of the solid red, segmented boundary green (dashed, so that the red under it stays visible), scanned replica violet.
 //!
 //! All planes share one frame and one scale, so that leafing through them moves nothing but the vessel. The image
 //! is drawn between the pixels' centres by linear interpolation, which is also how its boundary was measured.
@@ -25,6 +25,7 @@ const GREEN: [u8; 4] = [64, 235, 110, 255];
 const RED: [u8; 4] = [255, 59, 48, 255];
 const BLUE: [u8; 4] = [38, 130, 255, 255];
 const AMBER: [u8; 4] = [255, 179, 0, 84];
+const VIOLET: [u8; 4] = [213, 128, 255, 255];
 /// White on a dark shade: it is read on every grey.
 const INK: Ink = Ink { line: [255, 255, 255, 255], shade: [0, 0, 0, 170] };
 
@@ -132,6 +133,19 @@ pub(super) struct Scene<'a> {
     pub(super) reference: Option<&'a Outline>,
     /// The lumen that the deposited material leaves.
     pub(super) deposited: Option<&'a Region>,
+    /// The replica as a scan shows it.
+    pub(super) scanned: Option<ScannedScene<'a>>,
+}
+
+/// The scanned replica in one plane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ScannedScene<'a> {
+    /// The lumen of the solid.
+    pub(super) model: &'a Outline,
+    /// That of the scan.
+    pub(super) lumen: &'a Region,
+    /// All that is bright.
+    pub(super) material: &'a Region,
 }
 
 /// Draws and encodes.
@@ -156,6 +170,9 @@ pub(super) fn paint(scene: &Scene<'_>) -> Result<Picture, Error> {
     brush.outline(&scene.solid.outer.contours, RED, 2.8, None);
     brush.outline(&scene.solid.lumen.contours, RED, 2.8, None);
     brush.outline(scene.contours, GREEN, 1.6, StrokeDash::new(vec![7.0, 5.0], 0.0));
+    if let Some(scanned) = scene.scanned {
+        brush.outline(&scanned.material.contours, VIOLET, 1.6, None);
+    }
     brush.scale_bar();
     brush.letters(scene);
     let png = draw::encode(&brush.canvas).map_err(|e| fail(&e.to_string()))?;

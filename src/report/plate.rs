@@ -40,6 +40,10 @@ pub(super) struct Plate {
     pub(super) sides: [&'static str; 6],
     /// Deviation along the reference outline.
     pub(super) ring: Vec<Sample>,
+    /// Outlines of the scanned replica; none without a scan.
+    pub(super) scan: Vec<Line>,
+    /// Deviation of the scanned lumen along the solid's.
+    pub(super) scan_ring: Vec<Sample>,
 }
 
 /// A place on the reference outline. Stack frame.
@@ -48,7 +52,7 @@ pub(super) struct Sample {
     pub(super) at: Point2,
     /// Which contour of the reference it lies on.
     pub(super) contour_idx: usize,
-    /// How far the deposited lumen lies outside, mm; `None` where that is not known.
+    /// How far the deposited (or scanned) lumen lies outside, mm; `None` where that is not known.
     pub(super) off_mm: Option<f64>,
 }
 
@@ -89,6 +93,8 @@ impl Plate {
             sides: [-Vector3::x(), Vector3::x(), -Vector3::y(), Vector3::y(), -Vector3::z(), Vector3::z()]
                 .map(letter),
             ring: scene.reference.map_or_else(Vec::new, |r| ring(r, scene.deposited)),
+            scan: scene.scanned.map_or_else(Vec::new, |s| outlines(&s.material.contours)),
+            scan_ring: scene.scanned.map_or_else(Vec::new, |s| ring(s.model, Some(s.lumen))),
         }
     }
 }

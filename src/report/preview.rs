@@ -47,6 +47,7 @@ pub fn of_contours(
             contours: &own.contours,
             reference: None,
             deposited: None,
+            scanned: None,
         })
     };
     sections.planes.par_iter().enumerate().map(picture).collect()

@@ -42,6 +42,35 @@ pub enum Origin {
     Commanded,
 }
 
+impl Origin {
+    /// What all that the print has laid is called: `deposited lumen`, `commanded lumen`.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Recorded => "deposited",
+            Self::Commanded => "commanded",
+        }
+    }
+
+    /// How it is known, for the reader.
+    #[must_use]
+    pub const fn known(self) -> &'static str {
+        match self {
+            Self::Recorded => "as recorded",
+            Self::Commanded => "commanded, not measured",
+        }
+    }
+
+    /// What the stage `recorded` of `report.json` is called before a reader.
+    #[must_use]
+    pub const fn step(self) -> &'static str {
+        match self {
+            Self::Recorded => "recorded",
+            Self::Commanded => "commanded",
+        }
+    }
+}
+
 /// All that was deposited, in the order of time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Record {

@@ -4,19 +4,21 @@ use super::anatomy::{Branches, StageLumina};
 use super::deviation::{Areas, Comparison, Figures, Outline, compare};
 use super::image::{ImageBoundary, boundaries, median};
 use super::lumen::{Expected, of_beads};
-use super::picture::{Scene, Window, frame_of, paint};
+use super::picture::{ScannedScene, Scene, Window, frame_of, paint};
 use super::record::Segment;
-use super::scan::{self, Scanned};
+use super::scan::{self, Scanned, ScannedPlane};
+use super::shares::{BranchFigures, Compared, by_branch};
 use super::strokes::{self, Stroke};
 use super::surface::Surface;
+use super::uncertainty::Sides;
 use super::verdict::Judged;
 use super::{
-    Block, BodyKind, Error, Histogram, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM, Report,
-    Stage, Uncertainty, Verdict,
+    Basis, Block, BodyKind, Error, Histogram, Inputs, LayerFigures, Overall, PlaneFigures, REGISTRATION_MM,
+    Report, Stage, Uncertainty, Verdict,
 };
 use super::{found, measures};
 use crate::ct::Warning;
-use crate::geom::{Contour, Point3, Region, Vector3};
+use crate::geom::{Contour, Point3, Region, SegmentIndex, Vector3};
 use crate::progress::{Cancelled, Task};
 use crate::sections::PlaneSections;
 use crate::slice::Layer;
@@ -49,41 +51,57 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         .enumerate()
         .map(|(k, seen)| plane(inputs, &layers, (k, seen), &counter))
         .collect::<Result<_, _>>()?;
-    let pictures = pictures(inputs, &planes, &layers, &counter)?;
     let figures: Vec<LayerFigures> = layers.iter().map(|l| l.figures).collect();
-    let blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
+    let mut blocks = Stage::ALL.map(|stage| block(stage, inputs, &planes, &layers));
     let pixel_mm = inputs.image.map(|i| i.volume.pixel_spacing_xy_mm.into_iter().fold(0.0, f64::max));
     let branches = Branches::of(inputs.sections);
     let mut lumina = lumina(&branches, &planes);
-    let mut findings = found::findings(inputs, &planes, &lumina, &branches.names());
-    let scanned = scanned(inputs, &planes, task)?;
-    let scan = scanned.as_ref().map(|s| s.stage(branches.z_mm()));
+    let (mut findings, unsure) = found::findings(inputs, &planes, &lumina, &branches.names());
+    let sections: Vec<(f64, &CrossSection)> =
+        inputs.sections.planes.iter().map(|p| p.z_mm).zip(planes.iter().map(|p| &p.section)).collect();
+    let scanned = inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()?;
+    let pictures = pictures(inputs, &planes, &layers, scanned.as_ref(), &counter)?;
+    let mut scan = scanned.as_ref().map(|s| s.stage(branches.z_mm()));
     if let Some(scanned) = &scanned {
-        let sections: Vec<&CrossSection> = planes.iter().map(|p| &p.section).collect();
-        findings.extend(scanned.findings(&lumina[SOLID], &branches, &sections, inputs.body));
+        findings.extend(scanned.findings(&lumina[SOLID], &branches, task)?);
         lumina.extend(scanned.lumina(&branches));
     }
-    let (scan, scan_failures) = scan.unzip();
     let uncertainty = Uncertainty::of(&planes);
+    let detail = Detail { branches: &branches, lumina: &lumina, layers: &layers };
+    for (stage, block) in Stage::ALL.into_iter().zip(&mut blocks) {
+        let compared: Vec<_> = planes.iter().map(|p| p.comparisons[stage as usize].as_ref().ok()).collect();
+        detail.add(stage, block, &compared, uncertainty.sides(stage));
+    }
+    if let (Some(scan), Some(scanned)) = (&mut scan, &scanned) {
+        let compared: Vec<_> = scanned.planes.iter().map(ScannedPlane::comparison).collect();
+        let sides = scan.uncertainty_mm.sides();
+        detail.add(Stage::Scan, &mut scan.block, &compared, sides);
+    }
     let section =
         |z_mm: f64| section_lumen(&inputs.solid.section(z_mm, SECTION_TOLERANCE_MM), inputs.body).clone();
     let mut anatomy = branches.measure(&lumina, &section);
-    uncertainty.state(&mut anatomy, scan.as_ref().and_then(|s| s.uncertainty_mm.place));
-    let walls = measures::walls(inputs, &planes, &layers, scanned.as_ref());
+    let scanned_mm = scan.as_ref().and_then(|s| s.uncertainty_mm.place);
+    uncertainty.state(&mut anatomy, scanned_mm);
+    let place_mm = |stage: &str| uncertainty.place_mm(stage, scanned_mm);
+    let walls = measures::walls(inputs, &planes, &layers, scanned.as_ref(), &place_mm);
     let amounts = measures::amounts(inputs, &planes, scanned.as_ref());
     let judged = Judged {
         pixel_mm,
         meant: if compensation_mm(inputs) == 0.0 { "contours" } else { "planned" },
         blocks: &blocks,
+        unseen: &unseen(&planes),
         findings: &findings,
         anatomy: &anatomy,
         walls: &walls,
         amounts: &amounts,
+        scan: scan.as_ref(),
     };
     Ok(Report {
         body: inputs.body,
         origin: inputs.record.origin,
-        verdict: Verdict::of(inputs.gate, &judged).with_failures(scan_failures.unwrap_or_default()),
+        about: inputs.about.clone(),
+        verdict: Verdict::of(inputs.gate, &judged)
+            .resting_on(Basis::of(inputs.record.origin, scan.is_some())),
         anatomy,
         walls,
         amounts,
@@ -94,6 +112,7 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
         surface: Surface::of(inputs, &pictures),
         notes: notes(inputs, &recorded, &figures, &planes)
             .into_iter()
+            .chain(unsure)
             .chain(scanned.iter().flat_map(Scanned::notes))
             .collect(),
         findings,
@@ -103,11 +122,58 @@ pub fn build(inputs: &Inputs<'_>, task: &Task<'_>) -> Result<Report, Error> {
     })
 }
 
-/// The scan of the replica at all planes.
-fn scanned(inputs: &Inputs<'_>, planes: &[PlaneWork], task: &Task<'_>) -> Result<Option<Scanned>, Error> {
-    let heights = inputs.sections.planes.iter().map(|p| p.z_mm);
-    let sections: Vec<(f64, &CrossSection)> = heights.zip(planes.iter().map(|p| &p.section)).collect();
-    inputs.scan.map(|volume| scan::measured(inputs, volume, &sections, task)).transpose()
+/// What the figures of a stage are shared out by.
+struct Detail<'a> {
+    branches: &'a Branches,
+    lumina: &'a [StageLumina],
+    layers: &'a [LayerWork],
+}
+
+impl Detail<'_> {
+    /// Gives a block its uncertainties and the figures of its branches.
+    fn add(&self, stage: Stage, block: &mut Block, compared: &[Option<&Comparison>], sides: Option<Sides>) {
+        let state = |figures: &mut Figures, planes: &[&Comparison], areas: Option<Areas>| {
+            if let Some(sides) = sides {
+                figures.uncertainty = sides.of(figures, planes, areas);
+            }
+        };
+        let areas = |planes: &[&Comparison]| Some(Areas::sum(planes.iter().filter_map(|c| c.areas.as_ref())));
+        let of_material = (stage == Stage::Deposition).then_some(self.layers);
+        if let Some(overall) = &mut block.overall {
+            let planes: Vec<&Comparison> = compared.iter().flatten().copied().collect();
+            let material = of_material.map(|layers| Areas::sum(layers.iter().map(|l| &l.areas)));
+            state(&mut overall.figures, &planes, material.or_else(|| areas(&planes)));
+        }
+        for (entry, comparison) in block.planes.iter_mut().zip(compared) {
+            let own: Vec<&Comparison> = comparison.iter().copied().collect();
+            let at = |layers: &[LayerWork]| {
+                layers.iter().find(|l| l.figures.ct_plane == Some(entry.plane)).map(|l| l.areas)
+            };
+            let material = of_material.and_then(at);
+            state(&mut entry.figures, &own, material.or_else(|| areas(&own)));
+        }
+        let [reference, tested] = lumina_of(stage).map(|i| self.lumina.get(i));
+        let (Some(reference), Some(tested)) = (reference, tested) else { return };
+        let shares = by_branch(self.branches, Compared { planes: compared, reference, tested });
+        let named = self.branches.names().into_iter().zip(shares).filter(|(_, planes)| !planes.is_empty());
+        block.branches = named
+            .map(|(branch, planes)| {
+                let planes: Vec<&Comparison> = planes.iter().collect();
+                let mut figures = Figures::of(planes.iter().copied());
+                state(&mut figures, &planes, areas(&planes));
+                BranchFigures { branch, n_planes: planes.len(), figures }
+            })
+            .collect();
+    }
+}
+
+/// The two lumina that a stage compares, by their places in [`STAGES`] and what a scan adds.
+const fn lumina_of(stage: Stage) -> [usize; 2] {
+    match stage {
+        Stage::Total => [0, STAGES.len() - 1],
+        Stage::Scan => [SOLID, STAGES.len()],
+        stage => [stage as usize, stage as usize + 1],
+    }
 }
 
 struct Counter<'a> {
@@ -141,25 +207,37 @@ fn check(inputs: &Inputs<'_>) -> Result<(), Error> {
     let at_planes = inputs.paths.layers.iter().enumerate().filter(|(_, l)| l.slot.ct_plane.is_some());
     let offsets = at_planes.filter_map(|(i, l)| Some((i, registration_mm(inputs, l)?)));
     match offsets.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        None => Err(Error::Unchecked),
         Some((layer, off_mm)) if off_mm > REGISTRATION_MM => Err(Error::Registration { layer, off_mm }),
-        _ => Ok(()),
+        Some(_) => Ok(()),
     }
 }
 
-/// How far the planned lumen (a cast's material) lies off the layer's after the transform, mm: by the boxes
-/// around both, which move with any shift, turn or mirroring, without a fit.
+/// How far the planned lumen (a cast's material) lies off the layer's after the transform, mm, without a fit: the farthest that a corner
+/// of one outline lies from the other, both ways; infinite where one of them has nothing. `None` where neither has.
 fn registration_mm(inputs: &Inputs<'_>, paths: &LayerPaths) -> Option<f64> {
     let layer = layer_of(inputs, paths)?;
     let compensation = &inputs.paths.compensation;
-    // By how much each box is meant to be larger on the bed: there outlines are moved, after the part was enlarged.
+    // By how much each outline is meant to lie outward on the bed: there outlines are moved, after the part was enlarged.
     let (planned, sliced, larger_mm) = match inputs.body {
         BodyKind::Wall => (&paths.lumen, &layer.lumen, compensation.lumen_mm),
         BodyKind::Cast => (&paths.material, &layer.material, -compensation.material_mm),
     };
     let back = inputs.paths.stack_from_bed();
-    let planned = moved(planned, &back).bounds()?;
-    let sliced = sliced.bounds()?.grown(back.length_mm(larger_mm));
-    Some((planned.min - sliced.min).norm().max((planned.max - sliced.max).norm()))
+    let (planned, by_mm) = (moved(planned, &back), back.length_mm(larger_mm));
+    let meant = if by_mm == 0.0 { sliced.clone() } else { sliced.offset(by_mm, SECTION_TOLERANCE_MM) };
+    if planned.is_empty() && meant.is_empty() {
+        return None;
+    }
+    let [one, other] = [&planned, &meant].map(|r| SegmentIndex::try_new(&r.contours));
+    let farthest = |from: &Region, to: &SegmentIndex| {
+        let corners = from.contours.iter().flat_map(|c| &c.points);
+        corners.map(|p| to.nearest(*p).distance_mm).fold(0.0, f64::max)
+    };
+    Some(
+        one.zip(other)
+            .map_or(f64::INFINITY, |(one, other)| farthest(&planned, &other).max(farthest(&meant, &one))),
+    )
 }
 
 /// The layer of the case that a layer of the job prints.
@@ -415,6 +493,7 @@ fn block(stage: Stage, inputs: &Inputs<'_>, planes: &[PlaneWork], layers: &[Laye
     }
     let something = n_planes > 0 || overall.iou_mean.is_some();
     Block {
+        branches: Vec::new(),
         overall: something.then_some(overall),
         histogram,
         planes: planes
@@ -440,6 +519,15 @@ fn found_part(planes: &[PlaneWork]) -> Option<f64> {
     let images = planes.iter().filter_map(|p| p.image.as_ref());
     let (found, points) = images.fold((0, 0), |(f, n), i| (f + i.n_found, n + i.n_points));
     (points > 0).then(|| found as f64 / points as f64)
+}
+
+/// Planes whose total was not measured, or rests on less than half of the outline's places.
+fn unseen(planes: &[PlaneWork]) -> Vec<usize> {
+    let is_seen = |p: &PlaneWork| {
+        let is_clear = p.image.as_ref().is_some_and(|i| 2 * i.n_found >= i.n_points);
+        is_clear && p.comparisons[Stage::Total as usize].is_ok()
+    };
+    (0..planes.len()).filter(|&k| !is_seen(&planes[k])).collect()
 }
 
 fn plane_figures(
@@ -497,6 +585,7 @@ fn pictures(
     inputs: &Inputs<'_>,
     planes: &[PlaneWork],
     layers: &[LayerWork],
+    scanned: Option<&Scanned>,
     counter: &Counter<'_>,
 ) -> Result<Vec<super::Picture>, Error> {
     let regions = planes.iter().flat_map(|p| [&p.contours.region, &p.section.outer]);
@@ -528,6 +617,11 @@ fn pictures(
             contours: &inputs.sections.planes[k].contours,
             reference: Some(work.image.as_ref().map_or(&work.contours, |i| &i.outline)),
             deposited: work.recorded.as_ref().map(|o| &o.region),
+            scanned: scanned.and_then(|s| s.planes.get(k)).map(|own| ScannedScene {
+                model: &work.solid,
+                lumen: &own.lumen,
+                material: &own.material,
+            }),
         })
     });
     all.collect()

@@ -35,6 +35,8 @@ pub(super) struct Vertex {
     pub(super) at_mm: [f64; 3],
     /// How far the deposited lumen lies outside; `None` where that is not known.
     pub(super) off_mm: Option<f64>,
+    /// How far the scanned lumen does.
+    pub(super) scan_off_mm: Option<f64>,
 }
 
 struct Level {
@@ -50,9 +52,15 @@ struct Ring<'a> {
     index: Option<SegmentIndex>,
 }
 
+/// The deviations in all CT planes.
+#[derive(Default)]
+struct Rings<'a> {
+    deposited: Vec<Ring<'a>>,
+    scanned: Vec<Ring<'a>>,
+}
+
 impl<'a> Ring<'a> {
-    fn of(picture: &'a Picture, z_mm: f64) -> Self {
-        let samples = picture.plate.ring.as_slice();
+    fn of(samples: &'a [Sample], z_mm: f64) -> Self {
         Self { z_mm, samples, index: SegmentIndex::of_points(samples.iter().map(|s| s.at)) }
     }
 }
@@ -61,7 +69,10 @@ impl Surface {
     pub(super) fn of(inputs: &Inputs<'_>, pictures: &[Picture]) -> Self {
         let levels = levels(inputs);
         let planes = &inputs.sections.planes;
-        let rings: Vec<Ring<'_>> = pictures.iter().map(|p| Ring::of(p, planes[p.plane].z_mm)).collect();
+        let rings = Rings {
+            deposited: pictures.iter().map(|p| Ring::of(&p.plate.ring, planes[p.plane].z_mm)).collect(),
+            scanned: pictures.iter().map(|p| Ring::of(&p.plate.scan_ring, planes[p.plane].z_mm)).collect(),
+        };
         let neighbours = |i: usize| [i.checked_sub(1), Some(i + 1)].into_iter().flatten();
         let pairs: Vec<[usize; 2]> = (0..levels.len())
             .flat_map(|i| neighbours(i).map(move |j| [i, j]))
@@ -110,7 +121,7 @@ fn levels(inputs: &Inputs<'_>) -> Vec<Level> {
 }
 
 /// Strips from every vertex of a section to the nearest places of another.
-fn between(from: &Level, to: &Level, rings: &[Ring<'_>]) -> Surface {
+fn between(from: &Level, to: &Level, rings: &Rings<'_>) -> Surface {
     let mut surface = Surface::default();
     let Some(index) = &to.index else { return surface };
     // Where a vessel divides, the wall between its branches lies as far from the undivided outline as its middle.
@@ -144,8 +155,12 @@ impl Surface {
     }
 }
 
-fn vertex(at: Point2, z_mm: f64, rings: &[Ring<'_>]) -> Vertex {
-    Vertex { at_mm: [at.x, at.y, z_mm], off_mm: off_mm(at, z_mm, rings) }
+fn vertex(at: Point2, z_mm: f64, rings: &Rings<'_>) -> Vertex {
+    Vertex {
+        at_mm: [at.x, at.y, z_mm],
+        off_mm: off_mm(at, z_mm, &rings.deposited),
+        scan_off_mm: off_mm(at, z_mm, &rings.scanned),
+    }
 }
 
 /// The deviation at the nearest places of the planes below and above, linear between them.
@@ -202,9 +217,9 @@ mod tests {
         let disk = |x: f64, r: f64| Contour::circle(Point2::new(x, 0.0), r, 48);
         let (one, two) =
             (level(0.0, vec![disk(0.0, 3.0)]), level(0.4, vec![disk(-1.6, 1.5), disk(1.6, 1.5)]));
-        let (up, down) = (between(&one, &two, &[]), between(&two, &one, &[]));
+        let (up, down) = (between(&one, &two, &Rings::default()), between(&two, &one, &Rings::default()));
         assert_eq!((up.strips.as_slice(), down.strips.as_slice()), ([98].as_slice(), [98, 98].as_slice()));
         let far = level(0.4, vec![disk(50.0, 1.0)]);
-        assert!(between(&one, &far, &[]).vertices.is_empty());
+        assert!(between(&one, &far, &Rings::default()).vertices.is_empty());
     }
 }

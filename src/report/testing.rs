@@ -2,7 +2,7 @@
 
 use super::image::Polarity;
 use super::record::{Record, Segment};
-use super::{BodyKind, Image, Inputs, Job, Triangles};
+use super::{About, BodyKind, Image, Inputs, Job, Triangles};
 use crate::ct::{Volume, Voxels};
 use crate::geom::{Contour, Point2, Point3, Region, RigidTransform, Vector2, Vector3};
 use crate::sections::{PlaneSections, SectionStack};
@@ -137,6 +137,7 @@ pub(super) fn inputs<S: Sectioned>(case: &Made<S>) -> Inputs<'_> {
         layers: &case.layers,
         paths: &case.paths,
         record: &case.record,
+        job_beads: None,
         scan: None,
         warnings: &[],
         job: Job::default(),
@@ -145,6 +146,7 @@ pub(super) fn inputs<S: Sectioned>(case: &Made<S>) -> Inputs<'_> {
             Triangles { deflection_mm: 0.01, n_triangles: 8000 },
         ],
         gate: crate::profile::gate::builtin("marlin").unwrap(),
+        about: &About::UNKNOWN,
     }
 }
 
@@ -263,10 +265,25 @@ impl Sectioned for Shape {
     }
 }
 
+/// A vessel whose axis lies in a plane, and that divides: it is its own mirror image.
+pub(super) fn flat_fork(z_mm: f64, n_planes: usize) -> Circles {
+    let part = z_mm / (INTERVAL_MM * (n_planes - 1) as f64);
+    if part < 0.5 {
+        return vec![(Point2::new(0.4 - 0.8 * part, 0.0), 2.6 + 0.4 * part)];
+    }
+    let apart = 2.4 + 1.6 * (part - 0.5);
+    vec![(Point2::new(-apart, 0.0), 1.9), (Point2::new(apart, 0.0), 1.5)]
+}
+
 impl Forked {
     pub(super) fn new(n_planes: usize) -> Self {
+        Self::of(n_planes, fork)
+    }
+
+    /// The vessel with these lumina, by height and number of planes.
+    pub(super) fn of(n_planes: usize, lumina: fn(f64, usize) -> Circles) -> Self {
         let half = 0.5 * INTERVAL_MM;
-        let circles = |z_mm: f64| fork(z_mm, n_planes);
+        let circles = |z_mm: f64| lumina(z_mm, n_planes);
         let bed_from_stack = RigidTransform::translation(Vector3::new(100.0, 90.0, half));
         let (mut layers, mut paths) = (Vec::new(), Vec::new());
         for slot in slots(n_planes) {
@@ -292,7 +309,7 @@ impl Forked {
             },
             solid: Shape {
                 z_mm: [-half, INTERVAL_MM * (n_planes - 1) as f64 + half],
-                lumen: Box::new(move |z_mm| region_of(&fork(z_mm, n_planes), 0.0)),
+                lumen: Box::new(move |z_mm| region_of(&lumina(z_mm, n_planes), 0.0)),
             },
             record: print(&paths),
             layers,

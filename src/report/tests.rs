@@ -1,11 +1,11 @@
 //! The whole room on synthetic cases: what is put in must be found, in the right stage, in the right plane, of the
 //! right size, and nothing else.
 
-use super::testing::{BEAD_MM, Case, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, inputs, print};
+use super::testing::{BEAD_MM, Case, Forked, INTERVAL_MM, LAYER_MM, RADIUS_MM, WALL_MM, disk, inputs, print};
 use super::*;
 use crate::ct::Voxels;
 use crate::geom::Point3;
-use crate::geom::{Contour, Point2, RigidTransform, Vector3};
+use crate::geom::{Contour, Point2, Region, RigidTransform, Vector3};
 use crate::progress::{CancelToken, Task};
 use crate::slice::LayerSlot;
 
@@ -283,6 +283,25 @@ fn what_does_not_belong_together_is_refused() {
     assert!(matches!(error, Error::Registration { off_mm, .. } if (off_mm - 0.02).abs() < 1e-3));
     assert!(error.to_string().contains("slice the case again"));
 
+    // Within the same box: mirrored, or a lumen in the middle that is not there.
+    let mut within = Case::new(3);
+    let inner = |x: f64| {
+        disk(RADIUS_MM).difference(&Region::new(vec![Contour::circle(Point2::new(x, 0.0), 0.5, 90)]))
+    };
+    within.layers.iter_mut().for_each(|l| l.lumen = inner(1.0));
+    let on_bed = |p: &Point2| Point2::new(p.x + 100.0, p.y + 90.0);
+    let moved = |r: Region| {
+        Region::new(r.contours.iter().map(|c| Contour::new(c.points.iter().map(on_bed).collect())).collect())
+    };
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = moved(inner(1.0)));
+    assert!(build(&inputs(&within), &Task::quiet()).is_ok());
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = moved(inner(-1.0)));
+    let error = build(&inputs(&within), &Task::quiet()).unwrap_err();
+    assert!(matches!(error, Error::Registration { off_mm, .. } if off_mm > 1.0), "{error}");
+    within.paths.layers.iter_mut().for_each(|l| l.lumen = Region::default());
+    within.layers.iter_mut().for_each(|l| l.lumen = Region::default());
+    assert!(matches!(build(&inputs(&within), &Task::quiet()), Err(Error::Unchecked)));
+
     case.paths.bed_from_stack =
         RigidTransform::from_axes(Point3::origin(), Vector3::x(), Vector3::z(), -Vector3::y());
     assert!(
@@ -416,4 +435,104 @@ fn planes_without_a_layer_are_said() {
     let report = report(&case);
     assert!(report.block(Stage::Slicing).planes[1].reason.as_ref().unwrap().contains("no layer"));
     assert!(report.notes.iter().any(|n| n.code == "report.planes_without_layer"));
+}
+
+#[test]
+fn each_branch_has_the_figures_of_its_own_contours() {
+    let mut case = Forked::new(8);
+    // The second branch is segmented 0.3 mm too wide; it is the one with the least x beyond the division.
+    for plane in &mut case.sections.planes {
+        if let [first, _] = &mut plane.contours[..] {
+            let (centre, n) = (first.centroid(), first.len());
+            let radius_mm = (first.points[0] - centre).norm();
+            *first = crate::geom::Contour::circle(centre, radius_mm + 0.3, n);
+        }
+    }
+    let report = build(&inputs(&case), &Task::quiet()).unwrap();
+    let block = report.block(Stage::Segmentation);
+    let names: Vec<&str> = block.branches.iter().map(|b| b.branch.as_str()).collect();
+    assert_eq!(names, ["branch 1", "branch 2", "branch 3"]);
+    let bias = |i: usize| block.branches[i].figures.bias_mm.unwrap();
+    assert!(bias(0).abs() < 0.02 && (bias(1) - 0.3).abs() < 0.02 && bias(2).abs() < 0.02, "{block:?}");
+    let dice = |i: usize| block.branches[i].figures.dice.unwrap();
+    assert!(dice(1) < 0.95 && dice(2) > 0.99, "{} {}", dice(1), dice(2));
+    // Every sample belongs to one branch.
+    let most = block.branches.iter().filter_map(|b| b.figures.max_mm).fold(0.0, f64::max);
+    assert!(near(block.overall.unwrap().figures.max_mm, most, 1e-12));
+    let n_planes = |i: usize| block.branches[i].n_planes;
+    assert_eq!([n_planes(0) + n_planes(1), n_planes(1)], [8, n_planes(2)]);
+    for stage in Stage::ALL {
+        for branch in &report.block(stage).branches {
+            let off = branch.figures.uncertainty;
+            assert!(off.mean_mm > Some(0.0) && off.dice > Some(0.0) && off.max_mm > Some(0.0), "{off:?}");
+        }
+    }
+}
+
+#[test]
+fn what_was_only_commanded_is_called_so_everywhere() {
+    let mut case = Case::new(5);
+    case.record.origin = Origin::Commanded;
+    let report = build(&inputs(&case), &Task::quiet()).unwrap();
+    let page = html(&report).unwrap();
+    // All that is shown before the methods, which speak of both kinds.
+    let (shown, _) = page.split_once("<h2 id=\"methods\">").unwrap();
+    let (head, limits) = shown.split_once("What this comparison cannot see").unwrap();
+    let (_, rest) = limits.split_once("</ul>").unwrap();
+    for text in [head, rest] {
+        for word in ["deposited", "recorded", "Recorded"] {
+            let at =
+                text.find(word).map(|i| text[i.saturating_sub(80)..].chars().take(160).collect::<String>());
+            assert_eq!(at, None, "{word}");
+        }
+    }
+    assert!(
+        shown.contains("verdict unmeasured")
+            && shown.contains("Passed as commanded, the print itself was not measured")
+    );
+    let lines = report.headline().join("\n");
+    assert!(lines.contains("commanded against planned") && !lines.contains("\nPassed:"), "{lines}");
+    let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
+    assert_eq!(json["verdict"]["rests_on"], "commanded, not measured");
+    assert_eq!(super::schema::tests::broken(&report), [""; 0]);
+    let recorded = html(&self::report(&Case::new(2))).unwrap();
+    assert!(recorded.contains("deposited material as recorded") && !recorded.contains("not measured"));
+}
+
+#[test]
+fn page_and_figures_say_what_they_are_of() {
+    let about = super::about::tests::example();
+    let case = Case::new(2);
+    let report = build(&Inputs { about: &about, ..inputs(&case) }, &Task::quiet()).unwrap();
+    let page = html(&report).unwrap();
+    for text in [
+        "<dd>0192-case</dd>",
+        "<dd>2026-05-06 07:08 UTC</dd>",
+        "<dd>Marlin &lt;b&gt;</dd>",
+        "<dd>abababababababab</dd>",
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    // On every sheet of paper, too.
+    assert!(page.contains("content: \"case 0192-case, made 2026-05-06 07:08 UTC, lumenfab "));
+    let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
+    assert_eq!(json["about"]["job_blake3"], "ab".repeat(32));
+    assert_eq!(json["about"]["program"], concat!("lumenfab ", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn every_reason_for_a_refusal_stands_in_the_red_list() {
+    let mut case = Case::new(6);
+    let top_mm = case.paths.layers[45].z_mm;
+    for s in case.record.segments.iter_mut().filter(|s| s.from.z > top_mm) {
+        s.from.x += 0.4;
+        s.to.x += 0.4;
+    }
+    let report = report(&case);
+    assert!(report.findings.iter().any(|f| f.beyond_gate));
+    let page = html(&report).unwrap();
+    let (list, _) = page.split_once("class=\"failures\"").unwrap().1.split_once("</ul>").unwrap();
+    for failure in &report.verdict.failures {
+        assert!(list.contains(&failure.replace('\'', "&#x27;")), "{failure}");
+    }
 }

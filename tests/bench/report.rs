@@ -81,9 +81,11 @@ impl Case {
             layers: &self.layers,
             paths: &self.paths,
             record: &self.record,
+            job_beads: None,
             warnings: &[],
             job: report::Job::default(),
             triangles: &[],
+            about: &report::About::UNKNOWN,
             gate: lumenfab::profile::gate::builtin("marlin").expect("it is built in"),
         }
     }

@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """Opens a report's page from disk in a headless Chromium and works through it as a reader would.
 
-    report_browser.py REPORT_DIR [SCREENSHOT_DIR]
+    report_browser.py REPORT_DIR [--screenshots DIR] [--golden DIR [--keep]] [--planes-per-s N]
 
 Needs chromium and chromedriver (Debian: chromium, chromium-driver); without them it says so and ends with 0.
 Checked: no console error, no network request, planes by keyboard and slider, layers, zoom, measuring, the 3-D model and a
-click in it, printing to paper, no script at all. Ends with 1 where something does not hold. How fast planes follow one another
-is told, not judged: it depends on the machine and on what else it does.
+click in it, printing to paper, narrow screens, no script at all. With --golden, parts of the page are compared with the pictures kept there: at
+GOLDEN_WIDTH pixels across, so that fonts and smoothing count little; --keep writes them anew. Ends with 1 where something does not hold.
+How fast planes follow one another is told, and judged with --planes-per-s alone: it depends on the machine and on what else it does.
 """
+
+import argparse
 
 import base64
 import json
@@ -21,6 +24,9 @@ import time
 import urllib.error
 import urllib.request
 
+GOLDEN_WIDTH = 240
+# Mean difference of all pixels, of 255; part of the pixels that differ by more than a quarter.
+MOST_MEAN, MOST_PART = 3.5, 0.015
 LEFT, RIGHT, HOME, END = "\ue012", "\ue014", "\ue011", "\ue010"
 
 
@@ -138,6 +144,58 @@ function step() {
 step();"""
 
 
+SHRINK = """
+var shot = arguments[0], kept = arguments[1], width = arguments[2], done = arguments[3];
+function load(data, then) { var i = new Image(); i.onload = function () { then(i); }; i.src = 'data:image/png;base64,' + data; }
+function drawn(image, w, h) {
+  var c = document.createElement('canvas'); c.width = w; c.height = h;
+  var pen = c.getContext('2d'); pen.imageSmoothingQuality = 'high'; pen.fillStyle = '#fff'; pen.fillRect(0, 0, w, h); pen.drawImage(image, 0, 0, w, h);
+  return c;
+}
+load(shot, function (image) {
+  var small = drawn(image, width, Math.round(width * image.height / image.width));
+  var answer = { png: small.toDataURL('image/png').split(',')[1], height: small.height };
+  if (!kept) { done(answer); return; }
+  load(kept, function (old) {
+    answer.kept_height = old.height;
+    var a = small.getContext('2d').getImageData(0, 0, width, small.height).data;
+    var b = drawn(old, width, small.height).getContext('2d').getImageData(0, 0, width, small.height).data;
+    var sum = 0, far = 0;
+    for (var i = 0; i < a.length; i += 4) {
+      var d = Math.max(Math.abs(a[i] - b[i]), Math.abs(a[i + 1] - b[i + 1]), Math.abs(a[i + 2] - b[i + 2]));
+      sum += d; far += d > 64;
+    }
+    answer.mean = sum / (a.length / 4); answer.part = far / (a.length / 4);
+    done(answer);
+  });
+});"""
+
+
+class Golden:
+    """Pictures of parts of the page, compared with those that were kept."""
+
+    def __init__(self, folder, keep, check):
+        self.folder, self.keep, self.check = folder, keep, check
+
+    def compare(self, driver, name, selector):
+        if not self.folder:
+            return
+        driver.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", selector)
+        driver.run_async(SETTLE)
+        found = driver.call("POST", "/element", {"using": "css selector", "value": selector})
+        shot = driver.call("GET", f"/element/{next(iter(found.values()))}/screenshot")
+        path = self.folder / f"{name}.png"
+        if self.keep:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(base64.b64decode(driver.run_async(SHRINK, shot, None, GOLDEN_WIDTH)["png"]))
+            return
+        kept = base64.b64encode(path.read_bytes()).decode()
+        answer = driver.run_async(SHRINK, shot, kept, GOLDEN_WIDTH)
+        holds = abs(answer["height"] - answer["kept_height"]) <= 3 and answer["mean"] <= MOST_MEAN and answer["part"] <= MOST_PART
+        told = f"mean {answer['mean']:.1f} of 255, {100 * answer['part']:.1f} % far off, {answer['height']} rows for {answer['kept_height']}"
+        self.check(f"{name} looks as it was kept", holds, told)
+
+
 def look(driver, name, folder, selector=None):
     if selector:
         driver.run("document.querySelector(arguments[0]).scrollIntoView()", selector)
@@ -238,15 +296,37 @@ def outside(driver, check):
     check("nothing but the page itself is asked for", not others, others or "")
 
 
-def with_script(page, folder, check):
+def narrow(driver, check):
+    driver.call("POST", "/window/rect", {"width": 520, "height": 1000})
+    driver.run_async(SETTLE)
+    wide = driver.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    check("a narrow screen needs no scrolling to the side", wide <= 1, f"{wide} pixels too wide")
+    driver.call("POST", "/window/rect", {"width": 1400, "height": 1000})
+    driver.run_async(SETTLE)
+
+
+def scrub(driver, check, least):
+    driver.run("document.getElementById('browser').scrollIntoView()")
+    driver.run_async(SETTLE)
+    rounds = [driver.run_async(SCRUB) for _ in range(3)]
+    rates = [n / seconds for n, seconds in rounds]
+    told = ", ".join(f"{rate:.0f}" for rate in rates)
+    print(f"     leafing by keys, planes drawn a second, three rounds: {told}")
+    if least:
+        check(f"{least} planes a second are drawn", max(rates) >= least, f"{max(rates):.0f}")
+
+
+def with_script(page, folder, check, golden, least):
     driver = Driver()
     try:
         driver.open(page)
         look(driver, "top", folder)
+        golden.compare(driver, "stages", ".charts")
         planes(driver, check)
         defects(driver, check)
         driver.run("window.lumenfabView.show(Math.floor(document.querySelectorAll('#gallery figure').length / 2))")
         look(driver, "viewer", folder, "#browser")
+        golden.compare(driver, "plane", "#view")
         layers(driver, check)
         measure(driver, check)
         driver.keys(["+", "+", "+"])
@@ -255,13 +335,11 @@ def with_script(page, folder, check):
         model(driver, check, folder)
         if driver.run("return !!document.getElementById('unrolled')"):
             look(driver, "maps", folder, "#unrolled")
+            golden.compare(driver, "maps", ".maps")
         look(driver, "stages", folder, "#stages")
         look(driver, "table", folder, "#figures")
-        driver.run("document.getElementById('browser').scrollIntoView()")
-        driver.run_async(SETTLE)
-        rounds = [driver.run_async(SCRUB) for _ in range(3)]
-        rates = ", ".join(f"{n / seconds:.0f}" for n, seconds in rounds)
-        print(f"     leafing by keys, planes drawn a second, three rounds: {rates} (30 are asked for)")
+        scrub(driver, check, least)
+        narrow(driver, check)
         outside(driver, check)
     finally:
         driver.close()
@@ -274,6 +352,16 @@ def on_paper(page, folder, check):
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=180, check=False)
     size = target.stat().st_size if target.exists() else 0
     check("it prints", size > 10_000, f"{size} bytes")
+    n_planes = page.read_text().count("<figure data-plane=")
+    if shutil.which("pdfinfo") and size:
+        told = subprocess.run(["pdfinfo", target], capture_output=True, text=True, check=True).stdout
+        n_pages = int(next(line.split()[1] for line in told.splitlines() if line.startswith("Pages:")))
+        # Six planes a page, and what stands before and behind them.
+        check("it prints on few pages", n_pages <= n_planes / 6 + 16, f"{n_pages} pages, {n_planes} planes")
+    if shutil.which("pdftotext") and size:
+        text = subprocess.run(["pdftotext", target, "-"], capture_output=True, text=True, check=True).stdout
+        limits = "What this comparison cannot see" in text and "Compare the orientation letters" in text
+        check("what it cannot see is on paper, too", limits)
 
 
 def without_script(page, folder, check):
@@ -292,9 +380,16 @@ def main():
     if not (shutil.which("chromedriver") and shutil.which("chromium")):
         print("skipped: chromium or chromedriver is not installed")
         return 0
-    report = pathlib.Path(sys.argv[1])
+    options = argparse.ArgumentParser()
+    options.add_argument("report", type=pathlib.Path)
+    options.add_argument("--screenshots", type=pathlib.Path)
+    options.add_argument("--golden", type=pathlib.Path)
+    options.add_argument("--keep", action="store_true")
+    options.add_argument("--planes-per-s", type=float)
+    options = options.parse_args()
+    report = options.report
     with tempfile.TemporaryDirectory() as own:
-        folder = pathlib.Path(sys.argv[2] if len(sys.argv) > 2 else own)
+        folder = options.screenshots or pathlib.Path(own)
         folder.mkdir(parents=True, exist_ok=True)
         # A copy of the page alone: nothing beside it may be needed.
         page = pathlib.Path(own) / "index.html"
@@ -302,7 +397,7 @@ def main():
         size = page.stat().st_size
         check = Checks()
         check("the page is at most 15 MB", size <= 15e6, f"{size / 1e6:.1f} MB")
-        with_script(page, folder, check)
+        with_script(page, folder, check, Golden(options.golden, options.keep, check), options.planes_per_s)
         on_paper(page, folder, check)
         without_script(page, folder, check)
     return 1 if check.failed else 0

@@ -1,12 +1,12 @@
 //! Everything to the report: `report/`.
 
-use super::print::{How, RECORD_DIR};
+use super::print::{How, PRINT_FILE, RECORD_DIR};
 use super::read_json;
 use super::segment::{SECTIONS_FILE, VOLUME_FILE, hash_of_source};
 use super::slice::{JOB_FILE, LAYERS_FILE};
 use super::solid::SOLID_FILE;
 use crate::app::atomic;
-use crate::app::case::{CaseError, MadeFrom};
+use crate::app::case::{CaseError, JOURNAL_FILE, MadeFrom};
 use crate::app::commanded::{self, Commanded};
 use crate::app::error::Error;
 use crate::app::event::Stage;
@@ -19,7 +19,7 @@ use crate::profile::{self, Gate, Profile};
 use crate::progress::Task;
 use crate::report::dicom::Instance;
 use crate::report::record::Way;
-use crate::report::{self, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
+use crate::report::{self, About, BodyKind, Image, Inputs, Job, Record, Report, Triangles};
 use crate::segment::Polarity;
 use crate::solid::{SkinChoice, Solid};
 use rayon::prelude::*;
@@ -78,15 +78,20 @@ struct PrintSummary {
     filament_mm: f64,
 }
 
-/// The beads that a real printer was told to lay, and what must be said of them.
-fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
+/// The beads of a job's lines.
+fn beads_of(commanded: &Commanded, profile: &Profile) -> Record {
     let area_mm2 = std::f64::consts::FRAC_PI_4 * profile.machine.filament_mm.powi(2);
     let ways = commanded.pushes.iter().map(|push| Way {
         from: Point3::from(push.from_mm),
         to: Point3::from(push.to_mm),
         volume_mm3: push.filament_mm * area_mm2,
     });
-    let mut record = Record::commanded(ways, profile.print.bead_shape);
+    Record::commanded(ways, profile.print.bead_shape)
+}
+
+/// The beads that a real printer was told to lay, and what must be said of them.
+fn record_of(commanded: &Commanded, profile: &Profile) -> Record {
+    let mut record = beads_of(commanded, profile);
     let extent = commanded.extent;
     let [n_done, n_all] = extent.n_lines;
     let text = format!(
@@ -186,14 +191,41 @@ impl Session<'_> {
     /// read or written.
     pub fn file_report(&self, source: &Path, dir: &Path) -> Result<PathBuf, Error> {
         let report_dir = self.case.output(Stage::Report, REPORT_DIR)?;
+        self.check_source(source)?;
         let task = Task::new(&|_, _| {}, self.context.cancel.clone());
-        let hash = hash_of_source(&ct::reader::files_of(source, &task)?, self.case.id())?;
-        if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) != Some(&hash) {
-            return Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() });
-        }
         let [series, instance] = [uuid::Uuid::now_v7(), uuid::Uuid::now_v7()].map(|id| id.as_u128());
         let new = Instance::of_uuids(series, instance, jiff::Zoned::now().datetime());
         report::filing::file(&report_dir, source, dir, &new, &task).map_err(Error::Filing)
+    }
+
+    /// Refuses a CT that the case was not made from.
+    ///
+    /// # Errors
+    /// [`Error::NotItsCt`], or where the CT cannot be read.
+    pub fn check_source(&self, source: &Path) -> Result<(), Error> {
+        let task = Task::new(&|_, _| {}, self.context.cancel.clone());
+        let hash = hash_of_source(&ct::reader::files_of(source, &task)?, self.case.id())?;
+        if self.case.made_from(Stage::Segment).and_then(|m| m.get("ct")) == Some(&hash) {
+            return Ok(());
+        }
+        Err(Error::NotItsCt { ct: source.to_owned(), case: self.case.dir().to_owned() })
+    }
+
+    /// What the report is of; the time is that of the wall clock now.
+    fn about(&self, is_simulated: bool) -> Result<About, Error> {
+        let hash = |stage, file| self.case.output_hash(stage, file);
+        let record = if is_simulated {
+            hash(Stage::Print, RECORD_DIR)?
+        } else {
+            atomic::hash_of_path(&self.case.path(JOURNAL_FILE))?
+        };
+        Ok(About {
+            case_id: Some(self.case.id().to_owned()),
+            made_at: Some(jiff::Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string()),
+            profile: Some(self.profile()?.name),
+            job_blake3: Some(hash(Stage::Slice, JOB_FILE)?),
+            record_blake3: Some(record),
+        })
     }
 
     pub(crate) fn report_made_from(&self) -> Result<MadeFrom, Error> {
@@ -208,8 +240,12 @@ impl Session<'_> {
         if self.how_printed()? == How::Simulated {
             made_from.insert("record", hash(Stage::Print, RECORD_DIR)?);
         } else {
-            let extent = commanded::extent(&self.case.path(JOB_FILE))?.unwrap_or_default();
-            made_from.insert("journal", hash_of(&(extent.n_lines, extent.n_twice, extent.is_finished)));
+            // Another print of the same job is another replica, whatever its lines: its journal has the places and times of its own.
+            made_from.insert("journal", atomic::hash_of_path(&self.case.path(JOURNAL_FILE))?);
+            let print = self.case.path(PRINT_FILE);
+            if print.exists() {
+                made_from.insert("print", atomic::hash_of_path(&print)?);
+            }
         }
         if self.has_image() {
             made_from.insert("volume", hash(Stage::Segment, VOLUME_FILE)?);
@@ -228,11 +264,21 @@ impl Session<'_> {
         report::write(&report, &dir, task)?;
         atomic::write(&dir.join(HEADLINE_FILE), (report.headline().join("\n") + "\n").as_bytes())?;
         let summary = format!("{} planes: {}", report.plane_z_mm.len(), report.verdict.sentence());
-        Ok(Made { staging, summary, warnings: Vec::new() })
+        Ok(Made { staging, summary, warnings: self.scan_left_out().into_iter().collect() })
+    }
+
+    /// What to say of a report that had a scan of the replica, and has none now.
+    fn scan_left_out(&self) -> Option<Warning> {
+        let had_scan = self.case.made_from(Stage::Report).is_some_and(|m| m.contains_key("scan"));
+        (had_scan && self.scan.is_none()).then(|| {
+            let text = "The report before this one had a scan of the replica. What has changed since is not what was scanned, or is judged otherwise, and scans are not kept: the scan is left out. Give the replica's scan once more: lumenfab report CASE --scan PATH.";
+            Warning::new("report.scan_left_out", text)
+        })
     }
 
     fn build_report(&mut self, task: &Task<'_>) -> Result<Report, Error> {
         let mut warnings = self.earlier_warnings()?;
+        warnings.extend(self.scan_left_out());
         let polarity = self.segmentation_note()?.map(|n| match n.polarity {
             Polarity::Dark => report::Polarity::Dark,
             Polarity::Bright | Polarity::Auto => report::Polarity::Bright,
@@ -244,6 +290,7 @@ impl Session<'_> {
         let commanded = self.commanded()?;
         let record = self.record(commanded.as_ref())?;
         let job = self.job_amounts(commanded.as_ref())?;
+        let about = self.about(commanded.is_none())?;
         let scan = self.read_scan(task)?;
         // Filled in first, borrowed together afterwards.
         self.volume()?;
@@ -261,13 +308,23 @@ impl Session<'_> {
             layers: &sliced.layers,
             paths: &sliced.paths,
             record: &record,
+            job_beads: None,
             scan: scan.as_ref(),
             warnings: &warnings,
             job,
             triangles: &triangles,
             gate: self.gate()?,
+            about: &about,
         };
-        Ok(report::build(&inputs, task)?)
+        let report = report::build(&inputs, task)?;
+        if report.findings.iter().all(|f| f.stage != report::Stage::Deposition.name()) {
+            return Ok(report);
+        }
+        // Whether it was the printer, or the job's file was not what was sliced, the file tells.
+        let profile = self.profile()?;
+        let job = commanded::whole(&self.case.output(Stage::Slice, JOB_FILE)?, &profile.firmware)?;
+        let beads = beads_of(&job, &profile);
+        Ok(report::build(&Inputs { job_beads: Some(&beads), ..inputs }, task)?)
     }
 
     /// The limits of the case's profile.

@@ -102,6 +102,7 @@ fn island(stage: Stage, kind: Kind, place: Place, area_mm2: f64) -> Finding {
         size: Some(Size { size: area_mm2, unit: "mm2", uncertainty: 0.02 * area_mm2 }),
         vector_mm: None,
         beyond_gate: true,
+        judged: true,
         text,
     }
 }
@@ -121,6 +122,7 @@ fn closed_at(stage: Stage, name: &str, place: Place, percent: f64) -> Finding {
         size: Some(Size { size: percent, unit: "percent", uncertainty: 1.0 }),
         vector_mm: None,
         beyond_gate: true,
+        judged: true,
         text,
     }
 }
@@ -146,6 +148,7 @@ pub(in crate::report) fn odd_layers(layers: &[Layer], area_mm2: impl Fn(&Layer) 
             size: Some(Size { size: percent, unit: "percent", uncertainty: 5.0 }),
             vector_mm: None,
             beyond_gate: true,
+            judged: true,
             text: format!(
                 "slicing: {percent:.0} % of the lumen is closed in {}",
                 told("layer", [first, last])

@@ -82,6 +82,7 @@ impl View<'_> {
             size: Some(size),
             vector_mm: None,
             beyond_gate: true,
+            judged: true,
             text,
         }
     }

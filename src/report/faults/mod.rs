@@ -2,7 +2,7 @@
 //!
 //! Pure detectors over what the comparison has. `deposition`: recorded against planned beads, layer by layer. `outlines`:
 //! the outlines of one stage against those of the stage before, plane by plane and branch by branch. `branches`: lumina
-//! that one stage has and the next has not. `order`: planes in a wrong order, mirrored images and parts.
+//! that one stage has and the next has not. `local`: a part of an outline that lies off, and the calibre. `order`: planes in a wrong order, mirrored images and parts.
 //!
 //! Where a stage deviates and the next one deviates back by as much, the defect belongs to the first: what came after it
 //! was not made from it. Findings never change the figures: nothing is fitted away.
@@ -13,6 +13,7 @@ mod bead;
 mod branches;
 mod deposition;
 mod heights;
+mod local;
 mod matched;
 mod order;
 mod outlines;
@@ -23,8 +24,9 @@ mod tests;
 
 pub(super) use branches::{Made, changed_islands, odd_layers, plugged};
 pub(super) use deposition::{deposited, volumes_mm3};
-pub(super) use order::{Compared, Seen, broken_course, out_of_order, unlike_image};
-pub(super) use outlines::{Ends, StagePair, moved, without_echoes};
+pub(super) use local::{Allowed, calibres, stretches};
+pub(super) use order::{BrokenCourse, Compared, Seen, broken_course, out_of_order, unlike, unlike_image};
+pub(super) use outlines::{Ends, StagePair, moved, plane_runs, without_echoes};
 
 use super::deviation::rounded;
 use crate::slice::LayerSlot;
@@ -36,7 +38,7 @@ pub const NOT_SEEN: [&str; 5] = [
     "Planes exchanged before the segmentation are seen only where the vessel's course breaks; a straight vessel looks the same in any order.",
     "A lumen that the image does not show, or shows beside the contours by more than a few pixels, where no contour leads there.",
     "What the solid does between two CT planes, unless it closes the lumen: there is no image to compare it with. Branches that were joined the wrong way between two planes look right in both.",
-    "What a printer does beyond its record: the deposition is what was recorded. What was really made is seen where a scan of the replica is given.",
+    "What a printer does beyond its record: the deposition is what was recorded, or only what was commanded. What was really made is seen where a scan of the replica is given, as far as its voxels and blur show it.",
 ];
 
 /// What kind of defect.
@@ -47,6 +49,10 @@ pub enum Kind {
     BoundaryMoved,
     /// The outline lies beside its place, mm.
     OutlineShifted,
+    /// A part of the outline lies off, mm (outward positive).
+    PartOff,
+    /// The lumen is wider or narrower, percent of its diameter.
+    CalibreOff,
     /// Larger or smaller, percent.
     Scaled,
     /// Heights larger or smaller, percent.
@@ -77,6 +83,8 @@ pub enum Kind {
     PrintStopped,
     /// Some of the beads of layers are missing, percent of their length.
     MissingBeads,
+    /// The model's material is not there, mm³.
+    MissingMaterial,
     /// Material in the open lumen, mm³.
     MaterialInLumen,
     /// Material beside the part, mm³.
@@ -166,8 +174,10 @@ pub struct Finding {
     /// Which way, bed or stack frame (their axes are parallel), mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vector_mm: Option<[f64; 2]>,
-    /// Whether the replica fails for it.
+    /// Whether it is beyond what the gate allows.
     pub beyond_gate: bool,
+    /// Whether pixels or voxels tell it from what the gate allows; what they do not is not judged.
+    pub judged: bool,
     /// The whole in one sentence.
     pub text: String,
 }

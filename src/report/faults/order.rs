@@ -23,6 +23,12 @@ const CONTRAST: f64 = 2.5;
 /// The course is broken when an exchange shortens it by this, mm, and by this part of what it touches.
 const SHORTER_MM: f64 = 0.5;
 const SHORTER: f64 = 0.35;
+/// It was if the image's planes then differ by less than this part; without an image, if the course is shorter than this part and as
+/// even as elsewhere.
+const IMAGE_SHORTER: f64 = 0.9;
+const COURSE_SHORTER: f64 = 0.5;
+/// What is compared of the image around the vessel, mm.
+const AROUND_MM: f64 = 5.0;
 
 /// How a plane's outlines compare, by the figures of the report.
 #[derive(Debug, Clone, Copy)]
@@ -131,6 +137,7 @@ fn finding(
         size: Some(Size { size: n as f64, unit: "planes", uncertainty: 0.0 }),
         vector_mm: None,
         beyond_gate: true,
+        judged: true,
         text: format!("{stage}: {text}"),
     }
 }
@@ -282,59 +289,139 @@ fn contrast(image: &Plane<'_>, probes: &[Probe]) -> f64 {
     if n > 0 { sum / n as f64 } else { 0.0 }
 }
 
-/// Planes that were exchanged before the segmentation: the vessel's course breaks there. Uneven contours break it, too, so that the
-/// replica does not fail for it: somebody has to look.
-pub(in crate::report) fn broken_course(regions: &[Region], z_mm: &[f64]) -> Option<Finding> {
+/// Planes that seem to have been exchanged before the segmentation: the vessel's course breaks there.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::report) struct BrokenCourse {
+    /// What it would be.
+    pub(in crate::report) finding: Finding,
+    /// Whether it is: the image says so, too, or without an image the course is put right altogether.
+    pub(in crate::report) is_sure: bool,
+}
+
+/// A stretch of planes that may stand in another order.
+#[derive(Debug, Clone, Copy)]
+struct Suspect {
+    planes: [usize; 2],
+    is_swap: bool,
+    /// Length of the course as it is and as it would be, mm.
+    long_mm: f64,
+    short_mm: f64,
+}
+
+/// Looks for planes whose exchange, or the reversal of a stretch, makes the course much shorter. Uneven contours and branches that run
+/// obliquely break the course, too: `unlike` is how much two planes of the image differ, and what it contradicts is nothing.
+pub(in crate::report) fn broken_course(
+    regions: &[Region],
+    z_mm: &[f64],
+    unlike: Option<&dyn Fn(usize, usize) -> f64>,
+) -> Option<BrokenCourse> {
     let course: Vec<Course> = regions.iter().map(Course::of).collect();
+    let step = |a: usize, b: usize| course[a].step_mm(&course[b]);
     let n = course.len();
-    let step = |a: usize, b: usize| if a < n && b < n { course[a].step_mm(&course[b]) } else { 0.0 };
-    let usual = median((1..n).map(|k| step(k - 1, k)))?;
-    let mut best: Option<(f64, [usize; 2], bool)> = None;
-    for i in 0..n {
-        for j in i + 1..n {
-            let (before, after) = (i.wrapping_sub(1), j + 1);
-            let ends = step(before, i) + step(j, after);
-            if ends < 2.0 * usual {
-                continue;
+    let usual_mm = median((1..n).map(|k| step(k - 1, k)))?;
+    let suspect = suspect(n, usual_mm, &step)?;
+    let is_sure = match unlike {
+        Some(unlike) => {
+            let [as_it_is, put_right] = lengths(n, suspect, unlike);
+            if put_right >= as_it_is {
+                return None;
             }
-            let reversed = (ends, step(before, j) + step(i, after));
-            let inner = step(i, i + 1) + step(j - 1, j);
-            let swapped = (ends + inner, step(before, j) + step(j, i + 1) + step(j - 1, i) + step(i, after));
-            // At an end of the stack a stretch has one neighbour only, and may be nearer to it the other way round.
-            let is_inside = i > 0 && after < n;
-            let tries = if j > i + 2 { [(reversed, false), (swapped, true)] } else { [(reversed, true); 2] };
-            for ((long, short), is_swap) in tries {
-                if !is_swap && !is_inside {
-                    continue;
-                }
-                let gain = long - short;
-                if gain > SHORTER_MM && gain > SHORTER * long && best.is_none_or(|b| gain > b.0) {
-                    best = Some((gain, [i, j], is_swap));
-                }
-            }
+            put_right < IMAGE_SHORTER * as_it_is
         }
-    }
-    let (gain, [i, j], is_swap) = best?;
-    let which = if is_swap {
+        None => {
+            let n_steps = if suspect.is_swap { 4.0 } else { 2.0 };
+            suspect.short_mm < COURSE_SHORTER * suspect.long_mm && suspect.short_mm < 2.0 * n_steps * usual_mm
+        }
+    };
+    let [i, j] = suspect.planes;
+    let which = if suspect.is_swap {
         format!("planes {i} and {j} seem to be exchanged")
     } else {
         format!("planes {i} to {j} seem to be in reverse order")
     };
-    Some(Finding {
+    let n_planes = if suspect.is_swap { 2.0 } else { (j + 1 - i) as f64 };
+    let finding = Finding {
         stage: "image",
         kind: Kind::WrongPlaneOrder,
         place: Place::of_planes(z_mm, i, j),
-        size: Some(Size {
-            size: if is_swap { 2.0 } else { (j + 1 - i) as f64 },
-            unit: "planes",
-            uncertainty: 0.0,
-        }),
+        size: Some(Size { size: n_planes, unit: "planes", uncertainty: 0.0 }),
         vector_mm: None,
-        beyond_gate: false,
+        beyond_gate: true,
+        judged: true,
         text: format!(
-            "image: wrong order of planes: {which}: put right, the vessel's course is {gain:.1} mm shorter there"
+            "image: wrong order of planes: {which}: put right, the vessel's course is {:.1} mm shorter there",
+            suspect.long_mm - suspect.short_mm
         ),
-    })
+    };
+    Some(BrokenCourse { finding, is_sure })
+}
+
+/// The stretch that gains most.
+fn suspect(n: usize, usual_mm: f64, step: &dyn Fn(usize, usize) -> f64) -> Option<Suspect> {
+    let within = |a: usize, b: usize| if a < n && b < n { step(a, b) } else { 0.0 };
+    let mut best: Option<Suspect> = None;
+    for i in 0..n {
+        for j in i + 1..n {
+            if within(i.wrapping_sub(1), i) + within(j, j + 1) < 2.0 * usual_mm {
+                continue;
+            }
+            // At an end of the stack a stretch has one neighbour only, and may be nearer to it the other way round.
+            let is_inside = i > 0 && j + 1 < n;
+            for is_swap in [false, true] {
+                // Of two or three planes an exchange is a reversal.
+                let is_short = j <= i + 2;
+                if !is_swap && (is_short || !is_inside) {
+                    continue;
+                }
+                let tried = Suspect { planes: [i, j], is_swap, long_mm: 0.0, short_mm: 0.0 };
+                let [long_mm, short_mm] = lengths(n, tried, step);
+                let gain = long_mm - short_mm;
+                if gain > SHORTER_MM
+                    && gain > SHORTER * long_mm
+                    && best.is_none_or(|b| gain > b.long_mm - b.short_mm)
+                {
+                    best = Some(Suspect { long_mm, short_mm, ..tried });
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Sum of the steps that an exchange touches, as it is and put right.
+fn lengths(n: usize, suspect: Suspect, step: &dyn Fn(usize, usize) -> f64) -> [f64; 2] {
+    let step = |a: usize, b: usize| if a < n && b < n { step(a, b) } else { 0.0 };
+    let [i, j] = suspect.planes;
+    let (before, after) = (i.wrapping_sub(1), j + 1);
+    let ends = step(before, i) + step(j, after);
+    if suspect.is_swap && j > i + 2 {
+        let inner = step(i, i + 1) + step(j - 1, j);
+        [ends + inner, step(before, j) + step(j, i + 1) + step(j - 1, i) + step(i, after)]
+    } else {
+        [ends, step(before, j) + step(i, after)]
+    }
+}
+
+/// Mean squared difference of two planes of an image around what is segmented in them; noise adds the same to any pair.
+pub(in crate::report) fn unlike(
+    volume: &Volume,
+    volume_planes: &[Option<usize>],
+    regions: &[Region],
+    [a, b]: [usize; 2],
+) -> f64 {
+    let (Some(one), Some(other)) = (volume_planes[a], volume_planes[b]) else { return 0.0 };
+    let bounds = [a, b].into_iter().filter_map(|k| regions[k].bounds()).reduce(crate::geom::Bounds2::union);
+    let Some(bounds) = bounds.map(|b| b.grown(AROUND_MM)) else { return 0.0 };
+    let range = |axis: usize| {
+        let at = |mm: f64| (mm - volume.origin_xy_mm[axis]) / volume.pixel_spacing_xy_mm[axis];
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image")]
+        let clamped = |v: f64| v.clamp(0.0, volume.dims[axis] as f64) as usize;
+        clamped(at(bounds.min[axis]).floor())..clamped(at(bounds.max[axis]).ceil())
+    };
+    let (rows, columns) = (range(1), range(0));
+    let n = (rows.len() * columns.len()).max(1) as f64;
+    let pixels = rows.flat_map(|j| columns.clone().map(move |i| (i, j)));
+    pixels.map(|(i, j)| f64::from(volume.at(i, j, one) - volume.at(i, j, other)).powi(2)).sum::<f64>() / n
 }
 
 /// Where the vessel is in a plane, and how wide.

@@ -35,8 +35,11 @@ pub(in crate::report) struct StagePair<'a> {
     pub(in crate::report) meant_mm: f64,
     /// Smaller deviations are none, mm.
     pub(in crate::report) least_mm: f64,
-    /// Larger ones fail, mm.
+    /// What may be off, mm, and in size and height, percent, where that has a limit of its own.
     pub(in crate::report) gate_mm: f64,
+    pub(in crate::report) gate_percent: Option<f64>,
+    /// Deviations within this are not told from what may be off, mm.
+    pub(in crate::report) told_mm: f64,
     /// Where the tested body ends and where it is meant to, mm; known of a solid.
     pub(in crate::report) ends_mm: Option<Ends>,
 }
@@ -228,6 +231,19 @@ fn robust(rows: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
 }
 
 impl StagePair<'_> {
+    /// Whether a length is beyond the gate, and whether that is told.
+    fn judged(&self, finding: Finding, off_mm: f64) -> Finding {
+        let beyond_gate = off_mm > self.gate_mm;
+        Finding { beyond_gate, judged: !beyond_gate || off_mm > self.told_mm, ..finding }
+    }
+
+    /// The same for a part of a length, percent: what has no limit of its own fails.
+    pub(in crate::report) fn judged_part(&self, finding: Finding, percent: f64, reach_mm: f64) -> Finding {
+        let beyond_gate = self.gate_percent.is_none_or(|most| percent.abs() > most);
+        let off_mm = 0.01 * percent.abs() * reach_mm;
+        Finding { beyond_gate, judged: !beyond_gate || off_mm > self.told_mm, ..finding }
+    }
+
     pub(super) fn finding(&self, kind: Kind, place: Place, size: Size, text: String) -> Finding {
         let stage = self.stage.name();
         Finding {
@@ -237,6 +253,7 @@ impl StagePair<'_> {
             size: Some(size),
             vector_mm: None,
             beyond_gate: true,
+            judged: true,
             text: format!("{stage}: {text}"),
         }
     }
@@ -250,7 +267,8 @@ impl StagePair<'_> {
             told("plane", [0, last])
         );
         let size = Size { size: percent, unit: "percent", uncertainty: 0.05 };
-        self.finding(Kind::Stretched, Place::of_planes(z_mm, 0, last), size, text)
+        let found = self.finding(Kind::Stretched, Place::of_planes(z_mm, 0, last), size, text);
+        self.judged_part(found, percent, z_mm[last] - z_mm[0])
     }
 
     fn shifted(&self, place: Place, by: Vector2, uncertainty: f64) -> Finding {
@@ -264,11 +282,8 @@ impl StagePair<'_> {
             of_branch(&place)
         );
         let size = Size { size: by.norm(), unit: "mm", uncertainty };
-        Finding {
-            vector_mm: Some([by.x, by.y]),
-            beyond_gate: by.norm() > self.gate_mm,
-            ..self.finding(Kind::OutlineShifted, place, size, text)
-        }
+        let found = self.finding(Kind::OutlineShifted, place, size, text);
+        Finding { vector_mm: Some([by.x, by.y]), ..self.judged(found, by.norm()) }
     }
 
     fn offset(&self, place: Place, by_mm: f64, uncertainty: f64) -> Finding {
@@ -281,10 +296,7 @@ impl StagePair<'_> {
             of_branch(&place)
         );
         let size = Size { size: by_mm, unit: "mm", uncertainty };
-        Finding {
-            beyond_gate: by_mm.abs() > self.gate_mm,
-            ..self.finding(Kind::BoundaryMoved, place, size, text)
-        }
+        self.judged(self.finding(Kind::BoundaryMoved, place, size, text), by_mm.abs())
     }
 }
 
@@ -444,7 +456,7 @@ fn undoes(first: &Finding, second: &Finding) -> bool {
 }
 
 /// Stretches of planes.
-pub(super) fn plane_runs(planes: &[usize]) -> Vec<[usize; 2]> {
+pub(in crate::report) fn plane_runs(planes: &[usize]) -> Vec<[usize; 2]> {
     let last = planes.iter().copied().max().map_or(0, |k| k + 1);
     runs(last, 1, |k| planes.contains(&k))
 }

@@ -35,6 +35,8 @@ enum Freedom {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Similarity {
     about: Point2,
+    /// The farthest place from there, mm.
+    reach_mm: f64,
     shift: Vector2,
     scale: f64,
     turn: f64,
@@ -61,7 +63,9 @@ impl Similarity {
         let about = Point2::from(all.iter().map(|(_, p)| p.at.coords).sum::<Vector2>() / n);
         let middle_mm = all.iter().map(|(o, _)| o.z_mm).sum::<f64>() / n;
         let shift = Vector2::zeros();
-        let same = Self { about, shift, scale: 0.0, turn: 0.0, middle_mm, lift_mm: 0.0, stretch: 0.0 };
+        let reach_mm = all.iter().map(|(_, p)| (p.at - about).norm()).fold(0.0, f64::max);
+        let same =
+            Self { about, reach_mm, shift, scale: 0.0, turn: 0.0, middle_mm, lift_mm: 0.0, stretch: 0.0 };
         let first = same.off_mm(&all);
         let total = squares(&first);
         if (total / n).sqrt() < 0.3 * pair.least_mm {
@@ -69,7 +73,7 @@ impl Similarity {
         }
         let (_, beside) = same.settled(&all, Freedom::Shift)?;
         let (mut similarity, mut own) = same.settled(&all, Freedom::Similarity)?;
-        if matches!(pair.stage, Stage::Reconstruction | Stage::Slicing)
+        if matches!(pair.stage, Stage::Reconstruction | Stage::Slicing | Stage::Scan)
             && let Some((stretched, left)) = same.settled(&all, Freedom::Stretch)
             && left < LEFT_BY_STRETCH * own
             && own - left > GAIN_OF_STRETCH * total
@@ -157,7 +161,8 @@ impl Similarity {
             let percent = 100.0 * scale;
             let size = Size { size: percent, unit: "percent", uncertainty: 0.05 };
             let text = format!("{to} is scaled by {percent:+.2} % against {from}, {planes}");
-            findings.push(pair.finding(Kind::Scaled, place(), size, text));
+            let found = pair.finding(Kind::Scaled, place(), size, text);
+            findings.push(pair.judged_part(found, percent, self.reach_mm));
         }
         // Where the section stands aside as if from another height, the body was moved there the other way.
         let stretch = 1.0 / (1.0 + self.stretch) - 1.0;
@@ -168,7 +173,9 @@ impl Similarity {
             let degrees = self.turn.to_degrees();
             let size = Size { size: degrees, unit: "degrees", uncertainty: 0.05 };
             let text = format!("{to} is turned by {degrees:+.2} degrees against {from}, {planes}");
-            findings.push(pair.finding(Kind::Turned, place(), size, text));
+            let found = pair.finding(Kind::Turned, place(), size, text);
+            // A turn moves the farthest place as much as a growth by the same part.
+            findings.push(pair.judged_part(found, 100.0 * self.turn, self.reach_mm));
         }
         findings
     }

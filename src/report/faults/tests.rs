@@ -511,8 +511,68 @@ fn planes_exchanged_before_all_are_found_by_the_course_of_the_vessel() {
         })
         .collect();
     let z_mm: Vec<f64> = (0..N_PLANES).map(|k| INTERVAL_MM * k as f64).collect();
-    let found = super::broken_course(&regions, &z_mm).unwrap();
+    let broken = super::broken_course(&regions, &z_mm, None).unwrap();
+    let found = broken.finding;
     assert_eq!((found.stage, found.kind, found.place.planes), ("image", Kind::WrongPlaneOrder, Some([4, 6])));
+    assert!(broken.is_sure && found.beyond_gate);
+    // An image whose planes are most alike as they are contradicts it; one that hardly tells leaves it open.
+    let follow = |a: usize, b: usize| a.abs_diff(b) as f64;
+    assert_eq!(super::broken_course(&regions, &z_mm, Some(&follow)), None);
+    let exchanged = |k: usize| if k == 4 || k == 6 { 10 - k } else { k };
+    let exchange = |a: usize, b: usize| exchanged(a).abs_diff(exchanged(b)) as f64;
+    assert!(super::broken_course(&regions, &z_mm, Some(&exchange)).unwrap().is_sure);
+    let noisy = |a: usize, b: usize| 100.0 + exchange(a, b);
+    assert!(!super::broken_course(&regions, &z_mm, Some(&noisy)).unwrap().is_sure);
+}
+
+#[test]
+fn planes_of_the_ct_that_were_exchanged_before_the_segmentation_are_told_by_the_image() {
+    let mut case = case();
+    let exchanged = |k: usize| if k == 6 || k == 8 { 14 - k } else { k };
+    case.volume.hu = reordered(&case.volume, exchanged);
+    let planes = &case.sections.planes;
+    let regions: Vec<Region> =
+        (0..N_PLANES).map(|k| Region::new(planes[exchanged(k)].contours.clone())).collect();
+    let volume_planes: Vec<_> = (0..N_PLANES).map(Some).collect();
+    let unlike = |a: usize, b: usize| super::unlike(&case.volume, &volume_planes, &regions, [a, b]);
+    let z_mm = case.sections.plane_z_mm();
+    let broken = super::broken_course(&regions, &z_mm, Some(&unlike)).unwrap();
+    assert!(broken.is_sure && broken.finding.place.planes == Some([6, 8]), "{broken:?}");
+}
+
+#[test]
+fn a_dent_and_a_narrow_contour_are_errors_of_the_segmentation() {
+    let mut dented = case();
+    let (centre, radius_mm) = fork(INTERVAL_MM * 2.0, N_PLANES)[0];
+    let contour = &mut dented.sections.planes[2].contours[0];
+    for p in &mut contour.points {
+        let along = (p.y - centre.y) / radius_mm;
+        if p.x > centre.x && along.abs() < 0.5 {
+            p.x -= 0.9 * (1.0 - (along / 0.5).powi(2));
+        }
+    }
+    let report_of_dented = report(&dented);
+    let found = only(&report_of_dented);
+    assert_eq!((found.stage, found.kind, found.place.planes), ("segmentation", Kind::PartOff, Some([2, 2])));
+    is_near(&found, -0.9);
+    assert!(found.beyond_gate && !report_of_dented.verdict.passed);
+
+    // A slit across takes a quarter of the lumen and leaves most of the outline where it is.
+    let mut narrow = case();
+    narrow.sections.planes[1].contours = region_of(&fork(INTERVAL_MM, N_PLANES), 0.0)
+        .difference(&Region::new(vec![Contour::new(
+            [(0.9, -5.0), (9.0, -5.0), (9.0, 5.0), (0.9, 5.0)].map(|(x, y)| Point2::new(x, y)).to_vec(),
+        )]))
+        .contours;
+    let report = report(&narrow);
+    let kinds: Vec<Kind> = report
+        .findings
+        .iter()
+        .filter(|f| f.stage == "segmentation" && f.beyond_gate)
+        .map(|f| f.kind)
+        .collect();
+    assert!(kinds.contains(&Kind::PartOff) || kinds.contains(&Kind::CalibreOff), "{}", told(&report));
+    assert!(!report.verdict.passed);
 }
 
 #[test]
@@ -622,4 +682,25 @@ fn an_island_in_the_lumen_that_is_lost_is_found_where_it_was_lost() {
     assert_eq!(found.len(), 1, "{}", told(&report));
     assert_eq!((found[0].stage, found[0].place.planes), ("reconstruction", Some([1, 3])));
     is_near(found[0], std::f64::consts::PI * 0.64);
+}
+
+#[test]
+fn what_the_file_of_the_job_has_otherwise_is_not_the_printers() {
+    let mut case = case();
+    spoil(&mut case, 100..N_LAYERS, |_, s| moved(s, Vector2::new(0.4, 0.0)));
+    let file = case.record.clone();
+    spoil(&mut case, 50..60, |_, s| {
+        s.volume_mm3 *= 0.8;
+        s.width_mm *= 0.8;
+    });
+    let report = build(&Inputs { job_beads: Some(&file), ..inputs(&case) }, &Task::quiet()).unwrap();
+    let found: Vec<_> = report.findings.iter().map(|f| (f.stage, f.kind, f.place.layers.unwrap())).collect();
+    assert_eq!(
+        found,
+        [("toolpath", Kind::LayerShift, [100, 149]), ("deposition", Kind::UnderExtrusion, [50, 59])],
+        "{}",
+        told(&report)
+    );
+    is_near(&report.findings[0], 0.4);
+    assert!(report.findings[0].text.contains("the job's file is not what was sliced"));
 }

@@ -13,6 +13,7 @@ const RIGHT: f64 = 18.0;
 pub(super) const DARK: &str = "#1f5fa8";
 const LIGHT: &str = "#a9c8ea";
 const WARM: &str = "#b35a00";
+const SCANNED: &str = "#7a2fb0";
 
 /// A chart as shapes.
 #[derive(Serialize, Default)]
@@ -68,7 +69,7 @@ pub(super) fn all(report: &Report) -> Vec<Chart> {
 
 /// Mean and 95th percentile of each stage as bars.
 fn stages(report: &Report) -> Option<Chart> {
-    let figures = Stage::ALL.map(|s| report.block(s).overall.map(|o| o.figures));
+    let figures: Vec<_> = report.stages().map(|s| report.block(s).overall.map(|o| o.figures)).collect();
     let most = figures.iter().flatten().filter_map(|f| f.p95_mm).fold(0.0, f64::max);
     let scale = Scale::new(0.0, most, LEFT, WIDTH - RIGHT)?;
     let mut chart = Chart {
@@ -77,8 +78,8 @@ fn stages(report: &Report) -> Option<Chart> {
         ..blank()
     };
     vertical_grid(&mut chart, &scale);
-    let pitch = (HEIGHT - TOP - BOTTOM) / 6.0;
-    for (i, (stage, f)) in Stage::ALL.into_iter().zip(figures).enumerate() {
+    let pitch = (HEIGHT - TOP - BOTTOM) / figures.len() as f64;
+    for (i, (stage, f)) in report.stages().zip(figures).enumerate() {
         let y = TOP + pitch * i as f64;
         chart.labels.push(Label {
             x: LEFT - 8.0,
@@ -103,7 +104,8 @@ fn along(report: &Report) -> Option<Chart> {
     let of = |value: fn(&super::Figures) -> Option<f64>| -> Vec<(f64, f64)> {
         planes.iter().filter_map(|p| Some((p.z_mm, value(&p.figures)?))).collect()
     };
-    let curves = [("mean", of(|f| f.mean_mm), DARK, None), ("95 %", of(|f| f.p95_mm), WARM, Some("6 3"))];
+    let curves =
+        [("mean", of(|f| f.mean_mm), DARK, None), ("95th percentile", of(|f| f.p95_mm), WARM, Some("6 3"))];
     let mut chart = curve_chart(&curves)?;
     chart.title = "Total error along the vessel, mm over z in mm";
     chart.description =
@@ -111,7 +113,7 @@ fn along(report: &Report) -> Option<Chart> {
     Some(chart)
 }
 
-/// Lumen area along the vessel, all branches of a plane together: contours and recorded.
+/// Lumen area along the vessel, all branches of a plane together: contours, recorded, scanned.
 fn areas(report: &Report) -> Option<Chart> {
     let of = |stage: &str| -> Vec<(f64, f64)> {
         let at = |(k, &z): (usize, &f64)| {
@@ -122,11 +124,18 @@ fn areas(report: &Report) -> Option<Chart> {
         };
         report.plane_z_mm.iter().enumerate().filter_map(at).collect()
     };
-    let curves = [("contours", of("contours"), DARK, None), ("deposited", of("recorded"), WARM, Some("6 3"))];
+    let word = report.origin.word();
+    let mut curves =
+        vec![("contours", of("contours"), DARK, None), (word, of("recorded"), WARM, Some("6 3"))];
+    if report.scan.is_some() {
+        curves.push(("scanned", of("scanned"), SCANNED, Some("2 3")));
+    }
     let mut chart = curve_chart(&curves)?;
     chart.title = "Lumen area along the vessel, mm\u{b2} over z in mm";
-    chart.description =
-        "Curves of the lumen area over the height of the plane, segmented and deposited, all branches together.".into();
+    chart.description = format!(
+        "Curves of the lumen area over the height of the plane, segmented and {}, all branches together.",
+        report.origin.known()
+    );
     Some(chart)
 }
 

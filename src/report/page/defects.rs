@@ -28,7 +28,7 @@ pub(super) fn rows(report: &Report) -> Vec<DefectRow> {
 }
 
 fn row(finding: &Finding, plane_z_mm: &[f64]) -> DefectRow {
-    let stage = Stage::ALL.into_iter().find(|s| s.name() == finding.stage);
+    let stage = Stage::ALL.into_iter().chain([Stage::Scan]).find(|s| s.name() == finding.stage);
     DefectRow {
         what: words(finding.kind, finding.size.map_or(0.0, |s| s.size)),
         step: stage.map_or("Image", super::title),
@@ -45,6 +45,10 @@ const fn words(kind: Kind, size: f64) -> &'static str {
         Kind::BoundaryMoved if size < 0.0 => "Outline too far inside",
         Kind::BoundaryMoved => "Outline too far outside",
         Kind::OutlineShifted => "Outline beside its place",
+        Kind::PartOff if size < 0.0 => "Part of the outline too far inside",
+        Kind::PartOff => "Part of the outline too far outside",
+        Kind::CalibreOff if size < 0.0 => "Lumen too narrow",
+        Kind::CalibreOff => "Lumen too wide",
         Kind::Scaled if size < 0.0 => "Too small",
         Kind::Scaled => "Too large",
         Kind::Stretched if size < 0.0 => "Too low",
@@ -62,6 +66,7 @@ const fn words(kind: Kind, size: f64) -> &'static str {
         Kind::MissingLayers => "Layers missing",
         Kind::PrintStopped => "Print stopped",
         Kind::MissingBeads => "Lines missing",
+        Kind::MissingMaterial => "Material missing",
         Kind::MaterialInLumen => "Material in the lumen",
         Kind::MaterialOutside => "Material beside the part",
         Kind::MaterialInWall => "Surplus material in the wall",
@@ -132,10 +137,13 @@ mod tests {
             size: Some(Size { size: 0.4, unit: "mm", uncertainty: 0.001 }),
             vector_mm: None,
             beyond_gate: true,
+            judged: true,
             text: "a sentence".into(),
         };
         let row = row(&finding, &[0.0, 3.0, 6.0, 9.0]);
         assert_eq!((row.what, row.step, row.fails), ("Layers shifted", "Deposition", true));
+        let of = |stage| super::row(&Finding { stage, ..finding.clone() }, &[0.0]).step;
+        assert_eq!([of("scan"), of("image")], ["Scan", "Image"]);
         assert_eq!(row.place, "branch 2, layers 40 to 43, z 6.50 to 7.30 mm");
         assert_eq!((row.size.as_str(), row.plane), ("0.400 \u{b1} 0.001 mm", Some(2)));
         let number = |size, unit| super::size(Size { size, unit, uncertainty: 0.0 });

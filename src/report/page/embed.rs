@@ -1,7 +1,7 @@
 //! Bytes to the text of a page: pictures and numbers inside the one file.
 
 use super::super::plate::Line;
-use super::super::surface::Surface;
+use super::super::surface::{Surface, Vertex};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -58,12 +58,15 @@ pub(super) struct Model {
     positions: String,
     /// A signed 16-bit number a vertex; the least one where the deviation is not known.
     off_um: String,
+    /// The same of the scanned replica, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scan_off_um: Option<String>,
     strips: Vec<usize>,
     most_mm: f64,
 }
 
 impl Model {
-    pub(super) fn of(surface: &Surface, most_mm: f64) -> Option<Self> {
+    pub(super) fn of(surface: &Surface, most_mm: f64, has_scan: bool) -> Option<Self> {
         let places = || surface.vertices.iter().map(|v| v.at_mm);
         let first = places().next()?;
         let with = |pick: fn(f64, f64) -> f64| {
@@ -78,13 +81,15 @@ impl Model {
         #[expect(clippy::cast_possible_truncation, reason = "clamped")]
         let um =
             |off: Option<f64>| off.map_or(i16::MIN, |mm| (mm * 1e3).round().clamp(-32767.0, 32767.0) as i16);
+        let of = |off: fn(&Vertex) -> Option<f64>| {
+            base64(&surface.vertices.iter().flat_map(|v| um(off(v)).to_le_bytes()).collect::<Vec<u8>>())
+        };
         Some(Self {
             min_mm,
             max_mm,
             positions: base64(&positions.flat_map(u16::to_le_bytes).collect::<Vec<u8>>()),
-            off_um: base64(
-                &surface.vertices.iter().flat_map(|v| um(v.off_mm).to_le_bytes()).collect::<Vec<u8>>(),
-            ),
+            off_um: of(|v| v.off_mm),
+            scan_off_um: has_scan.then(|| of(|v| v.scan_off_mm)),
             strips: surface.strips.clone(),
             most_mm,
         })

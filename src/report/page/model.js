@@ -14,7 +14,7 @@
     for (var i = 0; i < raw.length; i += 1) { list[i] = raw.charCodeAt(i); }
     return list.buffer;
   }
-  var steps = new Uint16Array(bytes(data.positions)), off = new Int16Array(bytes(data.off_um)), n = off.length;
+  var steps = new Uint16Array(bytes(data.positions)), n = steps.length / 3;
   var size = [0, 1, 2].map(function (i) { return data.max_mm[i] - data.min_mm[i]; });
   var middle = [0, 1, 2].map(function (i) { return (data.max_mm[i] + data.min_mm[i]) / 2; });
   var radius = 0.5 * Math.hypot(size[0], size[1], size[2]) || 1;
@@ -22,8 +22,12 @@
   var vertices = new Float32Array(n * 7), triangles = [];
   for (var v = 0; v < n; v += 1) {
     for (var c = 0; c < 3; c += 1) { vertices[7 * v + c] = (steps[3 * v + c] / 65535 - 0.5) * size[c]; }
-    vertices[7 * v + 6] = off[v] === -32768 ? 9 : Math.max(-1, Math.min(1, off[v] / 1000 / data.most_mm));
   }
+  function paint(of) {
+    var off = new Int16Array(bytes(data[of]));
+    for (var i = 0; i < n; i += 1) { vertices[7 * i + 6] = off[i] === -32768 ? 9 : Math.max(-1, Math.min(1, off[i] / 1000 / data.most_mm)); }
+  }
+  paint("off_um");
   var start = 0;
   data.strips.forEach(function (count) {
     for (var i = start; i + 3 < start + count; i += 2) { triangles.push(i, i + 2, i + 1, i + 1, i + 2, i + 3); }
@@ -189,6 +193,14 @@
     event.preventDefault();
     ask();
   });
+  var choice = document.getElementById("model-of");
+  if (choice) {
+    choice.addEventListener("change", function () {
+      paint(choice.value);
+      gl.bindBuffer(gl.ARRAY_BUFFER, body); gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
+      ask();
+    });
+  }
   window.addEventListener("resize", ask);
   view.onShow(function (i) { planeZ = view.z[i]; mark(); });
   ask();

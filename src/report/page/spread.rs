@@ -1,6 +1,6 @@
 //! Histograms of the stages, and what triangles cost, as charts.
 
-use super::super::{Histogram, Report, Stage};
+use super::super::{Histogram, Report};
 use super::chart::{Bar, Chart, Curve, DARK, Label, Line, blank, shape, tidy};
 
 const WIDTH: f64 = 560.0;
@@ -14,13 +14,14 @@ const TOP: f64 = 26.0;
 pub(super) fn histograms(report: &Report) -> Option<Chart> {
     let mut chart = Chart {
         title: "Spread of the error of each step: samples over signed distance, mm",
-        description: "Six histograms of the signed distance, one a step, positive outside; the numbers are in report.json."
-            .into(),
-        height: 2.0 * ROW,
+        description:
+            "Histograms of the signed distance, one a step, positive outside; the numbers are in report.json."
+                .into(),
+        height: (if report.scan.is_some() { 3.0 } else { 2.0 }) * ROW,
         ..blank()
     };
     let mut n_panels = 0;
-    for (i, stage) in Stage::ALL.into_iter().enumerate() {
+    for (i, stage) in report.stages().enumerate() {
         let Some(histogram) = &report.block(stage).histogram else { continue };
         let at = [PITCH * (i % 3) as f64 + 10.0, ROW * (i / 3) as f64 + TOP];
         panel(&mut chart, super::title(stage), histogram, at);
@@ -125,6 +126,7 @@ mod tests {
     use super::super::super::{build, testing::Case, testing::inputs};
     use super::*;
     use crate::progress::Task;
+    use crate::report::Stage;
 
     #[test]
     fn every_step_has_its_histogram_and_fineness_its_curve() {

@@ -1,7 +1,6 @@
 //! The vessel's measures, walls and amounts as tables of page and document.
 
-use super::super::{Angles, Branch, Division, Report, Stenosis, shown};
-use super::mm;
+use super::super::{Angles, Branch, BranchFigures, Division, Origin, Report, Stage, Stenosis, shown};
 use serde::Serialize;
 
 /// A table as it is shown.
@@ -32,8 +31,15 @@ const fn number(head: &'static str, width: f32) -> Column {
 
 /// All tables that have rows.
 pub(super) fn all(report: &Report) -> Vec<Table> {
-    let tables =
-        [diameters(report), course(report), divisions(report), wall(report), volumes(report), job(report)];
+    let tables = [
+        errors(report),
+        diameters(report),
+        course(report),
+        divisions(report),
+        wall(report),
+        volumes(report),
+        job(report),
+    ];
     tables.into_iter().filter(|t| !t.rows.is_empty()).collect()
 }
 
@@ -44,10 +50,60 @@ fn sure(value: Option<f64>, uncertainty: Option<f64>, decimals: usize) -> String
     format!("{}{off}", shown(value, decimals))
 }
 
+/// The same in a narrow column: what is uncertain goes to the next line.
+pub(super) fn narrow(value: Option<f64>, uncertainty: Option<f64>, decimals: usize) -> String {
+    sure(value, uncertainty, decimals).replace("\u{b1} ", "\u{b1}")
+}
+
 /// One row for every stage of every branch.
-fn of_stages(report: &Report, row: fn(&Branch, usize) -> Vec<String>) -> Vec<Vec<String>> {
+fn of_stages(report: &Report, row: impl Fn(&Branch, usize) -> Vec<String>) -> Vec<Vec<String>> {
+    let row = &row;
     let branches = report.anatomy.branches.iter();
     branches.flat_map(|branch| (0..branch.stages.len()).map(move |i| row(branch, i))).collect()
+}
+
+/// What a stage of the vessel's measures is called before a reader.
+fn step(report: &Report, stage: &str) -> String {
+    if stage == "recorded" { report.origin.step().into() } else { stage.into() }
+}
+
+fn errors(report: &Report) -> Table {
+    let row = |stage: Stage, own: &BranchFigures| {
+        let (f, u) = (&own.figures, &own.figures.uncertainty);
+        vec![
+            own.branch.clone(),
+            super::title(stage).into(),
+            narrow(f.mean_mm, u.mean_mm, 3),
+            narrow(f.rms_mm, u.rms_mm, 3),
+            narrow(f.p95_mm, u.p95_mm, 3),
+            narrow(f.max_mm, u.max_mm, 3),
+            narrow(f.bias_mm, u.bias_mm, 3),
+            narrow(f.dice, u.dice, 4),
+            narrow(f.area_error_percent, u.area_error_percent, 2),
+        ]
+    };
+    let of_branch = |branch: &Branch| {
+        let of_stage = |stage: Stage| {
+            report.block(stage).branches.iter().find(|b| b.branch == branch.name).map(|own| row(stage, own))
+        };
+        report.stages().filter_map(of_stage).collect::<Vec<_>>()
+    };
+    Table {
+        title: "Error by branch",
+        caption: "The figures of every step, branch by branch: the samples that lie nearest to the branch's contours. Distances in mm; Dice and area are those of the lumen. \u{b1}: standard uncertainty.",
+        columns: vec![
+            words("Branch", 50.0),
+            words("Step", 72.0),
+            number("Mean", 53.0),
+            number("RMS", 53.0),
+            number("95th pct.", 53.0),
+            number("Max", 53.0),
+            number("Bias", 53.0),
+            number("Dice", 66.0),
+            number("Area %", 54.0),
+        ],
+        rows: report.anatomy.branches.iter().flat_map(of_branch).collect(),
+    }
 }
 
 fn diameters(report: &Report) -> Table {
@@ -57,7 +113,7 @@ fn diameters(report: &Report) -> Table {
         vec![
             branch.name.clone(),
             format!("{} to {}", branch.planes[0], branch.planes[1]),
-            stage.stage.into(),
+            step(report, stage.stage),
             sure(stage.lumen_area_mm2, stage.lumen_area_uncertainty_mm2, 2),
             diameter(stage.equivalent_diameter_mm),
             diameter(stage.minimum_diameter_mm),
@@ -85,21 +141,21 @@ fn course(report: &Report) -> Table {
         let stage = &branch.stages[i];
         vec![
             branch.name.clone(),
-            stage.stage.into(),
+            step(report, stage.stage),
             sure(stage.centreline.length_mm, stage.centreline.length_uncertainty_mm, 2),
-            shown(stage.centreline.tortuosity, 3),
+            sure(stage.centreline.tortuosity, stage.centreline.tortuosity_uncertainty, 3),
             stenosis(&stage.stenosis),
         ]
     };
     Table {
         title: "Course and stenosis",
-        caption: "Length of the centreline through the centroids of the CT planes (\u{b1}: half of what it changes when every second plane is left out), tortuosity (length by chord, less one), degree of stenosis by NASCET from minimum diameters, where a normal segment lies beyond a narrowing.",
+        caption: "Length of the centreline through the centroids of the CT planes (\u{b1}: half of what it changes when every second plane is left out), tortuosity (length by chord, less one), degree of stenosis by NASCET from minimum diameters and area stenosis of the same two places, where a normal segment lies beyond a narrowing.",
         columns: vec![
             words("Branch", 52.0),
             words("Step", 52.0),
-            number("Length mm", 84.0),
-            number("Tortuosity", 60.0),
-            words("Stenosis", 262.0),
+            number("Length mm", 78.0),
+            number("Tortuosity", 78.0),
+            words("Stenosis", 251.0),
         ],
         rows: of_stages(report, row),
     }
@@ -108,8 +164,9 @@ fn course(report: &Report) -> Table {
 fn stenosis(s: &Stenosis) -> String {
     match (s.stenosis_nascet_percent, s.stenosis_throat, s.stenosis_reference) {
         (Some(percent), Some(throat), Some(reference)) => format!(
-            "{} % (throat {:.2} mm at plane {}, reference {:.2} mm at planes {} to {})",
+            "NASCET {} %, area {} % (throat {:.2} mm at plane {}, reference {:.2} mm at planes {} to {})",
             sure(Some(percent), s.stenosis_uncertainty_percent, 1),
+            sure(s.stenosis_area_percent, s.stenosis_area_uncertainty_percent, 1),
             throat.diameter_mm,
             throat.plane,
             reference.diameter_mm,
@@ -127,18 +184,20 @@ fn divisions(report: &Report) -> Table {
             |[x, y, z]| format!("x {x:.2}, y {y:.2}, z {z:.3} \u{b1} {:.3}", division.uncertainty_mm),
         );
         let turns: Vec<String> = angles.from_trunk_deg.iter().map(|a| shown(*a, 1)).collect();
-        vec![joined(division), at, angles.stage.into(), shown(angles.between_deg, 1), turns.join(", ")]
+        let off = angles.uncertainty_deg.map_or_else(String::new, |u| format!(" (each \u{b1} {u:.1})"));
+        let between = sure(angles.between_deg, angles.uncertainty_deg, 1);
+        vec![joined(division), at, step(report, angles.stage), between, format!("{}{off}", turns.join(", "))]
     };
     let divisions = report.anatomy.divisions.iter();
     Table {
         title: "Divisions",
-        caption: "Where the section of the solid falls apart (stack frame, mm), and angles in degrees between the straight lines that fit the first 10 mm of each centreline best: the largest between two branches, and of each branch off the trunk.",
+        caption: "Where the section of the solid falls apart (stack frame, mm), and angles in degrees between the straight lines that fit the first 10 mm of each centreline best: the largest between two branches, and of each branch off the trunk. \u{b1}: scatter of the centroids about these lines, and what is uncertain of the centroids.",
         columns: vec![
-            words("Division", 150.0),
-            words("Place", 176.0),
+            words("Division", 126.0),
+            words("Place", 166.0),
             words("Step", 52.0),
-            number("Between", 52.0),
-            number("Off the trunk", 80.0),
+            number("Between", 62.0),
+            number("Off the trunk", 104.0),
         ],
         rows: divisions.flat_map(|d| d.angles.iter().map(move |a| row(d, a))).collect(),
     }
@@ -157,38 +216,59 @@ fn joined(division: &Division) -> String {
 fn wall(report: &Report) -> Table {
     let rows = report.walls.iter().filter_map(|stage| {
         let wall = stage.overall?;
-        let thickness = [wall.mean_mm, wall.min_mm, wall.p5_mm, wall.max_mm].map(mm);
-        Some([vec![stage.stage.into()], thickness.into(), vec![shown(wall.filled_percent, 2)]].concat())
+        let off = wall.uncertainty;
+        let thickness = [
+            (wall.mean_mm, off.mean_mm),
+            (wall.min_mm, off.min_mm),
+            (wall.p5_mm, off.p5_mm),
+            (wall.max_mm, off.max_mm),
+        ]
+        .map(|(value, off)| sure(value, off, 3));
+        let filled = sure(wall.filled_percent, off.filled_percent, 2);
+        Some([vec![step(report, stage.stage)], thickness.into(), vec![filled]].concat())
     });
     Table {
         title: "Wall",
-        caption: "Thickness in the CT planes: from places 0.1 mm apart along the lumen the exact distance to the outline of the whole part; more than the thickness in space where the wall stands obliquely. Filled: material over all between the outlines. Uncertain by 0.001 mm (solid, layers) and 0.002 mm (beads).",
+        caption: "Thickness in the CT planes: from places 0.1 mm apart along the lumen the exact distance to the outline of the whole part; where the wall stands obliquely to the planes that is more than its thickness in space, which the solid was built for and which the note on the wall tells. So the largest here may be far above the thickness asked for. Filled: material over all between the outlines.",
         columns: vec![
-            words("Step", 90.0),
-            number("Mean mm", 80.0),
-            number("Least mm", 80.0),
-            number("5 % below mm", 90.0),
-            number("Largest mm", 80.0),
-            number("Filled %", 80.0),
+            words("Step", 71.0),
+            number("Mean mm", 88.0),
+            number("Least mm", 88.0),
+            number("5 % below mm", 88.0),
+            number("Largest mm", 88.0),
+            number("Filled %", 88.0),
         ],
         rows: rows.collect(),
     }
 }
 
 fn volumes(report: &Report) -> Table {
+    let caption = match report.origin {
+        Origin::Recorded => {
+            "Lumen: areas in the CT planes integrated by cubics; \u{b1}: half of what leaving out every second plane changes. Layers: area times height. Material: cross-section of the beads times length; recorded: the record's own volumes."
+        }
+        Origin::Commanded => {
+            "Lumen: areas in the CT planes integrated by cubics; \u{b1}: half of what leaving out every second plane changes. Layers: area times height. Material: cross-section of the beads times length; commanded: the filament of the acknowledged lines."
+        }
+    };
     let amounts = &report.amounts;
-    let lumen =
-        amounts.lumen.iter().map(|l| (format!("lumen, {}", l.stage), l.volume_mm3, l.uncertainty_mm3));
+    let lumen = amounts
+        .lumen
+        .iter()
+        .map(|l| (format!("lumen, {}", step(report, l.stage)), l.volume_mm3, l.uncertainty_mm3));
     let others = [
-        ("layers, ends beyond the CT planes included", amounts.layers_mm3),
-        ("material, planned", amounts.planned_material_mm3),
-        ("material, recorded", amounts.recorded_material_mm3),
+        ("layers, ends beyond the CT planes included".to_owned(), amounts.layers_mm3),
+        ("material, planned".to_owned(), amounts.planned_material_mm3),
+        (
+            format!("material, {}", report.origin.known().trim_start_matches("as ")),
+            amounts.recorded_material_mm3,
+        ),
     ];
-    let others = others.into_iter().map(|(name, value)| (name.to_owned(), value, None));
+    let others = others.into_iter().map(|(name, value)| (name, value, None));
     let known = lumen.chain(others).filter(|row| row.1.is_some());
     Table {
         title: "Volumes",
-        caption: "Lumen: areas in the CT planes integrated by cubics; \u{b1}: half of what leaving out every second plane changes. Layers: area times height. Material: cross-section of the beads times length; recorded: the record's own volumes.",
+        caption,
         columns: vec![words("What", 260.0), number("mm\u{b3}", 130.0)],
         rows: known.map(|(name, value, off)| vec![name, sure(value, off, 1)]).collect(),
     }
@@ -202,10 +282,19 @@ fn job(report: &Report) -> Table {
         ("Filament, mm", shown(job.planned_filament_mm, 1), shown(job.recorded_filament_mm, 1)),
     ];
     let is_known = job.planned_s.or(job.recorded_s).or(job.planned_filament_mm).or(job.recorded_filament_mm);
+    let (caption, head) = match report.origin {
+        Origin::Recorded => {
+            ("Planned: by the job's own estimate. Recorded: by the printer, priming included.", "Recorded")
+        }
+        Origin::Commanded => (
+            "Planned: by the job's own estimate. Commanded, not measured: the filament of the lines that the printer has acknowledged, and how long the host took to send them.",
+            "Commanded",
+        ),
+    };
     Table {
         title: "Time and filament",
-        caption: "Planned: by the job's own estimate. Recorded: by the printer, priming included.",
-        columns: vec![words("What", 180.0), number("Planned", 100.0), number("Recorded", 100.0)],
+        caption,
+        columns: vec![words("What", 180.0), number("Planned", 100.0), number(head, 100.0)],
         rows: is_known
             .into_iter()
             .flat_map(|_| rows.clone())
@@ -229,13 +318,22 @@ mod tests {
         let tables = all(&report);
         let titles: Vec<&str> = tables.iter().map(|t| t.title).collect();
         // A straight tube divides nowhere.
+        let [errors, titles @ ..] = titles.as_slice() else { panic!("no tables") };
+        assert_eq!(*errors, "Error by branch");
         assert_eq!(titles, ["Lumen", "Course and stenosis", "Wall", "Volumes", "Time and filament"]);
         for table in &tables {
             assert!(table.rows.iter().all(|row| row.len() == table.columns.len()), "{}", table.title);
             assert!(table.columns.iter().map(|c| c.width).sum::<f32>() <= 511.0, "{}", table.title);
         }
-        assert_eq!(tables[4].rows[0], ["Time, min", "1.5", "\u{2013}"]);
-        let image = &tables[0].rows[0];
+        assert_eq!(tables[5].rows[0], ["Time, min", "1.5", "\u{2013}"]);
+        // Six steps of the one branch, each figure with its uncertainty.
+        let errors = &tables[0].rows;
+        assert_eq!(errors.len(), 6);
+        assert!(
+            errors.iter().all(|row| row[2..].iter().all(|cell| cell.contains(" \u{b1}0."))),
+            "{errors:?}"
+        );
+        let image = &tables[1].rows[0];
         assert!(image[2] == "image" && image[5].contains(" \u{b1} 0.0"), "{image:?}");
         let quiet = build(&inputs(&case), &Task::quiet()).unwrap();
         assert!(all(&quiet).iter().all(|t| t.title != "Time and filament"));

@@ -4,8 +4,8 @@
 //! angle around the branch's centre, seen as the pictures show the plane. Along the vessel the centres are joined by
 //! straight lines. Cells without a place are not known.
 
-use super::super::plate::Sample;
-use super::super::{Branch, Picture, Report};
+use super::super::plate::{Plate, Sample};
+use super::super::{Branch, Report};
 use super::colour::Range;
 use super::embed;
 use crate::draw;
@@ -53,13 +53,16 @@ struct Strip {
     cells: [Option<f64>; N_ANGLES],
 }
 
+/// Which deviation of a plane is shown.
+pub(super) type RingOf = fn(&Plate) -> &[Sample];
+
 /// Maps of all branches that lie in two planes or more.
 ///
 /// # Errors
 /// Where a picture cannot be encoded.
-pub(super) fn maps(report: &Report, range: Range) -> Result<Vec<Map>, png::EncodingError> {
+pub(super) fn maps(report: &Report, range: Range, ring: RingOf) -> Result<Vec<Map>, png::EncodingError> {
     let branches = &report.anatomy.branches;
-    let strips = branches.iter().map(|branch| (branch, strips(report, branch)));
+    let strips = branches.iter().map(|branch| (branch, strips(report, branch, ring)));
     strips.filter(|(_, strips)| strips.len() > 1).map(|(branch, s)| map(report, branch, &s, range)).collect()
 }
 
@@ -69,7 +72,7 @@ fn centre(branch: &Branch, plane: usize) -> Option<Point2> {
     contours.planes.iter().find(|p| p.plane == plane).map(|p| p.centre_xy_mm.into())
 }
 
-fn strips(report: &Report, branch: &Branch) -> Vec<Strip> {
+fn strips(report: &Report, branch: &Branch, ring: RingOf) -> Vec<Strip> {
     let mut strips: Vec<Strip> = Vec::new();
     let mut before: Option<(Point2, f64, f64)> = None;
     for picture in &report.pictures {
@@ -77,19 +80,27 @@ fn strips(report: &Report, branch: &Branch) -> Vec<Strip> {
         let z_mm = report.plane_z_mm[picture.plane];
         let along_mm = before.map_or(0.0, |(p, z, along)| along + (at - p).norm().hypot(z_mm - z));
         before = Some((at, z_mm, along_mm));
-        strips.push(Strip { plane: picture.plane, along_mm, cells: cells(report, branch, picture, at) });
+        strips.push(Strip {
+            plane: picture.plane,
+            along_mm,
+            cells: cells(report, (branch, picture.plane), ring(&picture.plate), at),
+        });
     }
     strips
 }
 
-fn cells(report: &Report, branch: &Branch, picture: &Picture, at: Point2) -> [Option<f64>; N_ANGLES] {
-    let centres: Vec<Point2> =
-        report.anatomy.branches.iter().filter_map(|b| centre(b, picture.plane)).collect();
+fn cells(
+    report: &Report,
+    (branch, plane): (&Branch, usize),
+    ring: &[Sample],
+    at: Point2,
+) -> [Option<f64>; N_ANGLES] {
+    let centres: Vec<Point2> = report.anatomy.branches.iter().filter_map(|b| centre(b, plane)).collect();
     let mut sums = [(0.0, 0usize); N_ANGLES];
-    for samples in picture.plate.ring.chunk_by(|a, b| a.contour_idx == b.contour_idx) {
+    for samples in ring.chunk_by(|a, b| a.contour_idx == b.contour_idx) {
         let own = middle(samples);
         let nearest = centres.iter().map(|c| (c - own).norm()).fold(f64::INFINITY, f64::min);
-        if centre(branch, picture.plane).is_none_or(|c| (c - own).norm() > nearest) {
+        if centre(branch, plane).is_none_or(|c| (c - own).norm() > nearest) {
             continue;
         }
         for (sample, off_mm) in samples.iter().filter_map(|s| Some((s, s.off_mm?))) {
@@ -182,7 +193,7 @@ mod tests {
             s.to.x += 0.3;
         }
         let report = build(&inputs(&case), &Task::quiet()).unwrap();
-        let strips = strips(&report, &report.anatomy.branches[0]);
+        let strips = strips(&report, &report.anatomy.branches[0], |p| &p.ring);
         assert_eq!(strips.len(), 5);
         assert!((strips[4].along_mm - 12.0).abs() < 0.01);
         for strip in &strips {
@@ -195,7 +206,7 @@ mod tests {
     #[test]
     fn the_rows_of_a_map_lie_on_one_another_the_highest_plane_on_top() {
         let report = build(&inputs(&Case::new(4)), &Task::quiet()).unwrap();
-        let maps = maps(&report, Range { most_mm: 0.1 }).unwrap();
+        let maps = maps(&report, Range { most_mm: 0.1 }, |p| &p.ring).unwrap();
         let rows = &maps[0].rows;
         assert!(rows[3].y.abs() < 1e-9 && (rows[0].y + rows[0].height - maps[0].height).abs() < 0.11);
         assert!(rows.windows(2).all(|r| (r[1].y + r[1].height - r[0].y).abs() < 0.21));

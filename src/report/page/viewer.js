@@ -26,7 +26,7 @@
   function load(plate) {
     if (plate.paths) { return; }
     plate.paths = {};
-    ["material", "paths", "solid", "contours"].forEach(function (name) {
+    ["material", "paths", "solid", "contours", "scan"].forEach(function (name) {
       var path = plate.svg.querySelector("path." + name);
       if (path) { plate.paths[name] = new Path2D(path.getAttribute("d")); }
     });
@@ -102,6 +102,7 @@
     if (layers.paths.checked) { stroke(plate.paths.paths, "#2682ff", 1.2 * unit); }
     if (layers.solid.checked) { stroke(plate.paths.solid, "#ff3b30", 2.4 * unit); }
     if (layers.contours.checked) { stroke(plate.paths.contours, "#40eb6e", 1.5 * unit, [7 * unit, 5 * unit]); }
+    if (layers.scan && layers.scan.checked) { stroke(plate.paths.scan, "#d580ff", 1.6 * unit); }
     pen.setTransform(ratio, 0, 0, ratio, 0, 0); pen.setLineDash([]);
     signs(plate, at.scale / ratio, box.width, box.height, at, ratio);
     frames += 1;
@@ -241,7 +242,7 @@
     return "CT under the pointer: about " + Math.round(range[0] + (range[1] - range[0]) * byte / 255) + " HU";
   }
 
-  var names = ["image", "contours", "solid", "paths", "material"];
+  var names = ["image", "contours", "solid", "paths", "material", "scan"].filter(function (name) { return layers[name]; });
   document.addEventListener("keydown", function (event) {
     var target = event.target;
     if (event.altKey || event.ctrlKey || event.metaKey || event.defaultPrevented) { return; }
@@ -256,7 +257,7 @@
     else if (event.key === "0") { fit(); }
     else if (event.key === "m") { setMeasuring(!measuring); }
     else if (event.key === "Escape") { setMeasuring(false); }
-    else if (/^[1-5]$/.test(event.key)) { var box = layers[names[Number(event.key) - 1]]; box.checked = !box.checked; ask(); }
+    else if (/^[1-6]$/.test(event.key) && names[Number(event.key) - 1]) { var box = layers[names[Number(event.key) - 1]]; box.checked = !box.checked; ask(); }
     else { return; }
     event.preventDefault();
   });

@@ -110,6 +110,14 @@ pub(super) struct Column {
     pub(super) right: bool,
 }
 
+/// What stands above a table.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Titled<'a> {
+    pub(super) title: &'a str,
+    /// Nothing, or what the figures are.
+    pub(super) caption: &'a str,
+}
+
 struct Sheet {
     content: Content,
     pictures: Vec<Ref>,
@@ -210,13 +218,43 @@ impl Book {
             .stroke();
     }
 
-    /// A table, its head on every page.
+    /// A table under its heading: whole on a page where it is short, never parted from its first rows.
+    pub(super) fn section(
+        &mut self,
+        titled: &Titled<'_>,
+        columns: &[Column],
+        head: &[&str],
+        rows: &[Vec<String>],
+        size: f32,
+    ) {
+        const SHORT: f32 = 260.0;
+        let caption = Style::soft(8.5);
+        let lines = if titled.caption.is_empty() {
+            0
+        } else {
+            caption.wrapped(titled.caption, WIDTH - 2.0 * MARGIN).len()
+        };
+        let above = 32.0 + caption.leading() * lines as f32 + Style::bold(size).leading() + 3.5;
+        let heights: Vec<f32> = rows.iter().map(|row| row_height(columns, row, Style::plain(size))).collect();
+        let (whole, first) = (heights.iter().sum::<f32>(), heights.iter().take(2).sum::<f32>());
+        self.need(above + if whole <= SHORT { whole } else { first });
+        self.heading(titled.title);
+        if lines > 0 {
+            self.paragraph(titled.caption, caption);
+            self.skip(4.0);
+        }
+        self.table(columns, head, rows, size);
+    }
+
+    /// A table, its head on every page; its last row is not left alone.
     pub(super) fn table(&mut self, columns: &[Column], head: &[&str], rows: &[Vec<String>], size: f32) {
         let head: Vec<String> = head.iter().map(|&h| h.to_owned()).collect();
         self.need(50.0);
         self.row(columns, &head, Style::bold(size));
-        for row in rows {
-            let height = row_height(columns, row, Style::plain(size));
+        let height_of = |row: &Vec<String>| row_height(columns, row, Style::plain(size));
+        for (i, row) in rows.iter().enumerate() {
+            let next = if i + 2 == rows.len() { height_of(&rows[i + 1]) } else { 0.0 };
+            let height = height_of(row) + next;
             if self.y + height > BOTTOM {
                 self.new_page();
                 self.row(columns, &head, Style::bold(size));
@@ -281,10 +319,13 @@ impl Book {
         let mut pages = Vec::with_capacity(n_pages);
         for (i, sheet) in std::mem::take(&mut self.sheets).into_iter().enumerate() {
             self.sheet = sheet;
-            self.text(footer, [MARGIN, HEIGHT - 28.0], Style::soft(7.5));
             let number = format!("page {} of {n_pages}", i + 1);
-            let x = WIDTH - MARGIN - Style::soft(7.5).width(&number);
-            self.text(&number, [x, HEIGHT - 28.0], Style::soft(7.5));
+            let style = Style::soft(7.5);
+            let (y, x) = (HEIGHT - 28.0, WIDTH - MARGIN - style.width(&number));
+            for (j, line) in style.wrapped(footer, x - MARGIN - 12.0).iter().enumerate() {
+                self.text(line, [MARGIN, y + style.leading() * j as f32], style);
+            }
+            self.text(&number, [x, y], style);
             let sheet = std::mem::replace(&mut self.sheet, Sheet::new());
             pages.push(self.page(sheet)?);
         }
@@ -350,6 +391,25 @@ mod tests {
     #[test]
     fn letters_have_their_place_in_the_code_page() {
         assert_eq!(encoded("a\u{b2}\u{2013}\u{2300}"), [b'a', 0xb2, 0x96, b'?']);
+    }
+
+    #[test]
+    fn a_heading_stays_with_its_table_and_no_row_stands_alone() {
+        let columns = [Column { width: 100.0, right: false }; 2];
+        let rows = |n: i32| -> Vec<Vec<String>> { (0..n).map(|i| vec![i.to_string(), "x".into()]).collect() };
+        let titled = Titled { title: "title", caption: "caption" };
+        let mut book = Book::new();
+        book.skip(620.0);
+        book.section(&titled, &columns, &["number", "letter"], &rows(9), 9.0);
+        assert_eq!(book.sheets.len(), 1, "a short table goes to the next page as a whole");
+        // One row more than a page takes.
+        let row = row_height(&columns, &rows(1)[0], Style::plain(9.0));
+        #[expect(clippy::cast_possible_truncation, reason = "rows of a page")]
+        let n_fit = ((BOTTOM - MARGIN) / row) as i32 - 1;
+        let mut book = Book::new();
+        book.table(&columns, &["number", "letter"], &rows(n_fit + 1), 9.0);
+        assert_eq!(book.sheets.len(), 1);
+        assert!(book.y() > MARGIN + 2.5 * row, "the last row has the one before it and the head");
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! Bodies in a scan: connected voxels above a level, with their moments and the places of their surface.
 //!
-//! Voxels are held as runs along the rows, joined where they share a face (union-find), so that a volume of any size costs its runs
-//! alone. A place of the surface lies where the values, linear between two neighbouring voxels, pass the level: not on the
+//! Voxels are held as runs along the rows, joined where they share a face (union-find), so that a volume costs its runs alone; a level
+//! with too many of them lies in the noise and is given up. A place of the surface lies where the values, linear between two neighbouring voxels, pass the level: not on the
 //! voxels' faces.
 
 use crate::ct::Volume;
 use crate::geom::{Point3, Vector3};
+use crate::progress::{Cancelled, Task};
 use nalgebra::Matrix3;
+use std::collections::BTreeMap;
 
 /// A place of a surface, with the unit normal that points out of the material. Stack frame of the scan, mm.
 #[derive(Debug, Clone, Copy)]
@@ -44,14 +46,33 @@ impl Moments {
 /// Voxels `from..to` of row `row` of plane `plane`.
 #[derive(Debug, Clone, Copy)]
 struct Run {
-    plane: usize,
-    row: usize,
-    from: usize,
-    to: usize,
+    plane: u32,
+    row: u32,
+    from: u32,
+    to: u32,
+}
+
+impl Run {
+    const fn plane(&self) -> usize {
+        self.plane as usize
+    }
+
+    const fn row(&self) -> usize {
+        self.row as usize
+    }
+
+    const fn columns(&self) -> std::ops::Range<usize> {
+        self.from as usize..self.to as usize
+    }
+
+    fn volume_mm3(&self, volume: &Volume) -> f64 {
+        let [dx, dy] = volume.pixel_spacing_xy_mm;
+        f64::from(self.to - self.from) * dx * dy * share_mm(volume, self.plane())
+    }
 }
 
 /// Connected voxels above a level.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Body {
     runs: Vec<Run>,
     pub(super) moments: Moments,
@@ -59,12 +80,34 @@ pub(super) struct Body {
     pub(super) is_cut: bool,
 }
 
-/// All bodies above `level` that are larger than `least_mm3`, the largest first.
-pub(super) fn bodies(volume: &Volume, level: f64, least_mm3: f64) -> Vec<Body> {
-    let (runs, rows) = runs_above(volume, level);
+/// More runs than this are noise, not bodies: with their sets 100 MB.
+const MOST_RUNS: usize = 4_000_000;
+
+/// All bodies above `level` that are larger than `least_mm3`, the largest first; `None` where the level lies in the noise.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn bodies(
+    volume: &Volume,
+    level: f64,
+    least_mm3: f64,
+    task: &Task<'_>,
+) -> Result<Option<Vec<Body>>, Cancelled> {
+    bodies_of(volume, level, least_mm3, MOST_RUNS, task)
+}
+
+fn bodies_of(
+    volume: &Volume,
+    level: f64,
+    least_mm3: f64,
+    most_runs: usize,
+    task: &Task<'_>,
+) -> Result<Option<Vec<Body>>, Cancelled> {
+    let Some((runs, rows)) = runs_above(volume, level, most_runs, task)? else { return Ok(None) };
     let mut sets = Sets::new(runs.len());
     let [_, n_rows, n_planes] = volume.dims;
     for k in 0..n_planes {
+        task.check()?;
         for j in 0..n_rows {
             let own = k * n_rows + j;
             if j > 0 {
@@ -76,28 +119,39 @@ pub(super) fn bodies(volume: &Volume, level: f64, least_mm3: f64) -> Vec<Body> {
             }
         }
     }
-    let mut body_of = vec![usize::MAX; runs.len()];
-    let mut bodies: Vec<Body> = Vec::new();
+    // Specks are counted before anything is made of what is large.
+    let mut volumes_mm3 = vec![0.0; runs.len()];
+    for (i, run) in runs.iter().enumerate() {
+        volumes_mm3[sets.root(i)] += run.volume_mm3(volume);
+    }
+    let mut bodies: BTreeMap<usize, Body> = BTreeMap::new();
     for (i, run) in runs.iter().enumerate() {
         let root = sets.root(i);
-        if body_of[root] == usize::MAX {
-            body_of[root] = bodies.len();
-            bodies.push(Body { runs: Vec::new(), moments: Moments::default(), is_cut: false });
+        if volumes_mm3[root] >= least_mm3 {
+            bodies.entry(root).or_default().take(volume, *run);
         }
-        bodies[body_of[root]].take(volume, *run);
     }
-    bodies.retain(|b| b.moments.volume_mm3 >= least_mm3);
+    let mut bodies: Vec<Body> = bodies.into_values().collect();
     bodies.sort_by(|a, b| b.moments.volume_mm3.total_cmp(&a.moments.volume_mm3));
-    bodies
+    Ok(Some(bodies))
 }
 
 /// Runs row by row, and for every row where its runs begin.
-fn runs_above(volume: &Volume, level: f64) -> (Vec<Run>, Vec<usize>) {
+fn runs_above(
+    volume: &Volume,
+    level: f64,
+    most_runs: usize,
+    task: &Task<'_>,
+) -> Result<Option<(Vec<Run>, Vec<usize>)>, Cancelled> {
     let [n_cols, n_rows, n_planes] = volume.dims;
     let (mut runs, mut rows) = (Vec::new(), Vec::with_capacity(n_rows * n_planes + 1));
     for plane in 0..n_planes {
+        task.check()?;
         let values = volume.plane(plane);
         for row in 0..n_rows {
+            if runs.len() > most_runs {
+                return Ok(None);
+            }
             rows.push(runs.len());
             let own = &values[row * n_cols..(row + 1) * n_cols];
             let mut from = None;
@@ -105,19 +159,29 @@ fn runs_above(volume: &Volume, level: f64) -> (Vec<Run>, Vec<usize>) {
                 match (f64::from(*value) > level, from) {
                     (true, None) => from = Some(i),
                     (false, Some(start)) => {
-                        runs.push(Run { plane, row, from: start, to: i });
+                        runs.push(Run {
+                            plane: small(plane),
+                            row: small(row),
+                            from: small(start),
+                            to: small(i),
+                        });
                         from = None;
                     }
                     _ => {}
                 }
             }
             if let Some(start) = from {
-                runs.push(Run { plane, row, from: start, to: n_cols });
+                runs.push(Run {
+                    plane: small(plane),
+                    row: small(row),
+                    from: small(start),
+                    to: small(n_cols),
+                });
             }
         }
     }
     rows.push(runs.len());
-    (runs, rows)
+    Ok(Some((runs, rows)))
 }
 
 /// Joins the runs of two neighbouring rows that overlap.
@@ -134,25 +198,33 @@ fn join(runs: &[Run], sets: &mut Sets, [mut a, a_end]: [usize; 2], [mut b, b_end
     }
 }
 
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "places in a volume, and its runs, of which there are few millions"
+)]
+const fn small(n: usize) -> u32 {
+    n as u32
+}
+
 /// Disjoint sets, each named after its first member.
-struct Sets(Vec<usize>);
+struct Sets(Vec<u32>);
 
 impl Sets {
     fn new(n: usize) -> Self {
-        Self((0..n).collect())
+        Self((0..small(n)).collect())
     }
 
     fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] != i {
-            self.0[i] = self.0[self.0[i]];
-            i = self.0[i];
+        while self.0[i] as usize != i {
+            self.0[i] = self.0[self.0[i] as usize];
+            i = self.0[i] as usize;
         }
         i
     }
 
     fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b);
+        self.0[a.max(b)] = small(a.min(b));
     }
 }
 
@@ -169,18 +241,19 @@ fn share_mm(volume: &Volume, k: usize) -> f64 {
 
 impl Body {
     fn take(&mut self, volume: &Volume, run: Run) {
-        let [dx, dy] = volume.pixel_spacing_xy_mm;
-        let cell = dx * dy * share_mm(volume, run.plane);
-        let start = volume.stack_from_voxel(run.from as f64, run.row as f64, run.plane);
-        let n = (run.to - run.from) as f64;
+        let [dx, _] = volume.pixel_spacing_xy_mm;
+        let (columns, row, plane) = (run.columns(), run.row(), run.plane());
+        let start = volume.stack_from_voxel(columns.start as f64, row as f64, plane);
+        let n = columns.len() as f64;
+        let volume_mm3 = run.volume_mm3(volume);
         let middle = Vector3::new(start.x + 0.5 * (n - 1.0) * dx, start.y, start.z);
         let mut second = middle * middle.transpose() * n;
         // Evenly spaced places scatter about their middle by (n² - 1) / 12 of the squared spacing.
         second[(0, 0)] += n * (n * n - 1.0) / 12.0 * dx * dx;
-        self.moments.add(n * cell, middle * (n * cell), second * cell);
+        self.moments.add(volume_mm3, middle * volume_mm3, second * (volume_mm3 / n));
         let [n_cols, n_rows, n_planes] = volume.dims;
-        self.is_cut |= run.from == 0 || run.to == n_cols || run.row == 0 || run.row + 1 == n_rows;
-        self.is_cut |= run.plane == 0 || run.plane + 1 == n_planes;
+        self.is_cut |= columns.start == 0 || columns.end == n_cols || row == 0 || row + 1 == n_rows;
+        self.is_cut |= plane == 0 || plane + 1 == n_planes;
         self.runs.push(run);
     }
 
@@ -205,8 +278,8 @@ impl Body {
         let [n_cols, n_rows, n_planes] = volume.dims;
         let is_out = |i, j, k| f64::from(volume.at(i, j, k)) <= level;
         for run in &self.runs {
-            let (j, k) = (run.row, run.plane);
-            for i in run.from..run.to {
+            let (j, k) = (run.row(), run.plane());
+            for i in run.columns() {
                 if is_out(i, j, k) {
                     continue;
                 }
@@ -254,4 +327,53 @@ fn gradient(volume: &Volume, at: [usize; 3]) -> Vector3 {
         if length > 0.0 { rise / length } else { 0.0 }
     };
     Vector3::new(along(0), along(1), along(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ct::Voxels;
+    use crate::geom::RigidTransform;
+    use crate::progress::CancelToken;
+
+    /// Noise, and a bright block of 8 x 8 x 8 voxels in it.
+    fn noisy() -> Volume {
+        let n = 32;
+        let mut seed = 7_u64;
+        let value = |v: usize| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let is_block = [v % n, v / n % n, v / (n * n)].iter().all(|i| (12..20).contains(i));
+            if is_block { 10.0 } else { f32::from(u8::from(seed >> 63 == 1)) }
+        };
+        let hu: Vec<f32> = (0..n * n * n).map(value).collect();
+        Volume {
+            dims: [n; 3],
+            hu: Voxels::new(&hu, n * n),
+            origin_xy_mm: [0.0; 2],
+            pixel_spacing_xy_mm: [0.5; 2],
+            plane_z_mm: (0..n).map(|k| 0.5 * k as f64).collect(),
+            slab_thickness_mm: 0.5,
+            patient_from_stack: RigidTransform::identity(),
+        }
+    }
+
+    #[test]
+    fn a_level_in_the_noise_is_given_up_and_one_above_it_has_its_body() {
+        let volume = noisy();
+        let found = |level: f64| bodies_of(&volume, level, 10.0, 1000, &Task::quiet()).unwrap();
+        assert!(found(0.5).is_none());
+        let bodies = found(5.0).unwrap();
+        assert!(bodies.len() == 1 && (bodies[0].moments.volume_mm3 - 64.0).abs() < 1e-9);
+        assert!(
+            !bodies[0].is_cut && (bodies[0].moments.centre() - Point3::new(7.75, 7.75, 7.75)).norm() < 1e-9
+        );
+        assert!(bodies_of(&volume, 0.5, 1e9, usize::MAX, &Task::quiet()).unwrap().unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_request_to_stop_is_heard() {
+        let cancel = CancelToken::default();
+        cancel.cancel();
+        assert!(bodies(&noisy(), 5.0, 10.0, &Task::new(&|_, _| {}, cancel)).is_err());
+    }
 }

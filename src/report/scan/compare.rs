@@ -1,4 +1,4 @@
-//! The scan at the planes of the model: outlines, figures, findings.
+//! The scan at the planes of the model: outlines, figures, notes.
 
 use super::levels::Levels;
 use super::registration::Pose;
@@ -9,11 +9,10 @@ use crate::geom::{Contour, Point2, Point3, Region};
 use crate::progress::{Cancelled, Task};
 use crate::report::anatomy::{Branches, StageLumina};
 use crate::report::deviation::{Comparison, Figures, compare};
-use crate::report::faults::{Made, Place, Size, StagePair, moved, plugged};
 use crate::report::image::{curvature_per_mm, drawn_inward_mm, outward};
 use crate::report::lumen::{Expected, of_beads};
 use crate::report::stages::section_lumen;
-use crate::report::{Block, BodyKind, Finding, Histogram, Inputs, Kind, Overall, PlaneFigures, Stage};
+use crate::report::{Block, BodyKind, Histogram, Inputs, Overall, PlaneFigures};
 use crate::sections::march::Grid;
 use crate::solid::CrossSection;
 use rayon::prelude::*;
@@ -24,11 +23,9 @@ const AROUND_MM: f64 = 3.0;
 const PIXEL_MM: [f64; 2] = [0.04, 0.5];
 /// Specks smaller than this many pixels are noise.
 const LEAST_PIXELS: f64 = 6.0;
-/// Smaller deviations of outlines are none, mm, or this part of a voxel.
-const LEAST_MM: f64 = 0.06;
-const LEAST_VOXEL: f64 = 0.25;
-/// A lumen is plugged where this part of it is filled; otherwise there is no replica.
-const FILLED: f64 = 0.5;
+/// A lumen has this part of its wall, looked at so far outside of it, mm.
+const ENCLOSED: f64 = 0.5;
+const AT_WALL_MM: f64 = 0.15;
 
 /// The replica at one plane, stack frame of the model.
 #[derive(Debug)]
@@ -40,6 +37,13 @@ pub(in crate::report) struct ScannedPlane {
     comparison: Result<Comparison, String>,
 }
 
+impl ScannedPlane {
+    /// Its distances from the model, where it has any.
+    pub(in crate::report) fn comparison(&self) -> Option<&Comparison> {
+        self.comparison.as_ref().ok()
+    }
+}
+
 /// What is needed to read the scan at planes.
 #[derive(Clone, Copy)]
 pub(super) struct Planes<'a> {
@@ -48,9 +52,27 @@ pub(super) struct Planes<'a> {
     pub(super) levels: Levels,
     /// Height and section of every plane.
     pub(super) sections: &'a [(f64, &'a CrossSection)],
+    /// Thickness of the model's wall; `None` for a cast.
+    pub(super) wall_mm: Option<f64>,
 }
 
 impl Planes<'_> {
+    /// Larger voxels do not show the part, mm: half the wall, a quarter of the narrowest place of a cast.
+    fn finest_mm(&self) -> Option<f64> {
+        match self.inputs.body {
+            BodyKind::Wall => self.wall_mm.map(|wall| 0.5 * wall),
+            BodyKind::Cast => {
+                let islands = self.sections.iter().flat_map(|(_, s)| s.outer.islands());
+                islands.map(|i| 0.25 * i.least_width_mm()).reduce(f64::min)
+            }
+        }
+    }
+
+    /// The usual distance of the planes, mm.
+    pub(super) fn interval_mm(&self) -> f64 {
+        crate::report::image::median(self.sections.windows(2).map(|w| w[1].0 - w[0].0)).unwrap_or(0.0)
+    }
+
     /// All planes, the scan lying as `pose` says.
     pub(super) fn read(&self, pose: &Pose, task: &Task<'_>) -> Result<Vec<ScannedPlane>, Cancelled> {
         let plane = |(z_mm, section): &(f64, &CrossSection)| {
@@ -65,7 +87,10 @@ impl Planes<'_> {
         let model = section_lumen(section, body);
         let material = self.material(pose, z_mm, section);
         let filled = if body == BodyKind::Cast { section.outer.clone() } else { section.material() };
-        let lumen = of_beads(&material, Expected { lumen: model, material: &filled }, body);
+        let mut lumen = of_beads(&material, Expected { lumen: model, material: &filled }, body);
+        if body == BodyKind::Wall {
+            lumen = Region::union_all(&enclosed(&lumen, &material));
+        }
         let comparison = if model.is_empty() {
             Err("no lumen of the solid here".into())
         } else if lumen.is_empty() {
@@ -77,7 +102,7 @@ impl Planes<'_> {
     }
 
     /// What is brighter than half-way near a section, moved back by what blur does to curved outlines.
-    fn material(&self, pose: &Pose, z_mm: f64, section: &CrossSection) -> Region {
+    pub(super) fn material(&self, pose: &Pose, z_mm: f64, section: &CrossSection) -> Region {
         let Some(bounds) = section.outer.bounds().map(|b| b.grown(AROUND_MM)) else {
             return Region::default();
         };
@@ -122,112 +147,81 @@ impl Planes<'_> {
     }
 }
 
-impl Scanned {
+/// The lumina that have a wall around them: where most of it is missing, what the model would enclose is no lumen.
+fn enclosed(lumen: &Region, material: &Region) -> Vec<Region> {
+    let has_wall = |island: &Region| {
+        let around = island.offset(AT_WALL_MM, 0.01).difference(island);
+        around.intersection(material).area_mm2() > ENCLOSED * around.area_mm2()
+    };
+    lumen.islands().into_iter().filter(has_wall).collect()
+}
+
+impl Scanned<'_> {
     /// The lumina of the scan, given to the branches.
     pub(in crate::report) fn lumina(&self, branches: &Branches) -> Option<StageLumina> {
         (!self.planes.is_empty()).then(|| shared_out(&self.planes, branches))
     }
 
-    /// What is off: mirrored, scaled, moved, plugged.
-    pub(in crate::report) fn findings(
-        &self,
-        solid: &StageLumina,
-        branches: &Branches,
-        sections: &[&CrossSection],
-        body: BodyKind,
-    ) -> Vec<Finding> {
-        let z_mm = branches.z_mm();
-        let last = z_mm.len() - 1;
-        let gate = ScanGate::of_voxels(self.largest_mm);
-        let whole = |kind, size, beyond_gate, text: String| Finding {
-            stage: Stage::Scan.name(),
-            kind,
-            place: Place::of_planes(z_mm, 0, last),
-            size,
-            vector_mm: None,
-            beyond_gate,
-            text: format!("scan: {text}"),
-        };
-        if self.registered.is_mirrored() {
-            let text = format!(
-                "the scan is a mirror image of the model: mirrored it fits to {:.3} mm, as it is to {:.3} mm; either the replica was printed mirrored, or the scan was exported so",
-                self.registered.mirrored_off_mm, self.registered.off_mm
-            );
-            return vec![whole(Kind::Mirrored, None, true, text)];
-        }
-        let mut findings = Vec::new();
-        if let Some(percent) = self.registered.scaled_percent() {
-            let size = Size { size: percent, unit: "percent", uncertainty: 100.0 * self.registered.scale_sd };
-            let text = format!("the scanned replica is scaled by {percent:+.2} % against the solid");
-            findings.push(whole(Kind::Scaled, Some(size), percent.abs() > gate.scale_percent, text));
-        }
-        let tested = shared_out(self.unscaled.as_ref().unwrap_or(&self.planes), branches);
-        let pair = StagePair {
-            stage: Stage::Scan,
-            reference: &solid.planes,
-            tested: &tested.planes,
-            meant_mm: 0.0,
-            least_mm: LEAST_MM.max(LEAST_VOXEL * self.largest_mm),
-            gate_mm: gate.outline_mm,
-            ends_mm: None,
-        };
-        let names = branches.names();
-        findings.extend(moved(&pair, &names, z_mm));
-        let made = [Made { stage: Stage::Scan, lumina: &tested.planes }];
-        let is_filled = |f: &Finding| {
-            let [first, last] = f.place.planes.unwrap_or_default();
-            body == BodyKind::Cast || (first..=last).any(|k| self.fills(k, sections[k], solid, branches, f))
-        };
-        findings.extend(plugged(&solid.planes, &made, &names, z_mm).into_iter().filter(is_filled));
-        findings
-    }
-
-    /// Whether material fills the lumen of a finding's branch in a plane.
-    fn fills(
-        &self,
-        k: usize,
-        section: &CrossSection,
-        solid: &StageLumina,
-        branches: &Branches,
-        finding: &Finding,
-    ) -> bool {
-        let branch = branches.names().iter().position(|n| Some(n) == finding.place.branch.as_ref());
-        let lumen = branch.and_then(|b| solid.planes[k][b].as_ref()).unwrap_or(&section.lumen);
-        let area = lumen.area_mm2();
-        area > 0.0 && self.planes[k].material.intersection(lumen).area_mm2() > FILLED * area
-    }
-
-    /// The block of the report, and what fails.
-    pub(in crate::report) fn stage(&self, z_mm: &[f64]) -> (Scan, Vec<String>) {
-        let (r, levels) = (&self.registered, &self.levels);
+    /// The block of the report.
+    pub(in crate::report) fn stage(&self, z_mm: &[f64]) -> Scan {
+        let (r, levels) = (&self.registered, self.levels.as_ref());
         let is_mirrored = r.is_mirrored();
         let known = |value: f64| (value.is_finite() && !is_mirrored).then_some(value);
-        let scan = Scan {
+        Scan {
             block: self.block(z_mm),
             registration: Registration {
                 model_from_scan: (!is_mirrored).then(|| r.pose.to_transform()),
                 rms_mm: known(r.rms_mm),
                 fitted_part: known(r.fitted_part),
-                scale_percent: known(100.0 * (1.0 / r.similar.scale - 1.0)),
+                scale_percent: known(100.0 * (1.0 / r.similar.scale - 1.0))
+                    .filter(|_| r.scale_sd.is_finite()),
                 scale_uncertainty_percent: known(100.0 * r.scale_sd),
                 mirrored: is_mirrored,
                 mirror_is_told: !r.may_be_mirrored(),
             },
             levels: ScanLevels {
-                air_hu: Some(levels.air),
-                material_hu: Some(levels.material),
-                blur_mm: Some(levels.blur_mm),
+                air_hu: levels.map(|l| l.air),
+                material_hu: levels.map(|l| l.material),
+                blur_mm: levels.map(|l| l.blur_mm),
             },
             uncertainty_mm: ScanUncertainty {
-                voxel: Some(self.largest_mm),
+                voxel: Some(self.largest_mm()),
                 scatter: known(r.scatter_mm),
                 pose: known(r.pose_mm),
-                place: known(r.pose_mm.hypot(self.largest_mm / 12f64.sqrt())),
+                place: known(self.place_mm()),
             },
-            gate: ScanGate::of_voxels(self.largest_mm),
-        };
-        let failures = failures(&scan);
-        (scan, failures)
+            gate: self.gate(),
+            not_judged: self.too_coarse(),
+        }
+    }
+
+    /// Why nothing can be judged by this scan, where its voxels are too large.
+    pub(super) fn too_coarse(&self) -> Option<String> {
+        let most_mm = self.reader.finest_mm()?;
+        let voxel_mm = self.largest_mm();
+        (voxel_mm > most_mm).then(|| {
+            let part = match self.reader.inputs.body {
+                BodyKind::Wall => format!("a wall of {:.2} mm", 2.0 * most_mm),
+                BodyKind::Cast => format!("a vessel of {:.2} mm", 4.0 * most_mm),
+            };
+            format!(
+                "scan: voxels of {voxel_mm:.2} mm do not show {part}, at most {most_mm:.2} mm are needed: scan the replica finer"
+            )
+        })
+    }
+
+    /// The largest side of a voxel, mm.
+    pub(super) fn largest_mm(&self) -> f64 {
+        self.reader.sampler.largest_mm()
+    }
+
+    /// Standard uncertainty of a place, mm: the pose, and a voxel of even probability.
+    pub(super) fn place_mm(&self) -> f64 {
+        self.registered.pose_mm.hypot(self.largest_mm() / 12f64.sqrt())
+    }
+
+    pub(super) const fn gate(&self) -> ScanGate {
+        ScanGate::of(&self.reader.inputs.gate)
     }
 
     fn block(&self, z_mm: &[f64]) -> Block {
@@ -249,6 +243,7 @@ impl Scanned {
         let overall = Overall { figures: Figures::of(measured), n_planes, ..Overall::default() };
         Block {
             histogram,
+            branches: Vec::new(),
             overall: (n_planes > 0).then_some(overall),
             planes: self.planes.iter().zip(z_mm).enumerate().map(plane).collect(),
             reason: (n_planes == 0).then(|| "no plane could be measured in the scan".into()),
@@ -263,7 +258,7 @@ impl Scanned {
         let r = &self.registered;
         let text = format!(
             "A scan of the printed replica was laid over the model by a rigid fit (voxels up to {:.2} mm; {:.0} % of its surface lie {:.3} mm off, root mean square; a corner of the part may lie {:.3} mm off by the fit). The fit follows what agrees: a shift of all of the replica as one piece is not seen.",
-            self.largest_mm,
+            self.largest_mm(),
             100.0 * r.fitted_part,
             r.rms_mm,
             r.pose_mm
@@ -273,6 +268,10 @@ impl Scanned {
             let text = "The scanned replica reaches the border of its image: what lies beyond is not seen.";
             notes.push(Warning::new("report.scan_cut", text));
         }
+        if self.levels.is_none() {
+            let text = "Too few places of the replica's skin show air and material beside each other: the grey levels and the blur of the scan were not measured. Outlines lie at a level guessed from all voxels, and blur is not undone.";
+            notes.push(Warning::new("report.scan_levels", text));
+        }
         if r.may_be_mirrored() {
             let text = "The shape of the model and its mirror image fit the scan nearly alike: whether the replica is mirrored is not told by the scan.";
             notes.push(Warning::new("report.scan_mirror", text));
@@ -281,33 +280,7 @@ impl Scanned {
     }
 }
 
-fn shared_out(planes: &[ScannedPlane], branches: &Branches) -> StageLumina {
+pub(super) fn shared_out(planes: &[ScannedPlane], branches: &Branches) -> StageLumina {
     let planes = planes.par_iter().enumerate().map(|(k, p)| branches.share_out(&p.lumen, k)).collect();
     StageLumina { stage: "scanned", planes }
-}
-
-/// A sentence for each limit that the scan does not keep.
-fn failures(scan: &Scan) -> Vec<String> {
-    let mut failures = Vec::new();
-    let Some(overall) = &scan.block.overall else {
-        return scan.block.reason.iter().map(|r| format!("scan: {r}")).collect();
-    };
-    let p95 = overall.figures.p95_mm;
-    if let Some(p95) = p95.filter(|p| *p > scan.gate.p95_mm) {
-        failures.push(format!(
-            "scan: the 95th percentile against the model is {p95:.3} mm, allowed are {:.3} mm",
-            scan.gate.p95_mm
-        ));
-    }
-    let missing: Vec<String> = scan
-        .block
-        .planes
-        .iter()
-        .filter(|p| p.figures.mean_mm.is_none())
-        .map(|p| p.plane.to_string())
-        .collect();
-    if !missing.is_empty() {
-        failures.push(format!("scan: the lumen was not found in planes {}", missing.join(", ")));
-    }
-    failures
 }

@@ -44,16 +44,17 @@ impl Levels {
 pub(super) fn measured(model: &Model, sampler: &Sampler<'_>, pose: &Pose, level: f64) -> Option<Levels> {
     let step_mm = 0.25 * sampler.voxel_mm();
     let places = places(model);
-    let wall_mm = median(places.iter().filter_map(|p| model.wall_mm(*p)));
+    let wall_mm = wall_mm(model);
     let inside_mm = wall_mm.map_or(MOST_INSIDE_MM, |w| (0.9 * w).min(MOST_INSIDE_MM));
     let (n_in, n_out) = (steps(inside_mm / step_mm), steps(OUTSIDE_MM / step_mm));
-    let profiles: Vec<Vec<f64>> = places
+    let profiles: Vec<Vec<Option<f64>>> = places
         .par_iter()
         .filter_map(|&(p, n)| {
             let (p, n) = (pose.back(p), pose.back_direction(n));
             let crossing = crossing_mm(sampler, p, n, level, step_mm)?;
             let at = |i: usize| (i as f64 - n_in as f64) * step_mm + crossing;
-            (0..=n_in + n_out).map(|i| sampler.at(p + n * at(i))).collect()
+            // Beyond the image nothing is known: there the others tell.
+            Some((0..=n_in + n_out).map(|i| sampler.at(p + n * at(i))).collect())
         })
         .collect();
     if profiles.len() < LEAST_PLACES {
@@ -61,7 +62,8 @@ pub(super) fn measured(model: &Model, sampler: &Sampler<'_>, pose: &Pose, level:
     }
     // The median of many places is that of the skin: some look at another wall, or at something beside the replica.
     let at = |i: usize| {
-        let value = median(profiles.iter().map(|p| p[i]))?;
+        let known = || profiles.iter().filter_map(|p| p[i]);
+        let value = median(known()).filter(|_| known().count() >= LEAST_PLACES)?;
         Some(((i as f64 - n_in as f64) * step_mm, value))
     };
     let mean: Vec<(f64, f64)> = (0..=n_in + n_out).filter_map(at).collect();
@@ -71,6 +73,11 @@ pub(super) fn measured(model: &Model, sampler: &Sampler<'_>, pose: &Pose, level:
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few millimetres")]
 fn steps(n: f64) -> usize {
     n.clamp(4.0, 400.0) as usize
+}
+
+/// The usual thickness of the model's wall, mm; `None` for a cast.
+pub(super) fn wall_mm(model: &Model) -> Option<f64> {
+    median(places(model).iter().filter_map(|p| model.wall_mm(*p)))
 }
 
 fn places(model: &Model) -> Vec<(Point3, Vector3)> {
@@ -83,11 +90,12 @@ fn places(model: &Model) -> Vec<(Point3, Vector3)> {
 fn crossing_mm(sampler: &Sampler<'_>, p: Point3, n: Vector3, level: f64, step_mm: f64) -> Option<f64> {
     let reach = steps(1.0 / step_mm);
     let at = |i: usize| (i as f64 - reach as f64) * step_mm;
-    let values: Option<Vec<f64>> = (0..=2 * reach).map(|i| sampler.at(p + n * at(i))).collect();
-    let values = values?;
-    let falls = (0..2 * reach).filter(|&i| values[i] > level && values[i + 1] <= level);
-    let place = |i: usize| at(i) + step_mm * (values[i] - level) / (values[i] - values[i + 1]);
-    falls.map(place).min_by(|a, b| a.abs().total_cmp(&b.abs()))
+    let values: Vec<Option<f64>> = (0..=2 * reach).map(|i| sampler.at(p + n * at(i))).collect();
+    let place = |i: usize| {
+        let (inner, outer) = values[i].zip(values[i + 1])?;
+        (inner > level && outer <= level).then(|| at(i) + step_mm * (inner - level) / (inner - outer))
+    };
+    (0..2 * reach).filter_map(place).min_by(|a, b| a.abs().total_cmp(&b.abs()))
 }
 
 /// The slab that fits the mean profile (distance outward, value) best.

@@ -9,12 +9,18 @@
 //! This is the only stage that is registered by a fit: a scan has no other place. The fit is rigid, follows the part that fits, and
 //! corrects nothing else: no figure of another stage rests on it.
 //!
-//! Limits: walls need about two voxels; a shape that fits in several ways (a straight tube) is refused; inhomogeneous material
+//! Material is laid over material between the planes, too ([`material`](self)), and the ends are sought ([`ends`](self)): outlines of lumina do
+//! not tell what is missing.
+//!
+//! Limits: voxels larger than half the wall judge nothing; a shape that fits in several ways (a straight tube) is refused; inhomogeneous material
 //! (beam hardening, metal) moves the half-way surface.
 
 mod body;
 mod compare;
+mod ends;
+mod findings;
 mod levels;
+mod material;
 mod model;
 mod registration;
 mod sampler;
@@ -26,16 +32,17 @@ pub use registration::Refusal;
 pub(super) use compare::ScannedPlane;
 
 use super::deviation::rounded;
+use super::uncertainty::Sides;
 use super::{Block, Error, Inputs};
 use crate::ct::Volume;
 use crate::geom::RigidTransform;
-use crate::progress::Task;
+use crate::progress::{Cancelled, Task};
 use crate::solid::CrossSection;
 use body::{Body, bodies};
 use compare::Planes;
 use levels::Levels;
 use model::Model;
-use registration::{Registered, again, register};
+use registration::{Pose, Registered, again, register};
 use sampler::Sampler;
 use serde::Serialize;
 
@@ -51,22 +58,15 @@ const N_SAMPLED: usize = 2_000_000;
 /// A place lies on the model if it is off by less than this, mm, or a voxel.
 const ON_MODEL_MM: f64 = 0.5;
 
-/// The limits of this stage, with the scan's voxels taken into account.
+/// The limits of this stage, as the profile asks them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ScanGate {
-    /// 95th percentile against the model, mm; where the voxels are larger, one voxel.
+    /// 95th percentile against the model, mm.
     pub p95_mm: f64,
-    /// Farthest that an outline may lie off the model on any plane, mm; half a voxel where that is more.
+    /// Farthest that an outline may lie off the model on any plane, mm.
     pub outline_mm: f64,
-    /// Most that the replica may be larger or smaller, percent.
+    /// Most that the replica may be larger or smaller, all of it or its heights, percent.
     pub scale_percent: f64,
-}
-
-impl ScanGate {
-    /// 0.3 mm and 0.2 mm as for the recorded replica; 0.5 % is what plastics shrink beyond what is compensated.
-    fn of_voxels(voxel_mm: f64) -> Self {
-        Self { p95_mm: 0.3_f64.max(voxel_mm), outline_mm: 0.2_f64.max(0.5 * voxel_mm), scale_percent: 0.5 }
-    }
 }
 
 /// Where the scan lies on the model.
@@ -123,6 +123,14 @@ pub struct ScanUncertainty {
     pub place: Option<f64>,
 }
 
+impl ScanUncertainty {
+    /// How well the outlines of the stage are known.
+    pub(super) fn sides(&self) -> Option<Sides> {
+        let local_mm = self.voxel? / 12f64.sqrt();
+        Some(Sides { common_mm: self.pose?, local_mm })
+    }
+}
+
 /// The stage `scan`: the solid against the scanned replica.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scan {
@@ -137,13 +145,16 @@ pub struct Scan {
     pub uncertainty_mm: ScanUncertainty,
     /// Its limits.
     pub gate: ScanGate,
+    /// Why nothing is judged by it: its voxels are too large.
+    pub not_judged: Option<String>,
 }
 
 /// A scan laid over the model and read at its planes.
-pub(super) struct Scanned {
+pub(super) struct Scanned<'a> {
     registered: Registered,
-    levels: Levels,
-    largest_mm: f64,
+    reader: Planes<'a>,
+    /// As measured across the skin; `None` where too little of it was seen.
+    levels: Option<Levels>,
     is_cut: bool,
     /// As it is; nothing for a mirror image.
     pub(super) planes: Vec<ScannedPlane>,
@@ -151,41 +162,50 @@ pub(super) struct Scanned {
     unscaled: Option<Vec<ScannedPlane>>,
 }
 
+impl Scanned<'_> {
+    /// The pose in which what else is off is looked for: with the scale, where there is one.
+    const fn pose(&self) -> &Pose {
+        if self.unscaled.is_some() { &self.registered.similar } else { &self.registered.pose }
+    }
+}
+
 /// Finds the replica in the scan, lays it over the model and reads it at the planes of `sections` (height and section).
 ///
 /// # Errors
 /// [`Error::Scan`] where there is no replica or it cannot be laid over the model, [`Error::Cancelled`].
-pub(super) fn measured(
-    inputs: &Inputs<'_>,
-    volume: &Volume,
-    sections: &[(f64, &CrossSection)],
+pub(super) fn measured<'a>(
+    inputs: &'a Inputs<'a>,
+    volume: &'a Volume,
+    sections: &'a [(f64, &'a CrossSection)],
     task: &Task<'_>,
-) -> Result<Scanned, Error> {
+) -> Result<Scanned<'a>, Error> {
     let sampler = Sampler::new(volume);
     let on_model_mm = ON_MODEL_MM.max(sampler.largest_mm());
     let rough = Model::of(inputs.solid, inputs.body, 0.0);
     let (level, body, first) = replica(volume, &rough, on_model_mm, task)?;
-    let seen = levels::measured(&rough, &sampler, &first.similar, level);
-    let levels = seen.unwrap_or(Levels { air: level, material: level, blur_mm: 0.0 });
+    // A mirror image does not lie on the model's skin.
+    let seen =
+        if first.is_mirrored() { None } else { levels::measured(&rough, &sampler, &first.similar, level) };
     task.check()?;
-    let registered = if first.is_mirrored() || seen.is_none() {
-        first
-    } else {
-        let points = at_level(volume, &body, levels.half()).surface(volume, levels.half(), N_FINAL);
-        let model = Model::of(inputs.solid, inputs.body, levels.blur_mm);
-        again(&model, &points, &first, on_model_mm)
+    let registered = match &seen {
+        None => first,
+        Some(levels) => {
+            let body = at_level(volume, &body, levels.half(), task)?;
+            let points = body.surface(volume, levels.half(), N_FINAL);
+            let model = Model::of(inputs.solid, inputs.body, levels.blur_mm);
+            again(&model, &points, &first, on_model_mm, task)?
+        }
     };
-    task.check()?;
-    let planes = Planes { inputs, sampler, levels, sections };
-    let (own, unscaled) = if registered.is_mirrored() {
+    let levels = seen.unwrap_or(Levels { air: level, material: level, blur_mm: 0.0 });
+    let reader = Planes { inputs, sampler, levels, sections, wall_mm: levels::wall_mm(&rough) };
+    let (planes, unscaled) = if registered.is_mirrored() {
         (Vec::new(), None)
     } else {
         let is_scaled = registered.scaled_percent().is_some();
-        (planes.read(&registered.pose, task)?, is_scaled.then(|| planes.read(&registered.similar, task)))
+        (reader.read(&registered.pose, task)?, is_scaled.then(|| reader.read(&registered.similar, task)))
     };
     let unscaled = unscaled.transpose()?;
-    let largest_mm = sampler.largest_mm();
-    Ok(Scanned { registered, levels, largest_mm, is_cut: body.is_cut, planes: own, unscaled })
+    Ok(Scanned { registered, reader, levels: seen, is_cut: body.is_cut, planes, unscaled })
 }
 
 /// The body that fits the model, the level it was found at, and how it lies.
@@ -201,7 +221,8 @@ fn replica(
     let mut largest_mm3: f64 = 0.0;
     for level in first_levels(volume, model_mm3) {
         task.check()?;
-        let mut found = bodies(volume, level, model_mm3 / MOST_VOLUME);
+        // A level that lies in the noise has no bodies.
+        let Some(mut found) = bodies(volume, level, model_mm3 / MOST_VOLUME, task)? else { continue };
         largest_mm3 = found.first().map_or(largest_mm3, |b| largest_mm3.max(b.moments.volume_mm3));
         found.retain(|b| off(b) < MOST_VOLUME.ln());
         found.sort_by(|a, b| off(a).total_cmp(&off(b)));
@@ -220,31 +241,31 @@ fn replica(
         };
         return Err(Refusal::NoBody { model_mm3, found }.into());
     };
-    fitting(volume, model, level, bodies, on_model_mm)
+    fitting(volume, model, (level, bodies), on_model_mm, task)
 }
 
 /// The same body at another level: the one whose middle is nearest.
-fn at_level(volume: &Volume, body: &Body, level: f64) -> Body {
+fn at_level(volume: &Volume, body: &Body, level: f64, task: &Task<'_>) -> Result<Body, Cancelled> {
     let least_mm3 = body.moments.volume_mm3 / MOST_VOLUME;
     let off = |b: &Body| (b.moments.centre() - body.moments.centre()).norm();
-    let found = bodies(volume, level, least_mm3).into_iter();
-    found.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or_else(|| body.clone())
+    let found = bodies(volume, level, least_mm3, task)?.unwrap_or_default().into_iter();
+    Ok(found.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or_else(|| body.clone()))
 }
 
 /// The one body among several that fits.
 fn fitting(
     volume: &Volume,
     model: &Model,
-    level: f64,
-    mut bodies: Vec<Body>,
+    (level, mut bodies): (f64, Vec<Body>),
     on_model_mm: f64,
+    task: &Task<'_>,
 ) -> Result<(f64, Body, Registered), Error> {
     bodies.truncate(N_TRIED);
     let mut fits: Vec<(Body, Registered)> = Vec::new();
     let mut refusal = None;
     for body in bodies {
         let points = body.surface(volume, level, N_SEARCH);
-        match register(model, &points, &body.moments, on_model_mm) {
+        match register(model, &points, &body.moments, on_model_mm, task)? {
             Ok(registered) => fits.push((body, registered)),
             Err(error) => refusal = refusal.or(Some(error)),
         }

@@ -32,6 +32,8 @@ pub(super) struct Hit {
     pub(super) distance_mm: f64,
     /// Unit length, out of the material.
     pub(super) normal: Vector3,
+    /// 1 for the skin that it lies on: the outer one, the lumen's; an end is neither.
+    pub(super) on_skin: [f64; 2],
 }
 
 /// The outlines of one skin at one height.
@@ -155,7 +157,8 @@ impl Model {
         }
         let steep = (1.0 + slope * slope).sqrt();
         let normal = Vector3::new(flat.x / length, flat.y / length, slope) / steep;
-        Some(Hit { distance_mm: (d0 + (d1 - d0) * part) / steep, normal })
+        let on_skin = if which == 0 { [1.0, 0.0] } else { [0.0, 1.0] };
+        Some(Hit { distance_mm: (d0 + (d1 - d0) * part) / steep, normal, on_skin })
     }
 
     /// The flat end below (0) or above (1), where the place lies over the part.
@@ -163,8 +166,11 @@ impl Model {
         let sign = if which == 0 { -1.0 } else { 1.0 };
         let slice = if which == 0 { self.slices.first() } else { self.slices.last() }?;
         let is_within = slice.skins.iter().flatten().all(|s| s.at(q.xy()).0 < 0.0);
-        (is_within && slice.skins[0].is_some())
-            .then(|| Hit { distance_mm: sign * (q.z - self.z_mm[which]), normal: Vector3::z() * sign })
+        (is_within && slice.skins[0].is_some()).then(|| Hit {
+            distance_mm: sign * (q.z - self.z_mm[which]),
+            normal: Vector3::z() * sign,
+            on_skin: [0.0; 2],
+        })
     }
 }
 

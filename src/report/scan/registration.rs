@@ -12,6 +12,7 @@
 use super::body::{Moments, SurfacePoint};
 use super::model::Model;
 use crate::geom::{Point3, RigidTransform, Vector3};
+use crate::progress::{Cancelled, Task};
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector};
 use rayon::prelude::*;
 
@@ -49,6 +50,8 @@ const AS_WELL: f64 = 1.25;
 const AS_WELL_MM: f64 = 0.02;
 /// A mirrored scan that is off by less than this part of what the scan is off is the better one.
 const MIRRORED: f64 = 0.6;
+/// A mirrored scan that is off by more than so many times as much is not tried further.
+const FAR_WORSE: f64 = 4.0;
 /// Least part of the surface that lies on the model.
 const LEAST_ON_MODEL: f64 = 0.5;
 /// A pose is not known if a corner may lie this far off (one standard deviation), mm.
@@ -69,7 +72,7 @@ pub enum Refusal {
     },
     /// No pose fits.
     #[error(
-        "the scan does not fit the model: at best {on_model_percent:.0} % of the surface in the scan lie on it, {off_mm:.2} mm off on average; see that it is the replica of this case and that lengths in the file are in mm"
+        "nothing in the scan has the shape of the model: of the body that comes nearest {on_model_percent:.0} % of the surface can be laid on it, the rest is {off_mm:.2} mm off on average; see that it is the replica of this case, that it is more than noise, and that lengths in the file are in mm"
     )]
     NoFit {
         /// Part of the surface on the model, percent.
@@ -175,7 +178,7 @@ pub(super) struct Registered {
     pub(super) pose: Pose,
     /// With the scale that fits best.
     pub(super) similar: Pose,
-    /// Standard deviation of that scale.
+    /// Standard deviation of that scale; infinite where the scale is not told from a wall or heights that are off.
     pub(super) scale_sd: f64,
     /// Scatter of the surface about the model, robust standard deviation, mm.
     pub(super) scatter_mm: f64,
@@ -186,7 +189,8 @@ pub(super) struct Registered {
     /// How far a corner of the part may lie off, one standard deviation, mm.
     pub(super) pose_mm: f64,
     pub(super) off_mm: f64,
-    /// Mean distance of the mirrored scan, mm.
+    /// The mirrored scan, laid over the model by itself, and its mean distance, mm; `None` where it was far worse from the start.
+    mirrored: Option<Pose>,
     pub(super) mirrored_off_mm: f64,
 }
 
@@ -205,22 +209,42 @@ impl Registered {
 /// Lays the surface of a body over the model.
 ///
 /// # Errors
-/// [`Refusal`] where nothing fits, or several poses do. A mirrored scan is no error: [`Registered::is_mirrored`].
+/// [`Cancelled`]; within, [`Refusal`] where nothing fits, or several poses do. A mirrored scan is no error:
+/// [`Registered::is_mirrored`].
 pub(super) fn register(
     model: &Model,
     points: &[SurfacePoint],
     moments: &Moments,
     on_model_mm: f64,
-) -> Result<Registered, Refusal> {
-    let mirror = |v: Vector3| Vector3::new(-v.x, v.y, v.z);
-    let mirrored: Vec<SurfacePoint> = points
-        .iter()
-        .map(|p| SurfacePoint { at: Point3::from(mirror(p.at.coords)), normal: mirror(p.normal) })
-        .collect();
+    task: &Task<'_>,
+) -> Result<Result<Registered, Refusal>, Cancelled> {
     let flip = Matrix3::from_diagonal(&mirror(Vector3::new(1.0, 1.0, 1.0)));
+    task.check()?;
     let own = search(model, points, moments.centre(), moments.covariance(), on_model_mm);
+    task.check()?;
     let centre = Point3::from(mirror(moments.centre().coords));
-    let other = search(model, &mirrored, centre, flip * moments.covariance() * flip, on_model_mm);
+    let other = search(model, &mirrored(points), centre, flip * moments.covariance() * flip, on_model_mm);
+    task.check()?;
+    Ok(chosen(model, points, [&own, &other], on_model_mm))
+}
+
+fn mirror(v: Vector3) -> Vector3 {
+    Vector3::new(-v.x, v.y, v.z)
+}
+
+fn mirrored(points: &[SurfacePoint]) -> Vec<SurfacePoint> {
+    let of =
+        |p: &SurfacePoint| SurfacePoint { at: Point3::from(mirror(p.at.coords)), normal: mirror(p.normal) };
+    points.iter().map(of).collect()
+}
+
+/// What the search for the scan, and for its mirror image, comes to.
+fn chosen(
+    model: &Model,
+    points: &[SurfacePoint],
+    [own, other]: [&[Fit]; 2],
+    on_model_mm: f64,
+) -> Result<Registered, Refusal> {
     let (Some(best), Some(other)) = (own.first().copied(), other.first().copied()) else {
         return Err(Refusal::NoFit { on_model_percent: 0.0, off_mm: FAR_MM });
     };
@@ -230,9 +254,10 @@ pub(super) fn register(
         return Err(Refusal::NoFit { on_model_percent: 100.0 * shown.on_model, off_mm: shown.off_mm });
     }
     if !is_mirrored {
-        unambiguous(model, &own)?;
+        unambiguous(model, own)?;
     }
-    let registered = settled(model, points, &best.pose, other.off_mm, on_model_mm);
+    let mirrored = (other.off_mm < FAR_WORSE * best.off_mm).then_some(other.pose);
+    let registered = settled(model, points, (&best.pose, mirrored), on_model_mm);
     if !is_mirrored && registered.pose_mm > MOST_POSE_MM {
         return Err(Refusal::Loose { pose_mm: registered.pose_mm });
     }
@@ -245,8 +270,12 @@ pub(super) fn again(
     points: &[SurfacePoint],
     first: &Registered,
     on_model_mm: f64,
-) -> Registered {
-    settled(model, points, &first.pose, first.mirrored_off_mm, on_model_mm)
+    task: &Task<'_>,
+) -> Result<Registered, Cancelled> {
+    task.check()?;
+    let settled = settled(model, points, (&first.pose, first.mirrored), on_model_mm);
+    task.check()?;
+    Ok(settled)
 }
 
 /// Refuses where a pose that is another one fits nearly as well as the first.
@@ -287,7 +316,7 @@ fn search(
     let by_off = |fits: &mut Vec<Fit>| fits.sort_by(|a, b| a.off_mm.total_cmp(&b.off_mm));
     let stage = |fits: Vec<Fit>, points: &[SurfacePoint], n_steps: f64| -> Vec<Fit> {
         let improve = |fit: Fit| {
-            let pose = improved(model, points, fit.pose, false, [WIDE_MM, n_steps]);
+            let pose = improved(model, points, fit.pose, Freedom::Rigid, [WIDE_MM, n_steps]);
             assessed(model, points, pose, on_model_mm)
         };
         let mut fits: Vec<Fit> = fits.into_par_iter().map(improve).collect();
@@ -374,14 +403,40 @@ fn assessed(model: &Model, points: &[SurfacePoint], pose: Pose, on_model_mm: f64
     }
 }
 
-type Matrix8 = SMatrix<f64, 8, 8>;
-type Vector8 = SVector<f64, 8>;
+/// Unknowns of a step: turn, shift, growth; an even offset of both skins (a level that is a little off); a stretch of the heights, and an
+/// offset of either skin.
+const N: usize = 11;
+const GROWTH: usize = 6;
 
-/// The weighted normal equations of a step: turn, shift, growth, all about `centre`; and an even offset of the skin (material too
-/// thick or too thin all over, a level that is a little off), which must not be taken for growth.
+/// Which of them a step has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Freedom {
+    /// Turn and shift.
+    Rigid,
+    /// Growth as well, and the offset that must not be taken for it.
+    Similar,
+    /// Growth beside all else that may look like it: a wall too thin, heights too large.
+    Growth,
+}
+
+impl Freedom {
+    const fn has(self, i: usize) -> bool {
+        match self {
+            Self::Rigid => i < GROWTH,
+            Self::Similar => i <= GROWTH + 1,
+            Self::Growth => i != GROWTH + 1,
+        }
+    }
+}
+
+type MatrixN = SMatrix<f64, N, N>;
+type VectorN = SVector<f64, N>;
+
+/// The weighted normal equations of a step, about `centre`.
+#[derive(Debug, Clone, Copy)]
 struct System {
-    own: Matrix8,
-    right: Vector8,
+    own: MatrixN,
+    right: VectorN,
     centre: Point3,
     /// Robust standard deviation of the distances, mm.
     scatter_mm: f64,
@@ -404,8 +459,8 @@ fn system(model: &Model, points: &[SurfacePoint], pose: &Pose, least_width_mm: f
     let width = (TUKEY * scatter_mm).max(least_width_mm);
     let centre = Point3::from(hits.iter().map(|(q, _)| q.coords).sum::<Vector3>() / hits.len() as f64);
     let mut system = System {
-        own: Matrix8::zeros(),
-        right: Vector8::zeros(),
+        own: MatrixN::zeros(),
+        right: VectorN::zeros(),
         centre,
         scatter_mm,
         squares: 0.0,
@@ -422,36 +477,53 @@ fn system(model: &Model, points: &[SurfacePoint], pose: &Pose, least_width_mm: f
         let arm = q - centre;
         let turn = arm.cross(&hit.normal);
         let n = hit.normal;
-        let row = Vector8::from([turn.x, turn.y, turn.z, n.x, n.y, n.z, n.dot(&arm), 1.0]);
+        let [outer, lumen] = hit.on_skin;
+        let row = VectorN::from([
+            turn.x,
+            turn.y,
+            turn.z,
+            n.x,
+            n.y,
+            n.z,
+            n.dot(&arm),
+            1.0,
+            n.z * arm.z,
+            outer,
+            lumen,
+        ]);
         system.own += row * row.transpose() * weight;
         system.right -= row * (weight * hit.distance_mm);
         system.squares += weight * hit.distance_mm * hit.distance_mm;
         system.weight += weight;
         system.n_counting += 1;
     }
-    (system.n_counting > 8).then_some(system)
+    (system.n_counting > N).then_some(system)
 }
 
 impl System {
-    /// The step, without growth and offset unless they are asked for.
-    fn step(mut self, with_scale: bool) -> Option<Vector8> {
-        if !with_scale {
-            for i in [6, 7] {
-                self.own.fixed_view_mut::<8, 1>(0, i).fill(0.0);
-                self.own.fixed_view_mut::<1, 8>(i, 0).fill(0.0);
-                self.own[(i, i)] = 1.0;
-                self.right[i] = 0.0;
-            }
+    /// What has no part in a step stays where it is.
+    fn fixed(mut self, freedom: Freedom) -> Self {
+        for i in (0..N).filter(|i| !freedom.has(*i)) {
+            self.own.fixed_view_mut::<N, 1>(0, i).fill(0.0);
+            self.own.fixed_view_mut::<1, N>(i, 0).fill(0.0);
+            self.own[(i, i)] = 1.0;
+            self.right[i] = 0.0;
         }
+        self
+    }
+
+    fn step(self, freedom: Freedom) -> Option<VectorN> {
+        let Self { mut own, right, .. } = self.fixed(freedom);
         // What the shape leaves free stays where it is.
-        self.own += Matrix8::identity() * (1e-9 * self.own.trace());
-        self.own.cholesky().map(|c| c.solve(&self.right))
+        own += MatrixN::identity() * (1e-9 * own.trace());
+        own.cholesky().map(|c| c.solve(&right))
     }
 
     /// Covariance of the step, each place counting by itself.
-    fn covariance(&self) -> Option<Matrix8> {
+    fn covariance(self, freedom: Freedom) -> Option<MatrixN> {
         let sd = self.scatter_mm;
-        (self.own + Matrix8::identity() * (1e-12 * self.own.trace())).try_inverse().map(|m| m * (sd * sd))
+        let own = self.fixed(freedom).own;
+        (own + MatrixN::identity() * (1e-12 * own.trace())).try_inverse().map(|m| m * (sd * sd))
     }
 }
 
@@ -461,7 +533,7 @@ fn improved(
     model: &Model,
     points: &[SurfacePoint],
     mut pose: Pose,
-    with_scale: bool,
+    freedom: Freedom,
     [wide_mm, most_steps]: [f64; 2],
 ) -> Pose {
     let reach_mm = model.corners().iter().map(|c| (c - model.moments.centre()).norm()).fold(1.0, f64::max);
@@ -471,10 +543,10 @@ fn improved(
         let Some(system) = system(model, points, &pose, width_mm) else { return pose };
         let is_narrow = width_mm <= TUKEY * system.scatter_mm;
         let centre = system.centre;
-        let Some(x) = system.step(with_scale) else { return pose };
+        let Some(x) = system.step(freedom) else { return pose };
         let (turn, shift) = (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]));
-        pose = pose.moved(centre, turn, shift, x[6]);
-        if is_narrow && shift.norm() + reach_mm * (turn.norm() + x[6].abs()) < SETTLED_MM {
+        pose = pose.moved(centre, turn, shift, x[GROWTH]);
+        if is_narrow && shift.norm() + reach_mm * (turn.norm() + x[GROWTH].abs()) < SETTLED_MM {
             return pose;
         }
         width_mm *= NARROWER;
@@ -495,48 +567,61 @@ fn rigid(model: &Model, points: &[SurfacePoint], start: &Pose) -> Pose {
         points.iter().zip(&heights).filter(|(_, z)| keep(**z)).map(|(p, _)| *p).collect()
     };
     let scatter = |pose: &Pose| system(model, points, pose, 0.0).map_or(f64::INFINITY, |s| s.scatter_mm);
-    let whole = improved(model, points, *start, false, [WIDE_MM, MOST_STEPS]);
+    let whole = improved(model, points, *start, Freedom::Rigid, [WIDE_MM, MOST_STEPS]);
     // From the part alone: of a shifted other part, what lies along the shift would draw it aside again.
     let parts = [only(&|z| z <= lower), only(&|z| z >= upper)]
-        .map(|part| improved(model, &part, *start, false, [WIDE_MM, MOST_STEPS]));
+        .map(|part| improved(model, &part, *start, Freedom::Rigid, [WIDE_MM, MOST_STEPS]));
     let all =
         [(whole, DISTINCT * scatter(&whole)), (parts[0], scatter(&parts[0])), (parts[1], scatter(&parts[1]))];
     all.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(whole, |best| best.0)
 }
 
-/// The final pose from all places, and what is known about it.
+/// The final pose from all places, and what is known about it. The mirror image is laid over the same model by the same places,
+/// so that the two distances can be compared.
 fn settled(
     model: &Model,
     points: &[SurfacePoint],
-    start: &Pose,
-    mirrored_off_mm: f64,
+    (start, mirrored_start): (&Pose, Option<Pose>),
     on_model_mm: f64,
 ) -> Registered {
     let pose = rigid(model, points, start);
-    let similar = improved(model, points, pose, true, [0.0, MOST_STEPS]);
+    let of_mirrored = mirrored_start.map(|start| {
+        let points = mirrored(points);
+        let pose = rigid(model, &points, &start);
+        (pose, assessed(model, &points, pose, on_model_mm).off_mm)
+    });
+    let similar = improved(model, points, pose, Freedom::Similar, [0.0, MOST_STEPS]);
     let about =
         Point3::from(points.iter().map(|p| p.at.coords).sum::<Vector3>() / points.len().max(1) as f64);
     let fit_of = |pose: &Pose| system(model, points, pose, 0.0);
-    let scale_sd =
-        fit_of(&similar).and_then(|s| s.covariance()).map_or(f64::INFINITY, |c| c[(6, 6)].max(0.0).sqrt());
-    let is_scaled = is_scale(similar.scale - 1.0, scale_sd);
+    let at_similar = fit_of(&similar);
+    let covariance = at_similar.and_then(|s| s.covariance(Freedom::Similar));
+    let scale_sd = covariance.map_or(f64::INFINITY, |c| c[(GROWTH, GROWTH)].max(0.0).sqrt());
+    // A wall too thin, or heights too large, look like growth until they may be what they are.
+    let left = at_similar.and_then(|s| s.step(Freedom::Growth)).map_or(0.0, |x| x[GROWTH].abs());
+    let is_size = left < SAME_GROWTH * (similar.scale - 1.0).abs();
+    let is_scaled = is_scale(similar.scale - 1.0, scale_sd) && is_size;
+    let is_told = is_scaled || !is_scale(similar.scale - 1.0, scale_sd);
     // A replica of another size lies evenly about the middle; one of the right size where it fits best.
     let pose = if is_scaled { similar.rigid(about) } else { pose };
     let shown = fit_of(if is_scaled { &similar } else { &pose });
     let pose_mm = shown.as_ref().and_then(|s| pose_sd_mm(model, s)).unwrap_or(f64::INFINITY);
     Registered {
         pose,
-        similar,
-        scale_sd,
+        similar: if is_told { similar } else { pose },
+        scale_sd: if is_told { scale_sd } else { f64::INFINITY },
         scatter_mm: shown.as_ref().map_or(f64::INFINITY, |s| s.scatter_mm),
         rms_mm: shown.as_ref().map_or(f64::INFINITY, |s| (s.squares / s.weight).sqrt()),
         fitted_part: shown.as_ref().map_or(0.0, |s| s.n_counting as f64 / s.n as f64),
         pose_mm,
         off_mm: assessed(model, points, pose, on_model_mm).off_mm,
-        mirrored_off_mm,
+        mirrored: of_mirrored.map(|(pose, _)| pose),
+        mirrored_off_mm: of_mirrored.map_or(f64::INFINITY, |(_, off_mm)| off_mm),
     }
 }
 
+/// A growth is one where no more than this part of it is left for what else may look like it.
+const SAME_GROWTH: f64 = 0.5;
 /// Smaller changes of scale are none, as a part.
 const LEAST_SCALE: f64 = 0.002;
 
@@ -554,7 +639,7 @@ impl Registered {
 
 /// How far the pose leaves a corner of the model uncertain.
 fn pose_sd_mm(model: &Model, system: &System) -> Option<f64> {
-    let all = system.covariance()?;
+    let all = system.covariance(Freedom::Similar)?;
     let covariance = all.fixed_view::<6, 6>(0, 0).into_owned();
     let at = |corner: &Point3| {
         let arm = (corner - system.centre).cross_matrix();

@@ -27,6 +27,13 @@ impl<'a> Sampler<'a> {
         self.volume.pixel_spacing_xy_mm.into_iter().chain(intervals).fold(f64::INFINITY, f64::min)
     }
 
+    /// The volume of a voxel, mm³.
+    pub(super) fn volume_mm3(&self) -> f64 {
+        let [dx, dy] = self.volume.pixel_spacing_xy_mm;
+        let intervals = self.volume.plane_z_mm.windows(2).map(|z| z[1] - z[0]);
+        dx * dy * intervals.reduce(f64::max).unwrap_or(self.volume.slab_thickness_mm)
+    }
+
     /// Trilinear; `None` outside of the outermost voxels' centres.
     pub(super) fn at(&self, p: Point3) -> Option<f64> {
         let v = self.volume;

@@ -25,6 +25,10 @@ struct Replica {
     shift: Vector3,
     scale: f64,
     is_mirrored: bool,
+    /// Sides of a voxel, mm; planes are as thick as they are apart.
+    voxel_mm: [f64; 3],
+    /// What the image shows around the part, mm.
+    margin_mm: f64,
     noise_hu: f64,
     /// Whether there is material, by place in the model's frame.
     is_material: Box<dyn Fn(Point3) -> bool>,
@@ -38,6 +42,8 @@ impl Replica {
             shift: Vector3::new(31.4, -22.7, 140.9),
             scale: 1.0,
             is_mirrored: false,
+            voxel_mm: [VOXEL_MM; 3],
+            margin_mm: 2.0,
             noise_hu: 40.0,
             is_material: Box::new(is_material),
         }
@@ -66,14 +72,17 @@ impl Replica {
             self.to_scan(Point3::new(side(0), side(1), range[i >> 2]))
         };
         let corners: Vec<Point3> = (0..8).map(corner).collect();
-        let least = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min) - 2.0;
-        let most = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::NEG_INFINITY, f64::max) + 2.0;
-        let dims = [0, 1, 2].map(|a| ((most(a) - least(a)) / VOXEL_MM).ceil() as usize);
+        let least =
+            |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min) - self.margin_mm;
+        let most =
+            |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::NEG_INFINITY, f64::max) + self.margin_mm;
+        let side = self.voxel_mm;
+        let dims = [0, 1, 2].map(|a| ((most(a) - least(a)) / side[a]).ceil() as usize);
         let origin = [0, 1, 2].map(least);
         let covered = |x: usize, y: usize, z: usize| {
             let inside = (0..8).filter(|s| {
                 let at = |bit: usize, i: usize| {
-                    origin[bit] + VOXEL_MM * (i as f64 + if s >> bit & 1 == 0 { -0.25 } else { 0.25 })
+                    origin[bit] + side[bit] * (i as f64 + if s >> bit & 1 == 0 { -0.25 } else { 0.25 })
                 };
                 (self.is_material)(self.model_of(Point3::new(at(0, x), at(1, y), at(2, z))))
             });
@@ -82,8 +91,8 @@ impl Replica {
         let n = dims[0] * dims[1];
         let mut values: Vec<f64> =
             (0..n * dims[2]).map(|v| covered(v % dims[0], v % n / dims[0], v / n)).collect();
-        for (stride, length) in [(1, dims[0]), (dims[0], dims[1]), (n, dims[2])] {
-            values = blurred(&values, stride, length, BLUR_MM / VOXEL_MM);
+        for (axis, stride) in [1, dims[0], n].into_iter().enumerate() {
+            values = blurred(&values, stride, dims[axis], BLUR_MM / side[axis]);
         }
         let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
         let mut noise = || {
@@ -100,9 +109,9 @@ impl Replica {
             dims,
             hu: Voxels::new(&hu, n),
             origin_xy_mm: [origin[0], origin[1]],
-            pixel_spacing_xy_mm: [VOXEL_MM; 2],
-            plane_z_mm: (0..dims[2]).map(|k| origin[2] + VOXEL_MM * k as f64).collect(),
-            slab_thickness_mm: VOXEL_MM,
+            pixel_spacing_xy_mm: [side[0], side[1]],
+            plane_z_mm: (0..dims[2]).map(|k| origin[2] + side[2] * k as f64).collect(),
+            slab_thickness_mm: side[2],
             patient_from_stack: RigidTransform::identity(),
         }
     }
@@ -250,6 +259,8 @@ fn a_mirrored_replica_is_told_and_not_laid_over_the_model() {
     assert!(scan.block.overall.is_none() && scan.block.reason.is_some());
     let found = of_scan(&report);
     assert!(found.len() == 1 && found[0].kind == Kind::Mirrored, "{}", told(&report));
+    // Levels are read at the model's skin, where a mirror image does not lie.
+    assert!(scan.levels.air_hu.is_none() && scan.levels.blur_mm.is_none());
     assert!(!report.verdict.passed);
 }
 
@@ -285,4 +296,209 @@ fn a_straight_tube_does_not_tell_how_it_lies() {
     let inputs = Inputs { scan: Some(&replica.scanned()), ..testing::inputs(&case) };
     let refused = build(&inputs, &Task::quiet()).unwrap_err();
     assert!(matches!(&refused, Error::Scan(Refusal::Ambiguous { .. } | Refusal::Loose { .. })), "{refused}");
+}
+
+/// Volume of what is there by one description and not by the other, mm³.
+fn volume_mm3(is_there: impl Fn(Point3) -> bool) -> f64 {
+    let step = 0.15;
+    let places = |n: i32| (-n..n).map(move |i| step * (f64::from(i) + 0.5));
+    let inside = places(60).flat_map(|x| places(60).map(move |y| (x, y)));
+    let planes = (0..210).map(|i| -1.75 + step * f64::from(i));
+    let n =
+        inside.flat_map(|(x, y)| planes.clone().map(move |z| Point3::new(x, y, z))).filter(|p| is_there(*p));
+    n.count() as f64 * step.powi(3)
+}
+
+/// The only finding of the scan, of this kind, with its size within 10 %.
+fn only(report: &Report, kind: Kind, expected_mm3: f64) -> Finding {
+    let found = of_scan(report);
+    assert!(found.len() == 1 && found[0].kind == kind, "{expected_mm3}: {}", told(report));
+    let size = found[0].size.unwrap();
+    assert!(
+        size.unit == "mm3" && (size.size - expected_mm3).abs() < 0.1 * expected_mm3,
+        "{expected_mm3}: {}",
+        told(report)
+    );
+    assert!(found[0].beyond_gate && !report.verdict.passed, "{}", told(report));
+    found[0].clone()
+}
+
+/// Whether a place is in the wall of the right one of the two branches alone.
+fn in_right_wall(p: Point3) -> bool {
+    let circles = fork(p.z, N_PLANES);
+    let off = |i: usize| (p.xy() - circles[i].0).norm() - circles[i].1;
+    circles.len() == 2 && is_printed(p) && off(1) <= WALL_MM && off(0) > WALL_MM
+}
+
+#[test]
+fn a_branch_that_is_not_there_is_missing_with_its_name_and_size() {
+    let gone = |p: Point3| p.z > 21.0 && in_right_wall(p);
+    let report = report(&Replica::new(move |p| is_printed(p) && !gone(p)));
+    let found = only(&report, Kind::MissingMaterial, volume_mm3(gone));
+    assert_eq!(found.place.branch.as_deref(), Some("branch 3"), "{}", told(&report));
+    assert_eq!(found.place.planes, Some([7, 9]));
+    let [low, high] = found.place.z_mm.unwrap();
+    assert!((low - 21.0).abs() < 0.5 && (high - 28.5).abs() < 0.6, "{found:?}");
+    assert!(found.text.contains("branch 3 is missing from z") && report.verdict.failures[0] == found.text);
+    // What the wall would have enclosed is no lumen.
+    let scanned = report.anatomy.branches[2].stages.iter().find(|s| s.stage == "scanned").unwrap();
+    assert!(scanned.planes.iter().all(|p| p.plane < 8), "{scanned:?}");
+}
+
+#[test]
+fn a_hole_in_the_wall_between_the_planes_is_found_with_its_size() {
+    let (centre, radius_mm) = fork(7.5, N_PLANES)[0];
+    let at = Point3::new(centre.x + radius_mm + 0.5 * WALL_MM, centre.y, 7.5);
+    let hole = move |p: Point3| (p - at).norm() < 1.2;
+    let report = report(&Replica::new(move |p| is_printed(p) && !hole(p)));
+    let found = only(&report, Kind::MissingMaterial, volume_mm3(|p| is_printed(p) && hole(p)));
+    let [low, high] = found.place.z_mm.unwrap();
+    assert!((low - 6.3).abs() < 0.5 && (high - 8.7).abs() < 0.5, "{found:?}");
+    assert!(!found.text.contains("is missing from"), "{found:?}");
+}
+
+#[test]
+fn a_strand_and_a_lump_in_the_lumen_are_found_with_their_size() {
+    let (centre, radius_mm) = fork(7.0, N_PLANES)[0];
+    let is_lumen = move |p: Point3| fork(p.z, N_PLANES).iter().any(|(c, r)| (p.xy() - c).norm() <= *r);
+    let strand = move |p: Point3| is_lumen(p) && (p.y - centre.y).hypot(p.z - 7.0) < 0.6;
+    let lump =
+        move |p: Point3| is_lumen(p) && (p - Point3::new(centre.x - radius_mm, centre.y, 7.0)).norm() < 1.6;
+    let report_of_strand = report(&Replica::new(move |p| is_printed(p) || strand(p)));
+    let [found] = of_scan(&report_of_strand)[..] else { panic!("{}", told(&report_of_strand)) };
+    assert_eq!((found.kind, found.place.branch.as_deref()), (Kind::MaterialInLumen, Some("branch 1")));
+    // Of a strand hardly thicker than the blur, half-way between the levels shows less than there is.
+    let part = found.size.unwrap().size / volume_mm3(strand);
+    assert!((0.7..1.05).contains(&part) && found.beyond_gate, "{part}: {}", told(&report_of_strand));
+    only(&report(&Replica::new(move |p| is_printed(p) || lump(p))), Kind::MaterialInLumen, volume_mm3(lump));
+}
+
+#[test]
+fn a_lump_on_the_skin_is_found_with_its_size() {
+    let (centre, radius_mm) = fork(8.0, N_PLANES)[0];
+    let at = Point3::new(centre.x, centre.y + radius_mm + WALL_MM, 8.0);
+    let lump = move |p: Point3| {
+        let is_within = fork(p.z, N_PLANES).iter().any(|(c, r)| (p.xy() - c).norm() <= r + WALL_MM);
+        (p - at).norm() < 1.7 && !is_within
+    };
+    only(&report(&Replica::new(move |p| is_printed(p) || lump(p))), Kind::MaterialOutside, volume_mm3(lump));
+}
+
+#[test]
+fn a_wall_that_is_too_thin_fails() {
+    let thin = |p: Point3| {
+        let circles = fork(p.z, N_PLANES);
+        let off = circles.iter().map(|(c, r)| (p.xy() - c).norm() - r).fold(f64::INFINITY, f64::min);
+        is_printed(p) && off < 0.7
+    };
+    let report = report(&Replica::new(thin));
+    let found = of_scan(&report);
+    let missing: f64 =
+        found.iter().filter(|f| f.kind == Kind::MissingMaterial).filter_map(|f| f.size).map(|s| s.size).sum();
+    let expected = volume_mm3(|p| is_printed(p) && !thin(p));
+    // A wall hardly thicker than the blur shows its level nowhere: its thickness is told as what it is, its volume roughly.
+    assert!((0.5..1.2).contains(&(missing / expected)), "{missing} of {expected}: {}", told(&report));
+    assert!(!report.verdict.passed && found.iter().all(|f| f.kind != Kind::Scaled), "{}", told(&report));
+}
+
+#[test]
+fn heights_that_are_too_large_are_told_as_stretched() {
+    let [low, high] = z_range_mm();
+    let middle = 0.5 * (low + high);
+    let report =
+        report(&Replica::new(move |p| is_printed(Point3::new(p.x, p.y, middle + (p.z - middle) / 1.02))));
+    let found = of_scan(&report);
+    assert!(found.len() == 1 && found[0].kind == Kind::Stretched, "{}", told(&report));
+    assert!((found[0].size.unwrap().size - 2.0).abs() < 0.2, "{}", told(&report));
+    assert!(found[0].beyond_gate && !report.verdict.passed, "{}", told(&report));
+}
+
+#[test]
+fn layers_that_are_missing_lower_the_upper_end() {
+    // Four layers from z = 16 mm on: what is above stands 0.8 mm lower.
+    let report =
+        report(&Replica::new(|p| is_printed(if p.z > 16.0 { p + Vector3::new(0.0, 0.0, 0.8) } else { p })));
+    let found = of_scan(&report);
+    let end =
+        found.iter().find(|f| f.kind == Kind::WrongHeight).unwrap_or_else(|| panic!("{}", told(&report)));
+    assert!((end.size.unwrap().size.abs() - 0.8).abs() < 0.08, "{}", told(&report));
+    assert!(end.beyond_gate && !report.verdict.passed && found.iter().all(|f| f.kind != Kind::Scaled));
+}
+
+#[test]
+fn a_scan_with_voxels_larger_than_half_the_wall_is_not_judged() {
+    let coarse = report(&Replica { voxel_mm: [0.4, 0.4, 0.8], noise_hu: 10.0, ..Replica::right() });
+    assert!(!coarse.verdict.passed && coarse.verdict.failures.is_empty(), "{}", told(&coarse));
+    assert!(
+        coarse.verdict.sentence().starts_with("Not judged: scan: voxels of 0.80 mm"),
+        "{:?}",
+        coarse.verdict
+    );
+    assert_eq!(crate::report::schema::tests::broken(&coarse), [""; 0]);
+    // Voxels that are not cubes are no reason, as long as they are small.
+    let fine = report(&Replica { voxel_mm: [0.25, 0.3, 0.5], ..Replica::right() });
+    assert!(fine.verdict.passed && of_scan(&fine).is_empty(), "{}", told(&fine));
+}
+
+#[test]
+fn the_limits_are_those_of_the_profile() {
+    let volume = Replica::right().scanned();
+    let case = Forked::new(N_PLANES);
+    let mut strict = inputs(&case, Some(&volume));
+    strict.gate.total_p95_mm = 0.01;
+    let verdict = build(&strict, &Task::quiet()).unwrap().verdict;
+    assert!(
+        !verdict.passed && verdict.not_judged.iter().any(|t| t.starts_with("scan: the 95th")),
+        "{verdict:?}"
+    );
+    let limit = verdict.limits.iter().find(|l| l.stage == "scan" && l.figure == "total_p95_mm").unwrap();
+    assert!(limit.asked_mm == 0.01 && (limit.used_mm - VOXEL_MM).abs() < 1e-9, "{limit:?}");
+}
+
+#[test]
+fn a_shape_that_is_its_own_mirror_image_tells_so() {
+    let shape = |p: Point3| {
+        let [low, high] = z_range_mm();
+        let within =
+            |mm: f64| testing::flat_fork(p.z, N_PLANES).iter().any(|(c, r)| (p.xy() - c).norm() <= r + mm);
+        (low..=high).contains(&p.z) && within(WALL_MM) && !within(0.0)
+    };
+    let case = Forked::of(N_PLANES, testing::flat_fork);
+    let volume = Replica::new(shape).scanned();
+    let report = build(&inputs(&case, Some(&volume)), &Task::quiet()).unwrap();
+    assert!(!report.scan.as_ref().unwrap().registration.mirror_is_told, "{}", told(&report));
+    assert!(report.notes.iter().any(|n| n.code == "report.scan_mirror"));
+    assert!(of_scan(&report).is_empty() && report.verdict.passed, "{}", told(&report));
+}
+
+#[test]
+fn a_scan_that_is_cropped_closely_has_its_levels() {
+    let report = report(&Replica { margin_mm: 0.9, ..Replica::right() });
+    let levels = report.scan.as_ref().unwrap().levels;
+    let near = |value: Option<f64>, expected: f64| (value.unwrap() - expected).abs() < 40.0;
+    assert!(near(levels.air_hu, AIR_HU) && near(levels.material_hu, MATERIAL_HU), "{}", told(&report));
+    assert!(report.verdict.passed, "{}", told(&report));
+}
+
+#[test]
+fn page_and_pictures_show_the_scan_under_its_own_name() {
+    let report = report(&Replica { scale: 1.01, ..Replica::right() });
+    assert!(!of_scan(&report).is_empty());
+    let page = crate::report::html(&report).unwrap();
+    let (table, _) =
+        page.split_once("<table id=\"defect-table\">").unwrap().1.split_once("</table>").unwrap();
+    assert!(table.contains("<td class=\"text\">Scan</td>") && !table.contains(">Image<"), "{table}");
+    for text in
+        ["data-layer=\"scan\"", "class=\"scan\" d=\"M", "The scanned lumen against the solid", "scan_off_um"]
+    {
+        assert!(page.contains(text), "{text}");
+    }
+    // Its bars, its histogram and its curve.
+    assert!(page.matches(">Scan</text>").count() == 2 && page.contains(">scanned</text>"));
+    let off: Vec<f64> = report.pictures[4].plate.scan_ring.iter().filter_map(|s| s.off_mm).collect();
+    let mean_mm = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(!report.pictures[4].plate.scan.is_empty() && (0.0..0.1).contains(&mean_mm), "{mean_mm}");
+    let branches = &report.scan.as_ref().unwrap().block.branches;
+    assert!(branches.len() == 3 && branches.iter().all(|b| b.figures.uncertainty.mean_mm > Some(0.0)));
+    assert_eq!(crate::report::schema::tests::broken(&report), [""; 0]);
 }

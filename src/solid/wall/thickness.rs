@@ -143,7 +143,8 @@ impl Thickness {
                 self.most_mm,
                 place(self.most_at_mm),
                 self.asked_mm,
-                self.within_percent
+                // All of it would need no word.
+                (self.within_percent * 100.0).floor() / 100.0
             )
         };
         (!self.is_as_asked()).then(|| Warning::new("solid.wall_thickness", text()))
