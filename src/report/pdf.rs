@@ -43,7 +43,7 @@ pub(super) fn document(report: &Report, view: &View) -> Result<Vec<u8>, Error> {
     tables(&mut book, view);
     methods(&mut book, view);
     sign_off(&mut book);
-    let footer = format!("{}. Not a medical device; intended use on the last page.", view.running);
+    let footer = format!("{}. Not a medical device; see the last page.", view.running);
     Ok(book.finish(TITLE, &footer)?)
 }
 
@@ -59,7 +59,7 @@ fn summary(book: &mut Book, view: &View) {
     let about: Vec<String> = view.about.iter().map(|(name, value)| format!("{name}: {value}")).collect();
     book.skip(4.0);
     for pair in about.chunks(2) {
-        book.paragraph(&pair.join("    "), Style::plain(9.0));
+        book.paragraph(&pair.join(" \u{b7} "), Style::plain(9.0));
     }
     book.heading("Result");
     let colour = match (view.passed, view.is_measured) {

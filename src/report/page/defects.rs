@@ -104,7 +104,17 @@ fn size(Size { size, unit, uncertainty }: Size) -> String {
         "mm" => format!("{size:.3} \u{b1} {uncertainty:.3} mm"),
         "mm2" => format!("{size:.2} \u{b1} {uncertainty:.2} mm\u{b2}"),
         "mm3" => format!("{size:.3} \u{b1} {uncertainty:.3} mm\u{b3}"),
-        "percent" => format!("{size:.1} \u{b1} {uncertainty:.1} %"),
+        "percent" => {
+            // As many decimals as show the first digit of what is uncertain.
+            let decimals = if uncertainty < 0.005 {
+                3
+            } else if uncertainty < 0.05 {
+                2
+            } else {
+                1
+            };
+            format!("{size:.decimals$} \u{b1} {uncertainty:.decimals$} %")
+        }
         other => format!("{size:.2} \u{b1} {uncertainty:.2} {other}"),
     }
 }
@@ -148,6 +158,11 @@ mod tests {
         assert_eq!((row.size.as_str(), row.plane), ("0.400 \u{b1} 0.001 mm", Some(2)));
         let number = |size, unit| super::size(Size { size, unit, uncertainty: 0.0 });
         assert_eq!([number(1.0, "layers"), number(2.0, "planes")], ["1 layer", "2 planes"]);
+        let percent = |uncertainty| super::size(Size { size: 2.0137, unit: "percent", uncertainty });
+        assert_eq!(
+            [percent(0.2), percent(0.02), percent(0.002)].map(|t| t.replace('\u{b1}', "+-")),
+            ["2.0 +- 0.2 %", "2.01 +- 0.02 %", "2.014 +- 0.002 %"]
+        );
         let at_planes = Place { planes: Some([1, 3]), ..Place::default() };
         assert_eq!(plane(&at_planes, &[0.0, 3.0, 6.0, 9.0]), Some(1));
         assert_eq!(
