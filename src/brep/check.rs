@@ -34,6 +34,11 @@ const SADDLE_SAMPLES: usize = 16;
 /// # Errors
 /// [`Invalid`] with the faults found, a hundred at most: kind, face and place.
 pub fn check(brep: &Brep) -> Result<(), Invalid> {
+    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
+    rayon::scope(|_| checked(brep))
+}
+
+fn checked(brep: &Brep) -> Result<(), Invalid> {
     let mut faults = references(brep);
     // What follows would stumble over missing edges.
     if faults.is_empty() {
