@@ -26,6 +26,8 @@ const FINE_CHORDS: usize = 1024;
 const EVENT_SECTIONS: usize = 8;
 /// A chord shorter than this share of the mean one is where a surface degenerates.
 const LEAST_CHORD: f64 = 1e-3;
+/// What heights are rounded by, in themselves: some dozen units in the last place.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
 /// Intervals, each way, at which a saddle is tested for folds.
 const SADDLE_SAMPLES: usize = 16;
 
@@ -34,6 +36,11 @@ const SADDLE_SAMPLES: usize = 16;
 /// # Errors
 /// [`Invalid`] with the faults found, a hundred at most: kind, face and place.
 pub fn check(brep: &Brep) -> Result<(), Invalid> {
+    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
+    rayon::scope(|_| checked(brep))
+}
+
+fn checked(brep: &Brep) -> Result<(), Invalid> {
     let mut faults = references(brep);
     // What follows would stumble over missing edges.
     if faults.is_empty() {
@@ -188,10 +195,14 @@ fn fold(index: usize, face: &Face) -> Option<Fault> {
 fn uneven_row(surface: &PatchSurface) -> Option<Point3> {
     let points: Vec<Point3> = surface.control().collect();
     let rows: Vec<&[Point3]> = points.chunks_exact(surface.bases()[0].len()).collect();
-    let way = rows[rows.len() - 1][0].z - rows[0][0].z;
+    let [first, last] = [rows[0][0].z, rows[rows.len() - 1][0].z];
+    let way = last - first;
+    let rounding = ROUNDING * first.abs().max(last.abs());
     let tilted = |row: &&[Point3]| row.iter().any(|p| exceeds((p.z - row[0].z).abs(), TOLERANCE_MM));
     // Towards a crease's apex rows may lie at one height, but never sink.
-    let sinks = |pair: &[&[Point3]]| exceeds((pair[0][0].z - pair[1][0].z) * way, 1e-12 * way * way);
+    let sinks = |pair: &[&[Point3]]| {
+        exceeds((pair[0][0].z - pair[1][0].z) * way.signum(), 1e-12 * way.abs() + rounding)
+    };
     let bad = rows.iter().find(|r| tilted(r)).map(|r| r[0]);
     bad.or_else(|| rows.windows(2).find(|p| sinks(p)).map(|p| p[1][0]))
 }
@@ -411,4 +422,23 @@ fn wrong_side(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
         let right_way = (turns[0] - 1.0).abs() < 0.5 && turns[1].abs() < 0.5;
         (!right_way).then_some((Kind::InsideOut, piece.face, middle))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spline::Basis;
+
+    #[test]
+    fn rows_that_sink_fold_and_rounding_at_great_heights_does_not() {
+        let patch = |z_mm: f64, sunk_mm: f64| {
+            let heights = [0.0, 1.0, 1.5, 2.0, 2.0 - sunk_mm].map(|z| z_mm + z);
+            let row = |z: f64| (0..4).map(move |k| Point3::new(f64::from(k), 0.0, z));
+            let bases = [Basis::clamped(3, [0.0, 1.0], &[]), Basis::clamped(3, [0.0, 1.0], &[0.5])];
+            let [u, v] = bases;
+            PatchSurface::with_control(u, v, &heights.into_iter().flat_map(row).collect::<Vec<_>>())
+        };
+        assert!(uneven_row(&patch(0.0, 0.0)).is_none() && uneven_row(&patch(9000.0, 4e-12)).is_none());
+        assert!(uneven_row(&patch(0.0, 1e-10)).is_some() && uneven_row(&patch(9000.0, 1e-8)).is_some());
+    }
 }

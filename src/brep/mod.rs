@@ -26,10 +26,13 @@ pub use check::{check, unproved};
 pub use fault::{Fault, Invalid, Kind};
 
 use crate::geom::{Point3, Vector3};
-use crate::spline::{Curve, PatchSurface};
+use crate::spline::{Curve, Jet, PatchSurface};
 
 /// Farthest that curves may be from their vertices and surfaces, and what is as good as nothing, mm.
 const TOLERANCE_MM: f64 = 1e-6;
+
+/// Rows whose height changes by less than this share of a patch's, per share of its parameter, stand still.
+const STILL: f64 = 1e-6;
 
 /// A point where edges end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -198,8 +201,27 @@ struct Vector3Field<'a> {
 impl Vector3Field<'_> {
     fn normal(&self, share: f64) -> Vector3 {
         let [u, v] = along(self.trace, share);
-        let jet = self.spline.jet(u, v);
+        let at = |v: f64| self.spline.jet(u, v);
+        let jet = if self.is_lateral { at(self.moving(v)) } else { at(v) };
         jet.by_u.cross(&jet.by_v)
+    }
+
+    /// The parameter v, or that at which the rows of a lateral are [`TOLERANCE_MM`] away in height from a border on which
+    /// they stand still: at the apex of a crease height falls with the square of v, points move along their row, and only
+    /// the limit of the normals is one.
+    fn moving(&self, v: f64) -> f64 {
+        let [low, high] = self.spline.v_range();
+        let [bottom, top] = [low, high].map(|end| self.spline.jet(0.0, end));
+        let height_mm = (top.point.z - bottom.point.z).abs();
+        let is_still = |jet: &Jet| jet.by_v.z.abs() * (high - low) < STILL * height_mm;
+        let by = (high - low) * (TOLERANCE_MM / height_mm).sqrt().min(1.0);
+        if v >= high && is_still(&top) {
+            high - by
+        } else if v <= low && is_still(&bottom) {
+            low + by
+        } else {
+            v
+        }
     }
 }
 

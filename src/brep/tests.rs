@@ -64,6 +64,17 @@ fn every_lumen_is_smooth_across_seams_and_planes() {
 }
 
 #[test]
+fn outer_skins_are_smooth_but_for_their_creases() {
+    // All but that of the trifurcation, where creases of three branches cross each other.
+    for kind in [Vessels::Carotid, Vessels::Merge, Vessels::Stenosis, Vessels::Tube] {
+        let solid = phantom(kind, Wanted::Wall { wall_mm: 1.0 });
+        let outer = Solid { lumen: solid.outer.expect("a wall"), outer: None };
+        let (jump, at) = Brep::of(&outer, SkinChoice::All).normal_jump_deg(401).unwrap_or_default();
+        assert!(jump < 1.0, "{kind:?}: {jump} at {at}");
+    }
+}
+
+#[test]
 fn welding_moves_patches_by_less_than_a_micrometre() {
     for kind in [Vessels::Carotid, Vessels::Merge] {
         let moved_mm = phantom(kind, Wanted::Cast).lumen.moved_mm;

@@ -194,7 +194,12 @@ fn measured(face: &Face<'_>, t: u32, n: usize, limit_mm: f64) -> Measured {
     let plane = Plane::through(face.places(t));
     let mut heights = [0.0; GRID];
     let (mut is_beside, mut is_leaning) = (false, false);
-    for (height, p) in heights.iter_mut().zip(samples(face, t, n)) {
+    // Of the samples, the first, the last one and the last one of the first row are the corners, which lie on the surface.
+    let is_corner = |k: usize| k == 0 || k == n || k + 1 == (n + 1) * (n + 2) / 2;
+    let inner = heights.iter_mut().zip(grid(face, t, n)).enumerate().filter(|(k, _)| !is_corner(*k));
+    let mut near = face.chart.piece(face.params(t)[0]);
+    for (_, (height, at)) in inner {
+        let p = face.chart.at_near(at, &mut near);
         *height = plane.height(p);
         let (outside_mm, side) = plane.outside(p);
         if outside_mm <= BESIDE_SHARE * limit_mm {
@@ -241,21 +246,16 @@ fn is_near_others(face: &Face<'_>, t: u32, n: usize, limit_mm: f64) -> bool {
 
 /// Points of the surface over a triangle, row by row.
 fn samples<'f>(face: &'f Face<'_>, t: u32, n: usize) -> impl Iterator<Item = Point3> + 'f {
+    let mut near = face.chart.piece(face.params(t)[0]);
+    grid(face, t, n).map(move |at| face.chart.at_near(at, &mut near))
+}
+
+/// Parameters over a triangle on a grid of n intervals a side, row by row.
+fn grid(face: &Face<'_>, t: u32, n: usize) -> impl Iterator<Item = Point2> + use<> {
     let [a, b, c] = face.params(t);
     let (along, across) = ((b - a) / n as f64, (c - a) / n as f64);
-    let mut near = face.chart.piece(a);
-    let (mut i, mut j) = (0, 0);
-    std::iter::from_fn(move || {
-        if j > n - i {
-            (i, j) = (i + 1, 0);
-        }
-        if i > n {
-            return None;
-        }
-        let at: Point2 = a + along * i as f64 + across * j as f64;
-        j += 1;
-        Some(face.chart.at_near(at, &mut near))
-    })
+    let rows = (0..=n).flat_map(move |i| (0..=n - i).map(move |j| (i, j)));
+    rows.map(move |(i, j)| a + along * i as f64 + across * j as f64)
 }
 
 /// The largest magnitude of a function of which samples on a triangle's grid are known, by the parabola through the largest of

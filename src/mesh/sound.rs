@@ -69,6 +69,11 @@ impl Parted {
 /// A deflection out of range, an interruption, or a solid for which no mesh is sound, with the place.
 pub fn parted(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, Error> {
     how.deflection.check()?;
+    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
+    rayon::scope(|_| until_sound(solid, how, task))
+}
+
+fn until_sound(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, Error> {
     let mut share = 1.0;
     loop {
         let deflection = how.deflection.times(share);

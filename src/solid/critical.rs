@@ -11,6 +11,7 @@ use super::grid::Jet;
 use super::slab::root;
 use crate::geom::{Point2, Vector2};
 use nalgebra::Matrix2;
+use rayon::prelude::*;
 use std::cell::Cell;
 
 /// Steps of the frame between neighbouring nodes of the search.
@@ -58,7 +59,8 @@ pub(super) fn criticals(
     let heights: Vec<f64> =
         (0..n_heights).map(|m| low + (high - low) * m as f64 / (n_heights - 1) as f64).collect();
     let step = SEARCH_STEPS * frame.step_mm;
-    let found: Vec<Vec<Planar>> = heights.iter().map(|&w| planar(&*source.slice(w), frame, step)).collect();
+    let found: Vec<Vec<Planar>> =
+        heights.par_iter().map(|&w| planar(&*source.slice(w), frame, step)).collect();
     let mut all: Vec<Critical> = Vec::new();
     for m in 0..n_heights - 1 {
         for (from, to) in [(m, m + 1), (m + 1, m)] {

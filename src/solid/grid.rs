@@ -6,6 +6,7 @@
 //! sixteen steps to the radius.
 
 use crate::geom::{Bounds2, Point2, Vector2};
+use rayon::prelude::*;
 
 /// A function's value at a point of the plane and its gradient there.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +15,8 @@ pub(super) struct Jet {
     pub(super) slope: Vector2,
 }
 
+/// Nodes that a thread samples at once.
+const BLOCK: usize = 256;
 /// Steps of a grid along its longer side, at most.
 const MOST_STEPS: f64 = 1500.0;
 
@@ -37,7 +40,7 @@ pub(super) struct SmoothGrid {
 
 impl SmoothGrid {
     /// Samples `f` over the box, which is grown by what the border costs.
-    pub(super) fn sampled(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64) -> Self {
+    pub(super) fn sampled(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64 + Sync) -> Self {
         let mut grid = Self::smoothed(bounds, step_mm, f);
         let n = grid.n;
         (0..n[1]).for_each(|j| filter(&mut grid.control, j * n[0], 1, n[0]));
@@ -47,7 +50,7 @@ impl SmoothGrid {
 
     /// As [`SmoothGrid::sampled`], but creases of `f` are rounded over two steps instead of followed: elsewhere the
     /// function is off by its Laplacian times a sixth of the squared step.
-    pub(super) fn smoothed(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64) -> Self {
+    pub(super) fn smoothed(bounds: Bounds2, step_mm: f64, f: impl Fn(Point2) -> f64 + Sync) -> Self {
         let margin = (BORDER + 1.0) * step_mm;
         let grown = bounds.grown(margin);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a size over a step")]
@@ -58,7 +61,7 @@ impl SmoothGrid {
             let (i, j) = (k % n[0], k / n[0]);
             origin + Vector2::new(i as f64, j as f64) * step_mm
         };
-        let control = (0..n[0] * n[1]).map(|k| f(node(k))).collect();
+        let control = (0..n[0] * n[1]).into_par_iter().with_min_len(BLOCK).map(|k| f(node(k))).collect();
         Self { origin, step_mm, n, control }
     }
 

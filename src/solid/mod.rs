@@ -262,6 +262,11 @@ pub struct Built {
 /// # Errors
 /// [`Error`], naming the planes.
 pub fn build(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<Built, Error> {
+    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
+    rayon::scope(|_| built(stack, params, task))
+}
+
+fn built(stack: &SectionStack, params: &Params, task: &Task<'_>) -> Result<Built, Error> {
     let wall_mm = match params.body {
         Body::Cast => None,
         Body::Wall { wall_mm } if (0.1..=20.0).contains(&wall_mm) => Some(wall_mm),

@@ -253,7 +253,10 @@ impl View<'_> {
         let leans = {
             let step_w = LEAN_STEP * (w_legs - w_waist).abs();
             let lean = |curve, w| Lean::of(self.source, curve, w, step_w, if upward { 1.0 } else { -1.0 });
-            [lean(&waist, w_waist), lean(&legs[0], w_legs), lean(&legs[1], w_legs)]
+            let of_leg = |k: usize| lean(&legs[k], w_legs);
+            let (waist, (first, second)) =
+                rayon::join(|| lean(&waist, w_waist), || rayon::join(|| of_leg(0), || of_leg(1)));
+            [waist, first, second]
         };
         Ok(Bordered { slab, w: [w_waist, w_legs], waist, legs, beside, leans })
     }

@@ -26,6 +26,9 @@ const SAME_KNOT: f64 = 1e-9;
 const LEAST_AREA: f64 = 0.03;
 /// A lateral that is moved by more than this to meet the tubes, mm, is brought into step with them anew.
 const MOST_MOVED_MM: f64 = 5e-4;
+/// Most slope that is added to a lateral of a crease over its whole height, mm per mm of that: from a parabola's end, at
+/// which v is stated, it falls by twice as much.
+const MOST_LEAN: f64 = 0.2;
 /// Chords along which the length of a ring's arc is taken.
 const LENGTH_SAMPLES: usize = 2048;
 /// The seam of a tube stays where it is if no corner is nearer than this share of the way round.
@@ -209,23 +212,10 @@ fn onto(patch: &PatchSurface, target: [&[f64]; 2]) -> PatchSurface {
 /// saddle has room for, they keep some of their own slope, or all of it.
 fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) {
     let along = seam_knots(slab);
-    let welded = [0, 1].map(|k| {
-        let (lateral, side) = (&slab.laterals[k], &sides[k]);
-        let arcs = side.map(|(ring, range)| ring.leaning.section.arc(range, ring.z_mm));
-        let [u, _] = lateral.bases();
-        let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
-        let to_knots = |patch: &PatchSurface| onto(patch, [&knots, &along]);
-        let usual = with_borders(&to_knots(&in_step(lateral, &arcs)), &arcs);
-        let least = if usual.1 <= MOST_MOVED_MM {
-            usual
-        } else {
-            // The arcs run less evenly than few columns can follow.
-            let finer = with_borders(&in_step(&to_knots(lateral), &arcs), &arcs);
-            if finer.1 < usual.1 { finer } else { usual }
-        };
-        *moved_mm = moved_mm.max(least.1);
-        least.0
-    });
+    let weld_one = |k: usize| welded(&slab.laterals[k], &sides[k], &along);
+    let (first, second) = rayon::join(|| weld_one(0), || weld_one(1));
+    *moved_mm = moved_mm.max(first.1).max(second.1);
+    let welded = [first.0, second.0];
     match &mut slab.crotch {
         Crotch::Saddle(saddle) => {
             let refined = onto(saddle, [&along, &along]);
@@ -245,15 +235,42 @@ fn weld_slab(slab: &mut Slab, sides: [[RingArc<'_>; 2]; 2], moved_mm: &mut f64) 
                 (slab.laterals, *saddle) = (joined.laterals, joined.saddle);
             }
         }
-        // Both laterals have the crease; the first one's is taken.
+        // Both laterals have the crease: what is between their curves is taken.
         Crotch::Crease => {
-            let [first, second] = welded;
-            let (left, right) = (first.border_column(Side::First), first.border_column(Side::Last));
-            *moved_mm = moved_mm.max(apart_mm(&right, &second.border_column(Side::First)));
-            *moved_mm = moved_mm.max(apart_mm(&left, &second.border_column(Side::Last)));
-            slab.laterals = [first, with_columns(&second, &right, &left)];
+            let most_slope = MOST_LEAN * (slab.w_mm[1] - slab.w_mm[0]);
+            let [first, second] = [0, 1].map(|k| {
+                leaned(&welded[k], sides[k].map(|(ring, range)| (&ring.leaning, range)), most_slope)
+            });
+            let sides = [[&first, &second], [&second, &first]].map(|[one, other]| {
+                let (own, others) = (one.border_column(Side::First), other.border_column(Side::Last));
+                *moved_mm = moved_mm.max(apart_mm(&own, &others));
+                middle(&own, &others)
+            });
+            let [left, right] = sides;
+            slab.laterals = [with_columns(&first, &left, &right), with_columns(&second, &right, &left)];
         }
     }
+}
+
+/// A lateral between the arcs of its rings, with how far it was moved at most, mm.
+fn welded(lateral: &PatchSurface, side: &[RingArc<'_>; 2], along: &[f64]) -> (PatchSurface, f64) {
+    let arcs = side.map(|(ring, range)| ring.leaning.section.arc(range, ring.z_mm));
+    let [u, _] = lateral.bases();
+    let knots = merged(&[unit_inner(arcs[0].basis()), unit_inner(arcs[1].basis()), unit_inner(u)]);
+    let to_knots = |patch: &PatchSurface| onto(patch, [&knots, along]);
+    let usual = with_borders(&to_knots(&in_step(lateral, &arcs)), &arcs);
+    if usual.1 <= MOST_MOVED_MM {
+        return usual;
+    }
+    // The arcs run less evenly than few columns can follow.
+    let finer = with_borders(&in_step(&to_knots(lateral), &arcs), &arcs);
+    if finer.1 < usual.1 { finer } else { usual }
+}
+
+/// The curve half-way between two over the same knots.
+fn middle(a: &Curve, b: &Curve) -> Curve {
+    let points = a.control().iter().zip(b.control()).map(|(p, q)| nalgebra::center(p, q));
+    Curve::new(a.basis().clone(), points.collect())
 }
 
 /// How far the control points of two curves over the same knots lie apart, at most.

@@ -18,6 +18,9 @@ const ARC_INTERVALS: usize = 96;
 /// Rows of the patches at least and at most.
 const LEAST_ROWS: usize = 12;
 const MOST_ROWS: usize = 96;
+/// Further rows beside the waist, in distances of rows: the patches bend there within the first of them to lean as the tube
+/// does.
+const BESIDE_WAIST: [f64; 2] = [0.25, 0.5];
 /// Largest distance of rows in (mean radius of the branches).
 const ROW_STEP: f64 = 0.12;
 /// A corner that turns less has faded: sine. Rounded over the spacing h of a section's points it errs by h / 130.
@@ -89,7 +92,8 @@ impl CreaseBuilder<'_> {
         let across = apex.feet[0].normal.xy();
         let left = Vector2::new(-across.y, across.x);
         let along = apex.tangent() * apex.tangent().xy().dot(&left).signum();
-        let sides = [self.side(apex, along, floor)?, self.side(apex, -along, floor)?];
+        let (front, back) = rayon::join(|| self.side(apex, along, floor), || self.side(apex, -along, floor));
+        let sides = [front?, back?];
         let w_low = self.low_end(&sides, floor);
         if w_top - w_low < LEAST_HEIGHT * self.tracer.wall_mm {
             return None;
@@ -271,7 +275,8 @@ impl CreaseBuilder<'_> {
         let n = ((2.0 * height / (ROW_STEP * unit)).ceil() as usize).clamp(LEAST_ROWS, MOST_ROWS);
         let angle = |i: usize| std::f64::consts::PI * i as f64 / ARC_INTERVALS as f64;
         let u: Vec<f64> = (0..=ARC_INTERVALS).map(|i| 0.5 * (1.0 - angle(i).cos())).collect();
-        let v: Vec<f64> = (0..=n).map(|k| k as f64 / n as f64).collect();
+        let places = std::iter::once(0.0).chain(BESIDE_WAIST).chain((1..=n).map(|k| k as f64));
+        let v: Vec<f64> = places.map(|place| place / n as f64).collect();
         let heights: Vec<f64> = v.iter().map(|v| w_mm[1] - height * (1.0 - v) * (1.0 - v)).collect();
         let rows: Vec<[Vec<Point2>; 2]> = {
             use rayon::prelude::*;
@@ -290,7 +295,7 @@ impl CreaseBuilder<'_> {
         let laterals = [lateral(0)?, lateral(1)?];
         let open = |row: &[Point2]| row[..row.len() - 1].to_vec();
         let waist = Contour::new([open(&rows[0][0]), open(&rows[0][1])].concat());
-        let daughters = rows[n].each_ref().map(|row| Contour::new(open(row)));
+        let daughters = rows[rows.len() - 1].each_ref().map(|row| Contour::new(open(row)));
         let inside: [Point2; 2] = daughters.each_ref().map(Contour::centroid);
         let beside = |ws: Vec<f64>, at: Point2| self.sections(&ws, at);
         let parent_w = PARENT_OFFSETS.iter().map(|o| w_mm[0] - o * unit).filter(|w| *w > floor).collect();

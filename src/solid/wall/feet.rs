@@ -47,7 +47,6 @@ pub(super) struct Sample {
     reach_mm: f64,
     /// One step of the grid along the first axis, and along both for one of its second direction, mm.
     steps_mm: [f64; 3],
-    slack: Slack,
 }
 
 /// How much nearer, in squares, a surface may be than its samples.
@@ -106,11 +105,15 @@ impl Sample {
         let curvature = curvature.map(|k| k * (MOST_BEND / strength.max(1e-300)).min(1.0));
         let second = steps[1] / along[1].0.norm().max(1e-12);
         let steps_mm = [steps[0], dv[0] * second, dv[1] * second];
-        let (a, b) = (steps_mm[0] + steps_mm[1].abs(), steps_mm[2]);
+        Some(Self { at, normal, axes, curvature, reach_mm, steps_mm })
+    }
+
+    fn slack(&self) -> Slack {
+        let [across, sheared, up] = self.steps_mm;
+        let [k11, k12, k22] = self.curvature;
+        let (a, b) = (across + sheared.abs(), up);
         let flat_mm2 = CELL * CELL * (a * a + b * b);
-        let most_bent = curvature[0].max(curvature[2]).max(0.0) + curvature[1].abs();
-        let slack = Slack { flat_mm2, bent_mm: flat_mm2 * most_bent };
-        Some(Self { at, normal, axes, curvature, reach_mm, steps_mm, slack })
+        Slack { flat_mm2, bent_mm: flat_mm2 * (k11.max(k22).max(0.0) + k12.abs()) }
     }
 
     /// The foot of `p` on the paraboloid.
@@ -158,9 +161,9 @@ impl Sample {
     }
 }
 
-/// Samples of a grid of rows of equally many points; closed rows end where they began.
-pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool, out: &mut Vec<Sample>) {
-    out.par_extend((0..rows.len()).into_par_iter().flat_map_iter(|i| row_samples(rows, i, closed)));
+/// Samples of a grid of rows of equally many points, row by row; closed rows end where they began.
+pub(super) fn grid_samples(rows: &[Vec<Oriented>], closed: bool) -> Vec<Vec<Sample>> {
+    (0..rows.len()).into_par_iter().map(|i| row_samples(rows, i, closed)).collect()
 }
 
 fn row_samples(rows: &[Vec<Oriented>], i: usize, closed: bool) -> Vec<Sample> {
@@ -188,10 +191,10 @@ struct Box3 {
 }
 
 impl Box3 {
-    fn of(samples: &[Sample]) -> Self {
+    fn of(sites: &[Site]) -> Self {
         let (min, max) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
         let empty = Self { min, max, slack: Slack::default() };
-        samples.iter().fold(empty, |b, s| b.joined(Self { min: s.at, max: s.at, slack: s.slack }))
+        sites.iter().fold(empty, |b, s| b.joined(Self { min: s.at, max: s.at, slack: s.slack }))
     }
 
     fn joined(self, other: Self) -> Self {
@@ -209,40 +212,55 @@ impl Box3 {
     }
 }
 
+/// What a search asks of every sample that it meets.
+#[derive(Debug, Clone, Copy)]
+struct Site {
+    at: Point3,
+    slack: Slack,
+}
+
 /// The cloud in its tree.
 #[derive(Debug)]
 pub(super) struct Feet {
     samples: Vec<Sample>,
+    /// One for each of the samples, apart from them: a search passes by most.
+    sites: Vec<Site>,
     boxes: Vec<Box3>,
 }
 
 impl Feet {
-    /// Arranges the samples; `None` where there are none.
-    pub(super) fn try_new(mut samples: Vec<Sample>) -> Option<Self> {
-        if samples.is_empty() {
+    /// Arranges samples given row by row; `None` where there are none.
+    pub(super) fn try_new(rows: &[Vec<Sample>]) -> Option<Self> {
+        let in_row = |(row, samples): (usize, &Vec<Sample>)| -> Vec<Place> {
+            samples.iter().enumerate().map(|(column, s)| Place { at: s.at.into(), row, column }).collect()
+        };
+        let mut places: Vec<Place> = rows.par_iter().enumerate().flat_map_iter(in_row).collect();
+        if places.is_empty() {
             return None;
         }
-        let depth = samples.len().div_ceil(LEAF).next_power_of_two().trailing_zeros();
-        arrange(&mut samples, depth);
-        let mut boxes = vec![Box3::of(&[]); 2 << depth];
-        fill_boxes(&samples, 1, depth, &mut boxes);
-        Some(Self { samples, boxes })
+        let depth = places.len().div_ceil(LEAF).next_power_of_two().trailing_zeros();
+        arrange(&mut places, depth);
+        let samples: Vec<Sample> = places.par_iter().map(|p| rows[p.row][p.column]).collect();
+        let sites: Vec<Site> =
+            samples.par_iter().map(|sample| Site { at: sample.at, slack: sample.slack() }).collect();
+        let boxes = boxes(&sites, depth);
+        Some(Self { samples, sites, boxes })
     }
 
     /// The sample nearest to a point.
     pub(super) fn nearest(&self, p: Point3) -> &Sample {
-        let best = Cell::new((f64::INFINITY, &self.samples[0]));
+        let best = Cell::new((f64::INFINITY, 0));
         self.walk(
             p,
             |_, distance2| distance2 < best.get().0,
-            |s| {
-                let d2 = (s.at - p).norm_squared();
+            |k| {
+                let d2 = (self.sites[k].at - p).norm_squared();
                 if d2 < best.get().0 {
-                    best.set((d2, s));
+                    best.set((d2, k));
                 }
             },
         );
-        best.get().1
+        &self.samples[best.get().1]
     }
 
     /// The foot of a point.
@@ -252,13 +270,15 @@ impl Feet {
         self.walk(
             p,
             |slack, distance2| distance2 < slack.limit2(least.get()),
-            |s| {
-                if (s.at - p).norm_squared() >= s.slack.limit2(least.get()) {
+            |k| {
+                let Site { at, slack } = self.sites[k];
+                if (at - p).norm_squared() >= slack.limit2(least.get()) {
                     return;
                 }
-                let (foot, beside) = s.placed_foot(p);
+                let sample = &self.samples[k];
+                let (foot, beside) = sample.placed_foot(p);
                 let aside = ASIDE * beside * beside + BULGE * (beside - CELL).max(0.0);
-                let distance_mm = foot.distance_mm.abs() + aside * s.reach_mm;
+                let distance_mm = foot.distance_mm.abs() + aside * sample.reach_mm;
                 if found.is_none() || distance_mm < least.get() {
                     least.set(distance_mm);
                     found = Some(foot);
@@ -270,7 +290,7 @@ impl Feet {
 
     /// Visits the samples of all leaves that are wanted, told by their slack and the square of their distance; the
     /// nearer half of every node first.
-    fn walk<'a>(&'a self, p: Point3, wanted: impl Fn(Slack, f64) -> bool, mut visit: impl FnMut(&'a Sample)) {
+    fn walk(&self, p: Point3, wanted: impl Fn(Slack, f64) -> bool, mut visit: impl FnMut(usize)) {
         let n_leaves = self.boxes.len() / 2;
         let mut stack = [(0usize, 0usize, 0usize, 0.0f64); 48];
         stack[0] = (1, 0, self.samples.len(), 0.0);
@@ -282,7 +302,7 @@ impl Feet {
                 continue;
             }
             if node >= n_leaves {
-                self.samples[from..to].iter().for_each(&mut visit);
+                (from..to).for_each(&mut visit);
                 continue;
             }
             let middle = usize::midpoint(from, to);
@@ -310,19 +330,30 @@ impl Feet {
     }
 }
 
+/// Where a sample lies, and which one it is.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    at: [f64; 3],
+    row: usize,
+    column: usize,
+}
+
 /// Orders samples so that halves, quarters, ... of the slice are separate in space.
-fn arrange(samples: &mut [Sample], depth: u32) {
-    if depth == 0 || samples.len() < 2 {
+fn arrange(places: &mut [Place], depth: u32) {
+    if depth == 0 || places.len() < 2 {
         return;
     }
-    let size = {
-        let b = Box3::of(samples);
-        b.max - b.min
-    };
-    let axis = size.imax();
-    let middle = samples.len() / 2;
-    samples.select_nth_unstable_by(middle, |a, b| a.at[axis].total_cmp(&b.at[axis]));
-    let (low, high) = samples.split_at_mut(middle);
+    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for place in places.iter() {
+        for k in 0..3 {
+            min[k] = min[k].min(place.at[k]);
+            max[k] = max[k].max(place.at[k]);
+        }
+    }
+    let axis = (Point3::from(max) - Point3::from(min)).imax();
+    let middle = places.len() / 2;
+    places.select_nth_unstable_by(middle, |a, b| a.at[axis].total_cmp(&b.at[axis]));
+    let (low, high) = places.split_at_mut(middle);
     if low.len() > PARALLEL_FROM {
         rayon::join(|| arrange(low, depth - 1), || arrange(high, depth - 1));
     } else {
@@ -331,13 +362,21 @@ fn arrange(samples: &mut [Sample], depth: u32) {
     }
 }
 
-fn fill_boxes(samples: &[Sample], node: usize, depth: u32, boxes: &mut [Box3]) {
-    if depth == 0 {
-        boxes[node] = Box3::of(samples);
-        return;
+/// The boxes of a complete tree over sites in order: node i has the children 2 i and 2 i + 1, the root is 1.
+fn boxes(sites: &[Site], depth: u32) -> Vec<Box3> {
+    let leaf = |number: usize| {
+        let (mut from, mut to) = (0, sites.len());
+        for bit in (0..depth).rev() {
+            let middle = usize::midpoint(from, to);
+            if (number >> bit) & 1 == 0 { to = middle } else { from = middle }
+        }
+        Box3::of(&sites[from..to])
+    };
+    let n_leaves = 1 << depth;
+    let mut boxes = vec![Box3::of(&[]); n_leaves];
+    boxes.par_extend((0..n_leaves).into_par_iter().map(leaf));
+    for node in (1..n_leaves).rev() {
+        boxes[node] = boxes[2 * node].joined(boxes[2 * node + 1]);
     }
-    let (low, high) = samples.split_at(samples.len() / 2);
-    fill_boxes(low, 2 * node, depth - 1, boxes);
-    fill_boxes(high, 2 * node + 1, depth - 1, boxes);
-    boxes[node] = boxes[2 * node].joined(boxes[2 * node + 1]);
+    boxes
 }

@@ -92,8 +92,8 @@ impl Branch {
         Self { heights, rings, wall_mm, flat_ends, inner_ends, radius_mm }
     }
 
-    fn samples(&self, out: &mut Vec<Sample>) {
-        grid_samples(&self.rings, true, out);
+    fn samples(&self) -> Vec<Vec<Sample>> {
+        grid_samples(&self.rings, true)
     }
 
     fn offset(&self, ring: usize, column: usize) -> Point3 {
@@ -207,35 +207,29 @@ fn ring(tube: &Tube, z: f64, stride: usize) -> Vec<Oriented> {
         .collect()
 }
 
-/// The branches of a lumen and the samples of its whole surface.
+/// The branches of a lumen and the samples of its whole surface, row by row.
 pub(super) fn sampled(
     lumen: &Skin,
     wall_mm: f64,
     task: &Task<'_>,
-) -> Result<(Vec<Branch>, Vec<Sample>), Cancelled> {
+) -> Result<(Vec<Branch>, Vec<Vec<Sample>>), Cancelled> {
     let range = lumen.z_range_mm();
     let outward: Vec<&Tube> = lumen.tubes.iter().filter(|t| !is_hole(t)).collect();
     let branches: Vec<Branch> = outward.par_iter().map(|tube| Branch::new(tube, range, wall_mm)).collect();
     task.check()?;
-    let mut parts: Vec<Vec<Sample>> = branches
-        .par_iter()
-        .map(|branch| {
-            let mut samples = Vec::new();
-            branch.samples(&mut samples);
-            samples
-        })
-        .collect();
+    let mut rows: Vec<Vec<Sample>> = branches.iter().flat_map(Branch::samples).collect();
     for (branch, tube) in branches.iter().zip(&outward) {
         for &(z, body_below) in &branch.inner_ends {
-            parts.push(flat_end(tube, z, body_below));
+            rows.extend(flat_end(tube, z, body_below));
         }
     }
-    parts.extend(lumen.slabs.par_iter().map(slab_samples).collect::<Vec<_>>());
-    Ok((branches, parts.concat()))
+    let of_slabs: Vec<_> = lumen.slabs.par_iter().map(slab_samples).collect();
+    rows.extend(of_slabs.into_iter().flatten());
+    Ok((branches, rows))
 }
 
 /// Samples of a flat end: shrunk copies of its rim.
-fn flat_end(tube: &Tube, z: f64, body_below: bool) -> Vec<Sample> {
+fn flat_end(tube: &Tube, z: f64, body_below: bool) -> Vec<Vec<Sample>> {
     const RINGS: usize = 8;
     let rim = Contour::new(tube.surface.section(z).points());
     let centre = rim.centroid();
@@ -247,25 +241,19 @@ fn flat_end(tube: &Tube, z: f64, body_below: bool) -> Vec<Sample> {
             rim.points.iter().step_by(4).map(|p| (Point3::new(shrunk(p).x, shrunk(p).y, z), normal)).collect()
         })
         .collect();
-    let mut samples = Vec::new();
-    grid_samples(&rows, true, &mut samples);
-    samples
+    grid_samples(&rows, true)
 }
 
-fn slab_samples(slab: &Slab) -> Vec<Sample> {
-    let mut samples = Vec::new();
+fn slab_samples(slab: &Slab) -> Vec<Vec<Sample>> {
     // Seen along w a merge is mirrored.
     let sign = if slab.upward { 1.0 } else { -1.0 };
-    let mut add = |patch: &PatchSurface, n: [usize; 2]| {
-        grid_samples(&patch_grid(patch, n, sign), false, &mut samples);
-    };
-    for lateral in &slab.laterals {
-        add(lateral, [ARC_SAMPLES, SLAB_SAMPLES]);
-    }
+    let on = |patch: &PatchSurface, n: [usize; 2]| grid_samples(&patch_grid(patch, n, sign), false);
+    let mut rows: Vec<Vec<Sample>> =
+        slab.laterals.iter().flat_map(|lateral| on(lateral, [ARC_SAMPLES, SLAB_SAMPLES])).collect();
     if let Crotch::Saddle(saddle) = &slab.crotch {
-        add(saddle, [2 * SLAB_SAMPLES, 2 * SLAB_SAMPLES]);
+        rows.extend(on(saddle, [2 * SLAB_SAMPLES; 2]));
     }
-    samples
+    rows
 }
 
 /// Points and normals on a grid over a patch.

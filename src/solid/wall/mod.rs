@@ -11,7 +11,8 @@
 //! interpolated between the planes, as the lumen's are; planes beside it are left out until the skin is sound
 //! ([`sound`]).
 //!
-//! The wall so built is measured over its whole outer skin ([`thickness`]). Where it is not as thick as asked, sections
+//! The wall so built is measured over its whole outer skin ([`thickness`]), and samples of that, the thinnest and thickest among
+//! them, again on the lumen's surfaces themselves ([`verify`]). Where it is not as thick as asked, sections
 //! are added between the planes, then events without a crease are built on the exact distance itself, and what is
 //! nearest to the thickness asked for is kept; what is still off is told with its place, and a wall of less than half of
 //! t is refused.
@@ -33,6 +34,7 @@ mod sound;
 mod thickness;
 mod trace;
 mod union;
+mod verify;
 
 pub use thickness::Thickness;
 
@@ -395,7 +397,7 @@ impl<'a> Wall<'a> {
         let step_mm = TRACE_STEP * (radius + wall_mm);
         let whole =
             |feet| Self { lumen, wall_mm, branches, feet, step_mm, barred: Vec::new(), way: Way::default() };
-        Ok(Feet::try_new(samples).map(whole))
+        Ok(Feet::try_new(&samples).map(whole))
     }
 
     const fn tracer(&self) -> Tracer<'_> {

@@ -22,6 +22,10 @@ fn phantom(kind: Kind) -> SectionStack {
     stack((0..46).map(plane).collect())
 }
 
+fn plane_of(z_mm: f64, contour: Contour) -> PlaneSections {
+    PlaneSections { z_mm, contours: vec![contour] }
+}
+
 fn disk(x: f64, radius_mm: f64) -> Contour {
     Contour::circle(Point2::new(x, 0.0), radius_mm, 128)
 }
@@ -247,22 +251,60 @@ fn a_wall_of_less_than_half_of_what_was_asked_is_refused_with_its_place() {
     assert!(refused.contains("inside the lumen") && refused.contains("-1.0"), "{refused}");
 }
 
+#[test]
+fn distances_found_on_the_surfaces_are_those_of_the_closed_form_and_of_dense_sections() {
+    let pipe = with_wall(&stack((0..8).map(|k| plane_of(2.0 * f64::from(k), disk(0.0, 3.0))).collect()), 1.0);
+    for k in 0..40 {
+        let (sin, cos) = (0.41 * f64::from(k)).sin_cos();
+        let off_mm = 0.4 + 0.03 * f64::from(k);
+        let at = Point3::new((3.0 + off_mm) * cos, (3.0 + off_mm) * sin, 4.0 + 0.1 * f64::from(k));
+        let found = verify::distance_mm(&pipe.lumen, at, 1.1 * off_mm);
+        assert!((found - off_mm).abs() < 2e-5, "{found} {off_mm}");
+    }
+    let carotid = with_wall(&phantom(Kind::Carotid), 1.0);
+    let outer = carotid.outer.as_ref().unwrap();
+    let slices = Slices::of(&carotid, [64.0, 80.0]);
+    for z in [66.1, 68.03, 70.4, 72.9, 73.3, 74.2, 77.7] {
+        for point in outer.section(z, 1e-3).iter().flat_map(|c| c.points.iter().step_by(9)) {
+            let found = verify::distance_mm(&carotid.lumen, at_height(*point, z), 1.1);
+            let dense = slices.distance_mm(*point, z, 1.2);
+            assert!((found - dense).abs() < 1e-3, "{z} {point}: {found} {dense}");
+        }
+    }
+}
+
+#[test]
+fn a_wall_that_the_feet_take_for_thicker_than_it_is_is_told() {
+    let pipe =
+        |radius_mm: f64| stack((0..12).map(|k| plane_of(2.0 * f64::from(k), disk(0.0, radius_mm))).collect());
+    let (solid, thinner) = (with_wall(&pipe(3.0), 1.0), with_wall(&pipe(2.95), 1.0));
+    let measured = |lumen: &Skin| {
+        let feet = Wall::around(lumen, 1.0, &Task::quiet()).unwrap().unwrap().feet;
+        let outer = solid.outer.as_ref().unwrap();
+        thickness::measure(outer, &solid.lumen, &feet, 1.0, &Task::quiet()).unwrap().unwrap().thickness
+    };
+    let right = measured(&solid.lumen);
+    assert!(right.off_mm < 2e-4 && right.warning().is_none() && right.n_again > 60, "{right:?}");
+    let wrong = measured(&thinner.lumen);
+    assert!((wrong.off_mm - 0.05).abs() < 1e-3 && wrong.least_mm < 1.001, "{wrong:?}");
+    let text = wrong.warning().expect("5 % off").text;
+    assert!(text.contains("measured again in") && text.contains("0.050 mm off"), "{text}");
+}
+
 /// A level sheet of samples 0.3 mm apart.
-fn sheet(z: f64, up: f64, shift: f64, samples: &mut Vec<feet::Sample>) {
+fn sheet(z: f64, up: f64, shift: f64) -> Vec<Vec<feet::Sample>> {
     let row = |j: u32| {
         let at = |i: u32| Point3::new(0.3 * f64::from(i) + shift, 0.3 * f64::from(j) + shift, z);
         (0..12).map(|i| (at(i), Vector3::z() * up)).collect::<Vec<_>>()
     };
     let rows: Vec<_> = (0..12).map(row).collect();
-    feet::grid_samples(&rows, false, samples);
+    feet::grid_samples(&rows, false)
 }
 
 #[test]
 fn a_foot_is_on_the_nearer_sheet_wherever_its_samples_lie() {
-    let mut samples = Vec::new();
-    sheet(0.0, 1.0, 0.0, &mut samples);
-    sheet(2.005, -1.0, 0.15, &mut samples);
-    let feet = Feet::try_new(samples).unwrap();
+    let samples = [sheet(0.0, 1.0, 0.0), sheet(2.005, -1.0, 0.15)].concat();
+    let feet = Feet::try_new(&samples).unwrap();
     // In the middle between samples of the lower sheet, right below one of the upper sheet.
     let foot = feet.foot(Point3::new(1.65, 1.65, 1.0));
     assert!((foot.distance_mm - 1.0).abs() < 1e-9 && foot.at.z.abs() < 1e-9, "{foot:?}");
@@ -279,9 +321,8 @@ fn a_foot_is_on_the_surface_where_samples_are_much_closer_one_way_than_the_other
     let row = |(at, normal): (Point3, Vector3)| -> Vec<feet::Oriented> {
         (0..12).map(|i| (at + Vector3::y() * (0.6 * f64::from(i)), normal)).collect()
     };
-    let mut samples = Vec::new();
-    feet::grid_samples(&(0..=60).map(|k| row(groove(k))).collect::<Vec<_>>(), false, &mut samples);
-    let feet = Feet::try_new(samples).unwrap();
+    let rows: Vec<_> = (0..=60).map(|k| row(groove(k))).collect();
+    let feet = Feet::try_new(&feet::grid_samples(&rows, false)).unwrap();
     for (x, z) in [(0.0, 1.0), (0.03, 0.6), (-0.05, 1.4)] {
         let at = Point3::new(x, 3.3, z);
         let truth = (0..=60).map(|k| (at.xz() - groove(k).0.xz()).norm()).fold(f64::INFINITY, f64::min);
@@ -337,6 +378,8 @@ fn attempt(n_faults: usize, least_mm: f64, excess_mm3: f64) -> Attempt {
         most_at_mm: at,
         within_percent: 99.0,
         n_samples: 1000,
+        n_again: 96,
+        off_mm: 0.0,
     };
     let measured = Measured { thickness, excess_mm3, off_z_mm: Vec::new() };
     Attempt { lofted: Lofted::default(), planes: Vec::new(), n_faults, measured }
