@@ -6,11 +6,13 @@
 //! of handles that the branches make (Mäntylä, *An Introduction to Solid Modeling*, 1988).
 //!
 //! Crossings and orientation are tested in horizontal sections at all knots of all tubes, half-way between them and
-//! across every event: there all curves must be simple and apart, and go round the material once. Whether tubes keep clear of
-//! themselves and each other between those heights, too, is proved by [`unproved`], which tells where that cannot be; what the three
-//! patches of one event do between them a triangle test of the mesh sees.
+//! across every event: there all curves must be simple and apart, and go round the material once. That tubes keep clear of
+//! themselves and each other between those heights, too, is proved (`clearance`); where it cannot be, they are looked at from
+//! near by, and what does not cross there either is told by [`examined`]. What the three patches of one event do between them a
+//! triangle test of the mesh sees.
 
 use super::fault::MOST_FAULTS;
+use super::near::crossing_near;
 use super::sections::{Cutter, Piece, winding};
 use super::{Brep, Edge, Face, Fault, Invalid, Kind, Surface, TOLERANCE_MM, along, clearance};
 use crate::geom::{Point2, Point3, Vector2};
@@ -36,11 +38,20 @@ const SADDLE_SAMPLES: usize = 16;
 /// # Errors
 /// [`Invalid`] with the faults found, a hundred at most: kind, face and place.
 pub fn check(brep: &Brep) -> Result<(), Invalid> {
-    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
-    rayon::scope(|_| checked(brep))
+    examined(brep).map(drop)
 }
 
-fn checked(brep: &Brep) -> Result<(), Invalid> {
+/// The same, and where faces of a valid solid are not proved to keep clear of themselves and each other at every height
+/// (`clearance`): there they lie closer than can be told apart.
+///
+/// # Errors
+/// Those of [`check`].
+pub fn examined(brep: &Brep) -> Result<Vec<Fault>, Invalid> {
+    // On a thread of the pool: one from outside it would wait for another one to wake at every parallel step.
+    rayon::scope(|_| looked_at(brep))
+}
+
+fn looked_at(brep: &Brep) -> Result<Vec<Fault>, Invalid> {
     let mut faults = references(brep);
     // What follows would stumble over missing edges.
     if faults.is_empty() {
@@ -52,16 +63,16 @@ fn checked(brep: &Brep) -> Result<(), Invalid> {
         faults.extend(euler(brep));
         faults.extend(sections(brep, &Corners::of(brep)));
     }
+    let mut unproved = Vec::new();
+    if faults.is_empty() {
+        let corners = Corners::of(brep);
+        unproved = clearance::crossings(brep, &corners);
+        let near: Vec<Option<Fault>> =
+            unproved.par_iter().take(MOST_FAULTS).map(|place| crossing_near(brep, &corners, place)).collect();
+        faults.extend(near.into_iter().flatten());
+    }
     faults.truncate(MOST_FAULTS);
-    if faults.is_empty() { Ok(()) } else { Err(Invalid(faults)) }
-}
-
-/// Where faces of a boundary representation that [`check`] has passed are not proved to keep clear of themselves and each other at
-/// every height (`clearance`): there they meet, by micrometres between the heights that were looked at, or lie closer than can be
-/// told apart.
-#[must_use]
-pub fn unproved(brep: &Brep) -> Vec<Fault> {
-    clearance::crossings(brep, &Corners::of(brep))
+    if faults.is_empty() { Ok(unproved) } else { Err(Invalid(faults)) }
 }
 
 impl Brep {
@@ -328,7 +339,7 @@ fn degenerate(pieces: &[Piece]) -> Option<(Kind, usize, Point2)> {
 pub(super) struct Corners(Vec<Vec<usize>>);
 
 impl Corners {
-    fn of(brep: &Brep) -> Self {
+    pub(super) fn of(brep: &Brep) -> Self {
         let of_face = |face: &Face| {
             let edges = face.loops.iter().flat_map(|l| &l.coedges).map(|c| &brep.edges[c.edge]);
             let mut vertices: Vec<usize> = edges.flat_map(|e| [e.start, e.end]).collect();
@@ -351,11 +362,11 @@ impl Corners {
 }
 
 /// A chord of a section.
-struct Chord {
-    from: Point2,
-    to: Point2,
-    piece: usize,
-    index: usize,
+pub(super) struct Chord {
+    pub(super) from: Point2,
+    pub(super) to: Point2,
+    pub(super) piece: usize,
+    pub(super) index: usize,
 }
 
 fn crossing(pieces: &[Piece], corners: &Corners) -> Option<(Kind, usize, Point2)> {
@@ -377,7 +388,7 @@ fn crossing(pieces: &[Piece], corners: &Corners) -> Option<(Kind, usize, Point2)
 }
 
 /// Where two chords properly cross.
-fn cross(a: &Chord, b: &Chord) -> Option<Point2> {
+pub(super) fn cross(a: &Chord, b: &Chord) -> Option<Point2> {
     let (along, other) = (a.to - a.from, b.to - b.from);
     let side = |p: Point2| along.perp(&(p - a.from));
     let (s, t) = (side(b.from), side(b.to));

@@ -54,6 +54,49 @@ pub(super) fn crossings(brep: &Brep, corners: &Corners) -> Vec<Fault> {
     of_patches.chain(of_tubes).collect()
 }
 
+/// Two tubes, or one twice, that are not found to keep clear of each other, and the height.
+pub(crate) type Meeting = ([usize; 2], f64);
+
+/// Where tubes, z their parameter v, are not found to keep clear of themselves and each other; of those pairs one of which
+/// `is_asked`. Two may touch in the points that they share.
+pub(crate) fn meetings(
+    tubes: &[PatchSurface],
+    is_asked: &[bool],
+    shared: impl Fn([usize; 2]) -> Vec<Point3> + Sync,
+) -> Vec<Meeting> {
+    let ready: Vec<Ready<'_>> = tubes.par_iter().enumerate().map(|(i, s)| Ready::new(i, s, true)).collect();
+    let of_sheet = |sheet: &Sheet| {
+        let mut found: Vec<Meeting> = Vec::new();
+        if !sheet.tubes.iter().any(|&t| is_asked[t]) {
+            return found;
+        }
+        let strips = sheet.strips(&ready);
+        for (k, strip) in strips.iter().enumerate() {
+            if is_asked[strip.face] {
+                found.extend(within(strip).map(|at| ([strip.face; 2], at.z)));
+            }
+            for other in strips[..k].iter().filter(|o| is_asked[strip.face] || is_asked[o.face]) {
+                let pair = [strip.face, other.face];
+                found.extend(between(strip, other, Rows::Level, &shared(pair)).map(|at| (pair, at.z)));
+            }
+        }
+        found
+    };
+    sheets(&ready).par_iter().flat_map_iter(of_sheet).collect()
+}
+
+/// Where a strip of a tube meets itself.
+fn within(strip: &Strip<'_>) -> Option<Point3> {
+    let pair = Pair { rows: Rows::Level, shared: &[], budget: &Cell::new(MOST_COMPARISONS) };
+    Strips { pair, first: strip, second: strip }.simple(strip.all()).err()
+}
+
+/// Where two strips meet other than in the points that they share.
+fn between(first: &Strip<'_>, second: &Strip<'_>, rows: Rows, shared: &[Point3]) -> Option<Point3> {
+    let pair = Pair { rows, shared, budget: &Cell::new(MOST_COMPARISONS) };
+    Strips { pair, first, second }.apart(first.all(), second.all()).err()
+}
+
 /// A face made ready to be cut into strips.
 struct Ready<'a> {
     face: usize,
@@ -72,14 +115,17 @@ struct Piece {
 impl<'a> Ready<'a> {
     fn of(brep: &'a Brep, face: usize) -> Option<Self> {
         let of = &brep.faces[face].surface;
-        let surface = of.spline()?;
+        Some(Self::new(face, of.spline()?, matches!(of, Surface::Tube(_))))
+    }
+
+    fn new(face: usize, surface: &'a PatchSurface, is_tube: bool) -> Self {
         let [u, _] = surface.bases();
         let piece = |pair: &[f64]| {
             let first = u.at(0.5 * (pair[0] + pair[1])).first;
             Piece { first, thirds: thirds([pair[0], pair[1]]).map(|t| u.at(t)) }
         };
         let pieces = stops(u).windows(2).map(piece).collect();
-        Some(Self { face, surface, is_tube: matches!(of, Surface::Tube(_)), pieces })
+        Self { face, surface, is_tube, pieces }
     }
 
     /// The strip between two values of v, no knot between them.
@@ -246,14 +292,13 @@ impl Look<'_> {
         self.corners.meet(a.face, b.face)
     }
 
-    fn fault(self, strip: &Strip<'_>, found: Result<(), Point3>) -> Option<Fault> {
-        found.err().map(|at| self.brep.fault(Kind::Crossing, Some(strip.face), at))
+    fn fault(self, strip: &Strip<'_>, at: Point3) -> Fault {
+        self.brep.fault(Kind::Crossing, Some(strip.face), at)
     }
 
     /// Where a strip of a tube meets itself.
     fn within(self, strip: &Strip<'_>) -> Option<Fault> {
-        let pair = Pair { rows: Rows::Level, shared: &[], budget: &Cell::new(MOST_COMPARISONS) };
-        self.fault(strip, Strips { pair, first: strip, second: strip }.simple(strip.all()))
+        within(strip).map(|at| self.fault(strip, at))
     }
 
     /// Where two strips meet.
@@ -261,9 +306,7 @@ impl Look<'_> {
         if !overlap(first.z_mm, second.z_mm) {
             return None;
         }
-        let shared = self.shared(first, second);
-        let pair = Pair { rows, shared: &shared, budget: &Cell::new(MOST_COMPARISONS) };
-        self.fault(first, Strips { pair, first, second }.apart(first.all(), second.all()))
+        between(first, second, rows, &self.shared(first, second)).map(|at| self.fault(first, at))
     }
 
     /// Where the patches of different events meet.

@@ -16,13 +16,15 @@ mod caps;
 mod check;
 mod clearance;
 mod fault;
+mod near;
 mod patch;
 mod sections;
 #[cfg(test)]
 mod tests;
 mod volume;
 
-pub use check::{check, unproved};
+pub use check::{check, examined};
+pub(crate) use clearance::{Meeting, meetings};
 pub use fault::{Fault, Invalid, Kind};
 
 use crate::geom::{Point3, Vector3};

@@ -8,7 +8,7 @@ use std::cell::Cell;
 const MOST_HALVINGS: usize = 16;
 /// So far around a vertex that two faces share they may lie within a rounding of each other: curves of some millimetres' radius that
 /// touch in a point do.
-const TOUCH_MM: f64 = 5e-3;
+pub(super) const TOUCH_MM: f64 = 5e-3;
 
 /// A patch: rows of control points along u, one after the other in v, whose height they share where it is level.
 #[derive(Debug, Clone)]

@@ -1,3 +1,4 @@
+use super::check::Corners;
 use super::*;
 use crate::geom::{Contour, Point2, Point3, RigidTransform};
 use crate::phantom::{Kind as Vessels, Vessel};
@@ -180,8 +181,12 @@ fn tubes_that_cross_between_the_heights_that_are_looked_at_are_found() {
     // Of the sections at knots, half-way and at quarters, none crosses.
     let gap = |least: f64| move |z: f64| least + 0.4 * ((z - 1.875) / 3.0).powi(2);
     let crossings = |least: f64| {
-        let found = unproved(&rods(gap(least)));
+        let brep = rods(gap(least));
+        let corners = Corners::of(&brep);
+        let found = clearance::crossings(&brep, &corners);
         assert!(found.iter().all(|f| matches!(f.kind, Kind::Crossing)), "{found:?}");
+        let near = |place: &Fault| near::crossing_near(&brep, &corners, place);
+        assert!(found.is_empty() || found.iter().any(|place| near(place).is_some()), "{found:?}");
         found
     };
     for z in [1.5, 0.75, 2.25, 0.0, 3.0] {

@@ -35,6 +35,10 @@ const LEAST_ON_PATCH: f64 = 0.01;
 /// A place reaches so many times as far as the triangles that meet there.
 const REACH: f64 = 1.0;
 
+/// A mesh with more than so many times the triangles of the first one is not refined any more: what meets is no matter of
+/// how fine it is.
+const MOST_GROWTH: usize = 8;
+
 /// Shares of the deflection at which rows are set, one after the other until their mesh keeps it.
 const ROW_SHARES: [f64; 4] = [0.5, 0.25, 0.12, 0.06];
 
@@ -122,7 +126,7 @@ pub(super) fn row_by_row(
 /// Meshes a solid, again and again with less deflection where triangles meet, while they become fewer.
 fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, Error> {
     let mut finer = Vec::new();
-    let mut fewest = usize::MAX;
+    let (mut fewest, mut n_most) = (usize::MAX, None);
     loop {
         let made = match mesh_once(solid, how, &finer, task) {
             Err(Error::NotKept { patch: Some(patch), .. }) if densify(&mut finer, patch, how.deflection) => {
@@ -133,7 +137,11 @@ fn mended(solid: &Solid, how: &Tessellation, task: &Task<'_>) -> Result<Parted, 
         let mesh = closed_in_files(&made.mesh)?;
         let met = intersect::of_closed(&mesh, task)?;
         let Some(first) = met.first() else { return Ok(made.with(mesh)) };
-        if met.len() >= fewest || !refine(&mut finer, &mesh, &met, how.deflection) {
+        let most = *n_most.get_or_insert(MOST_GROWTH * mesh.triangles.len());
+        if met.len() >= fewest
+            || mesh.triangles.len() > most
+            || !refine(&mut finer, &mesh, &met, how.deflection)
+        {
             return Err(Error::SelfIntersecting { n: met.len(), at: first.at });
         }
         fewest = met.len();

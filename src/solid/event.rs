@@ -105,8 +105,16 @@ pub(super) fn contours_expected(source: &dyn EventSource, w: f64, n: impl Fn(usi
     if n(usual.len()) || source.frame().is_none() {
         return usual;
     }
-    let finer = FINER_GRIDS.iter().map(|finer| source.contours_on(w, *finer));
-    finer.into_iter().find(|found| n(found.len())).unwrap_or(usual)
+    contours_finer(source, w, n).unwrap_or(usual)
+}
+
+/// The contours on the first finer grid that shows as many as there should be.
+pub(super) fn contours_finer(
+    source: &dyn EventSource,
+    w: f64,
+    n: impl Fn(usize) -> bool,
+) -> Option<Vec<Contour>> {
+    FINER_GRIDS.iter().map(|finer| source.contours_on(w, *finer)).find(|found| n(found.len()))
 }
 
 /// Why an event could not be built.

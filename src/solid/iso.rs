@@ -2,7 +2,8 @@
 //!
 //! Cells of sixteen steps are split into four as long as the zero may pass through them (the fields here are near to
 //! signed distances: where the middle is farther from zero than the corners can be, the cell is empty), marching
-//! squares on the cells of one step, then Newton steps onto the zero. Cost: a few evaluations per step of length.
+//! squares on the cells of one step, then Newton steps onto the zero. A contour that leaves the cells so found is
+//! followed through those beside them. Cost: a few evaluations per step of length, on every field.
 
 use super::grid::Jet;
 use super::slab::root;
@@ -11,8 +12,9 @@ use crate::geom::{Bounds2, Contour, Point2, Vector2};
 /// Halvings from the coarsest cells to the finest.
 const LEVELS: u32 = 4;
 /// The steepest that a field usually rises, per mm: 1 for a distance, a little more where several are combined. Where a
-/// contour turns out not to be closed it rises more steeply somewhere, and every cell is looked at.
-const STEEPEST: f64 = 1.5;
+/// contour leaves the cells that such a field vanishes in it rises more steeply somewhere, and so it may elsewhere: then
+/// more cells are looked at.
+const STEEPEST: [f64; 2] = [1.5, 6.0];
 /// Least cosine of the angle by which the zero turns in a step along it; a value that is on it.
 const STEP_TURN: f64 = 0.95;
 const ON_ZERO: f64 = 1e-6;
@@ -41,6 +43,8 @@ struct Grid<'a> {
     next: Vec<u32>,
     /// Edges from which the contour goes on, as found.
     starts: Vec<u32>,
+    /// Whether a contour left the cells that were visited.
+    has_left: bool,
 }
 
 impl Grid<'_> {
@@ -127,14 +131,37 @@ impl Grid<'_> {
         from + (to - from) * root(|t| sign * (self.field)(from + (to - from) * t).value, 0.0, 1.0)
     }
 
+    /// The cell through which a contour goes on from an edge: the one on the side to whose left the edge leads outward.
+    /// `None` at the border.
+    fn cell_behind(&mut self, edge: usize) -> Option<[usize; 2]> {
+        let [(_, a), _] = self.ends(edge);
+        let (i, j) = ((edge / 2) % self.n_x, (edge / 2) / self.n_x);
+        let n_y = self.values.len() / self.n_x;
+        let (i, j) = match (edge.is_multiple_of(2), a < 0.0) {
+            (true, true) | (false, false) => (Some(i), Some(j)),
+            (true, false) => (Some(i), j.checked_sub(1)),
+            (false, true) => (i.checked_sub(1), Some(j)),
+        };
+        let (i, j) = (i?, j?);
+        (i + 1 < self.n_x && j + 1 < n_y).then_some([i, j])
+    }
+
     /// Follows the contour from an edge until it is back; `None` where it does not come back. Empty where it is too small
     /// to be a contour.
     fn follow(&mut self, start: u32) -> Option<Contour> {
         let mut points: Vec<Point2> = Vec::new();
         let mut at = start;
         let least = LEAST_SPACING * self.step_mm;
-        while at != NONE && self.next[at as usize] != NONE {
+        while at != start || points.is_empty() {
+            if self.next[at as usize] == NONE {
+                let [i, j] = self.cell_behind(at as usize)?;
+                self.march(i, j);
+                self.has_left = true;
+            }
             let next = std::mem::replace(&mut self.next[at as usize], NONE);
+            if next == NONE {
+                return None;
+            }
             let crossing = self.crossing(at as usize);
             let projected = project(self.field, crossing, self.step_mm);
             let is_far = (projected - crossing).norm() > FAR_PROJECTED * self.step_mm;
@@ -150,7 +177,7 @@ impl Grid<'_> {
         if points.len() < 4 {
             points.clear();
         }
-        (at == start).then(|| Contour::new(points))
+        Some(Contour::new(points))
     }
 }
 
@@ -159,22 +186,18 @@ impl Grid<'_> {
 /// some thousand of them.
 pub(super) fn contours(field: &dyn Fn(Point2) -> Jet, bounds: Bounds2, step_mm: f64) -> Vec<Contour> {
     let step_mm = step_mm.max(bounds.size().amax() / MOST_STEPS);
-    let quick = searched(field, bounds, step_mm, STEEPEST);
-    let found = if quick.iter().all(Option::is_some) {
-        quick
-    } else {
-        searched(field, bounds, step_mm, f64::INFINITY)
-    };
-    found.into_iter().flatten().filter(|c| !c.is_empty()).collect()
+    let [usual, steeper] = STEEPEST;
+    let (found, is_steep) = searched(field, bounds, step_mm, usual);
+    if is_steep { searched(field, bounds, step_mm, steeper).0 } else { found }
 }
 
-/// The contours in the cells that a field of this steepness may vanish in; `None` for one that is not closed.
+/// The contours that pass through the cells in which a field of this steepness may vanish, and whether one left those.
 fn searched(
     field: &dyn Fn(Point2) -> Jet,
     bounds: Bounds2,
     step_mm: f64,
     steepest: f64,
-) -> Vec<Option<Contour>> {
+) -> (Vec<Contour>, bool) {
     let coarsest = 1usize << LEVELS;
     #[expect(
         clippy::cast_possible_truncation,
@@ -193,20 +216,23 @@ fn searched(
         values: vec![f64::NAN; n_nodes],
         next: vec![NONE; 2 * n_nodes],
         starts: Vec::new(),
+        has_left: false,
     };
     for j in 0..n_y {
         for i in 0..n_x {
             grid.visit(i * coarsest, j * coarsest, LEVELS);
         }
     }
-    let starts = std::mem::take(&mut grid.starts);
     let mut found = Vec::new();
-    for start in starts {
+    let mut k = 0;
+    // Cells beside those visited may add further ones.
+    while let Some(&start) = grid.starts.get(k) {
         if grid.next[start as usize] != NONE {
-            found.push(grid.follow(start));
+            found.extend(grid.follow(start).filter(|c| !c.is_empty()));
         }
+        k += 1;
     }
-    found
+    (found, grid.has_left)
 }
 
 /// A point moved from `start` onto the zero of a field, if the zero runs about `along` there, with the inside to its left:
@@ -309,6 +335,21 @@ mod tests {
             (at, n) = (next, n + 1);
         }
         assert!((length_mm - (at.y - start.x)).abs() < 0.02 && n < 100, "{length_mm} mm in {n} steps");
+    }
+
+    #[test]
+    fn a_steep_field_costs_no_more_than_its_contour_is_long() {
+        let n_asked = std::cell::Cell::new(0usize);
+        let field = |p: Point2| {
+            n_asked.set(n_asked.get() + 1);
+            Jet { value: 20.0 * (p.coords.norm() - 1.0), slope: p.coords.normalize() * 20.0 }
+        };
+        let bounds = Bounds2 { min: Point2::new(-1.5, -1.5), max: Point2::new(1.5, 1.5) };
+        let step_mm = 0.004;
+        let [found] = &contours(&field, bounds, step_mm)[..] else { panic!("one disk") };
+        assert!((found.signed_area_mm2() - std::f64::consts::PI).abs() < 1e-4);
+        let steps = found.perimeter_mm() / step_mm;
+        assert!((n_asked.get() as f64) < 40.0 * steps, "{} for {steps} steps", n_asked.get());
     }
 
     #[test]

@@ -90,10 +90,10 @@ impl Lobe {
 
     /// The template's distance and its gradient.
     fn template(&self, p: Point2) -> Jet {
+        // The grid reaches beyond the outline: off it all is outside.
         self.distance.jet(p).unwrap_or_else(|| {
-            let value = self.outline.signed_distance_mm(p);
-            let away = p - self.outline.nearest(p).point;
-            Jet { value, slope: away / value.abs().max(1e-12) * value.signum() }
+            let foot = self.outline.nearest(p);
+            Jet { value: foot.distance_mm, slope: (p - foot.point) / foot.distance_mm.max(1e-12) }
         })
     }
 

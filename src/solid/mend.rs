@@ -8,160 +8,162 @@
 //! crossed any more. Sections half-way between disjoint ones are disjoint: in no point is the sum of the distances to
 //! two disjoint regions negative, and so neither is the mean of two such sums.
 //!
-//! Tubes that are sound are left as they are. What crosses still is found by `brep::check`.
+//! In the same way a tube crosses itself by micrometres where a corner of its contours wanders round it from section to
+//! section by more than its points are apart there: points that do not correspond overtake each other. With half the way
+//! from section to section it does so no more.
 //!
-//! Cost: three curves of each interval, and of each that it overlaps seen along z; some thousand distances where a section
-//! is added.
+//! Tubes that are proved to be sound ([`meetings`]) are left as they are. What crosses still is found by `brep::check`.
+//!
+//! Cost: that of the proof; some thousand distances where a section is added.
 
 use super::Error;
+use super::event::{Crotch, Slab};
 use super::grid::Jet;
 use super::iso;
-use super::skin::{GivenSection, Strand, Tube};
-use crate::geom::{Bounds2, Contour, Point2, SegmentIndex, Vector2};
-use crate::spline::TubeSurface;
-use crate::topology::{meet, meets_itself};
+use super::skin::{End, GivenSection, Strand, Tube, Welded};
+use crate::brep::{Meeting, meetings};
+use crate::geom::{Contour, Point2, Point3, SegmentIndex, Vector2};
+use crate::spline::PatchSurface;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Shares of an interval at which it is looked at.
-const SHARES: [f64; 3] = [0.5, 0.25, 0.75];
 /// Times that intervals are halved: a neck's last interval then is as short as those beside it.
 const ROUNDS: usize = 7;
-/// Points of a section at which it is looked at first, about: chords may meet where the curves do not.
-const POINTS: usize = 256;
-/// How far a tube may leave the box around two sections between them, over its size.
-const MARGIN: f64 = 0.1;
+/// Least distances of points, as fractions of the way round, that are tried one after the other where halving does not help.
+pub(super) const COARSER: [f64; 2] = [1.0 / 512.0, 1.0 / 256.0];
 /// Steps of the grid of an added section to its size.
 const STEPS: f64 = 160.0;
 
 /// Strands with their tubes, through as many further sections as they cross neither themselves nor each other between
-/// them with, or as can be told.
+/// them with, or as can be told; joined by `weld`. Where that does not help, `loft` is asked for points that are farther apart
+/// than the fractions `coarser` of the way round: a notch that retreats fast parts points that are close in it. What crosses
+/// in the fewest places is kept, the first of several.
 ///
 /// # Errors
 /// Those of `loft`.
 pub(super) fn mended(
-    mut lofted: Vec<(Strand, Tube)>,
-    loft: impl Fn(&Strand) -> Result<Tube, Error> + Sync,
-) -> Result<Vec<Tube>, Error> {
-    for _ in 0..ROUNDS {
-        let further = further(&lofted);
-        if further.iter().all(Vec::is_empty) {
+    lofted: Vec<(Strand, Tube)>,
+    coarser: &[f64],
+    loft: impl Fn(&Strand, f64) -> Result<Tube, Error> + Sync,
+    weld: impl Fn(Vec<Tube>) -> Welded,
+) -> Result<Welded, Error> {
+    let first = Attempt::of(lofted, &weld);
+    if first.meetings.is_empty() {
+        return Ok(first.welded);
+    }
+    let mut best = first.clone();
+    for least in std::iter::once(0.0).chain(coarser.iter().copied()) {
+        let mut now = first.clone();
+        if least > 0.0 {
+            let again = best.meeting().into_iter().map(|meets| meets.then(Vec::new)).collect();
+            now = now.changed(again, least, &loft, &weld)?;
+        }
+        for _ in 0..ROUNDS {
+            if now.meetings.len() < best.meetings.len() {
+                best = now.clone();
+            }
+            let further = now.further();
+            if further.iter().all(Option::is_none) {
+                break;
+            }
+            now = now.changed(further, least, &loft, &weld)?;
+        }
+        if now.meetings.len() < best.meetings.len() {
+            best = now;
+        }
+        if best.meetings.is_empty() {
             break;
         }
-        let denser = |((mut strand, tube), further): ((Strand, Tube), Vec<GivenSection>)| {
-            if further.is_empty() {
-                return Ok((strand, tube));
-            }
+    }
+    Ok(best.welded)
+}
+
+/// Tubes through strands, joined, and where they cross.
+#[derive(Clone)]
+struct Attempt {
+    lofted: Vec<(Strand, Tube)>,
+    welded: Welded,
+    meetings: Vec<Meeting>,
+}
+
+impl Attempt {
+    fn of(lofted: Vec<(Strand, Tube)>, weld: &impl Fn(Vec<Tube>) -> Welded) -> Self {
+        let welded = weld(lofted.iter().map(|(_, tube)| tube.clone()).collect());
+        let mut attempt = Self { lofted, welded, meetings: Vec::new() };
+        attempt.meetings = attempt.found(&vec![true; attempt.lofted.len()]);
+        attempt
+    }
+
+    /// Where tubes cross one of these, or one of these itself.
+    fn found(&self, is_asked: &[bool]) -> Vec<Meeting> {
+        let surfaces: Vec<PatchSurface> =
+            self.welded.tubes.par_iter().map(|tube| tube.surface.clamped()).collect();
+        meetings(&surfaces, is_asked, |pair| apexes(pair.map(|k| &self.welded.tubes[k]), &self.welded.slabs))
+    }
+
+    /// Which strands cross.
+    fn meeting(&self) -> Vec<bool> {
+        (0..self.lofted.len()).map(|k| self.meetings.iter().any(|(pair, _)| pair.contains(&k))).collect()
+    }
+
+    /// The same with further sections of some strands, which are lofted anew.
+    fn changed(
+        mut self,
+        further: Vec<Option<Vec<GivenSection>>>,
+        least: f64,
+        loft: &(impl Fn(&Strand, f64) -> Result<Tube, Error> + Sync),
+        weld: &impl Fn(Vec<Tube>) -> Welded,
+    ) -> Result<Self, Error> {
+        let is_new: Vec<bool> = further.iter().map(Option::is_some).collect();
+        let denser = |((mut strand, tube), further): ((Strand, Tube), Option<Vec<GivenSection>>)| {
+            let Some(further) = further else { return Ok((strand, tube)) };
             strand.sections.extend(further);
             strand.sections.sort_by(|a, b| a.0.total_cmp(&b.0));
-            loft(&strand).map(|tube| (strand, tube))
+            loft(&strand, least).map(|tube| (strand, tube))
         };
-        let all: Vec<Result<_, _>> = lofted.into_par_iter().zip(further).map(denser).collect();
-        lofted = all.into_iter().collect::<Result<_, _>>()?;
-    }
-    Ok(lofted.into_iter().map(|(_, tube)| tube).collect())
-}
-
-/// For each strand, sections in the middle of the intervals in which its tube crosses itself or another one.
-fn further(lofted: &[(Strand, Tube)]) -> Vec<Vec<GivenSection>> {
-    let all = Stacked::new((0..lofted.len()).flat_map(|k| Interval::of(lofted, k)), |i| i.z_mm);
-    let crossed: Vec<Vec<[usize; 2]>> = all.items.par_iter().map(|i| i.crossed(&all)).collect();
-    let mut found = vec![BTreeSet::new(); lofted.len()];
-    for [strand, section] in crossed.into_iter().flatten() {
-        found[strand].insert(section);
-    }
-    let halved = |(sections, (strand, _)): (BTreeSet<usize>, &(Strand, Tube))| -> Vec<GivenSection> {
-        let pairs = sections.into_iter().map(|k| [&strand.sections[k], &strand.sections[k + 1]]);
-        pairs.filter_map(|[low, high]| halfway(low, high)).collect()
-    };
-    found.into_par_iter().zip(lofted).map(halved).collect()
-}
-
-/// Things between two heights each, found by a height.
-struct Stacked<T> {
-    /// By their lower heights.
-    items: Vec<T>,
-    z_mm: Vec<[f64; 2]>,
-    /// For each the greatest upper height of all up to it.
-    highest_mm: Vec<f64>,
-}
-
-impl<T> Stacked<T> {
-    fn new(items: impl Iterator<Item = T>, z_mm: impl Fn(&T) -> [f64; 2]) -> Self {
-        let mut items: Vec<T> = items.collect();
-        items.sort_by(|a, b| z_mm(a)[0].total_cmp(&z_mm(b)[0]));
-        let z_mm: Vec<[f64; 2]> = items.iter().map(z_mm).collect();
-        let mut highest_mm: Vec<f64> = z_mm.iter().map(|z| z[1]).collect();
-        (1..highest_mm.len()).for_each(|i| highest_mm[i] = highest_mm[i].max(highest_mm[i - 1]));
-        Self { items, z_mm, highest_mm }
+        let all: Vec<Result<_, _>> = self.lofted.into_par_iter().zip(further).map(denser).collect();
+        self.lofted = all.into_iter().collect::<Result<_, _>>()?;
+        self.welded = weld(self.lofted.iter().map(|(_, tube)| tube.clone()).collect());
+        self.meetings.retain(|(pair, _)| pair.iter().all(|&k| !is_new[k]));
+        self.meetings.extend(self.found(&is_new));
+        Ok(self)
     }
 
-    /// Those that a height lies in or at the end of.
-    fn at(&self, height_mm: f64) -> impl Iterator<Item = &T> {
-        let n = self.z_mm.partition_point(|z| z[0] <= height_mm);
-        let near = (0..n).rev().take_while(move |&i| self.highest_mm[i] >= height_mm);
-        near.filter(move |&i| self.z_mm[i][1] >= height_mm).map(|i| &self.items[i])
-    }
-}
-
-/// A tube between two of its sections.
-struct Interval<'a> {
-    surface: &'a TubeSurface,
-    strand: usize,
-    /// The lower one of its sections.
-    section: usize,
-    z_mm: [f64; 2],
-    bounds: Bounds2,
-}
-
-impl<'a> Interval<'a> {
-    fn of(lofted: &'a [(Strand, Tube)], strand: usize) -> impl Iterator<Item = Self> {
-        let (Strand { sections, .. }, Tube { surface, .. }) = &lofted[strand];
-        sections.windows(2).enumerate().filter_map(move |(section, pair)| {
-            let bounds = pair[0].1.bounds()?.union(pair[1].1.bounds()?);
-            let bounds = bounds.grown(MARGIN * bounds.size().amax());
-            Some(Self { surface, strand, section, z_mm: [pair[0].0, pair[1].0], bounds })
-        })
-    }
-
-    /// The section at a height: some of its points, or all that the tube has there.
-    fn outline(&self, z_mm: f64, most_points: usize) -> Contour {
-        let points = self.surface.section(z_mm).points();
-        let stride = (points.len() / most_points).max(1);
-        Contour::new(points.into_iter().step_by(stride).collect())
-    }
-
-    fn crosses_itself(&self, z_mm: f64) -> bool {
-        [POINTS, usize::MAX].into_iter().all(|n| meets_itself(&self.outline(z_mm, n)))
-    }
-
-    fn crosses(&self, other: &Self, z_mm: f64) -> bool {
-        let apart = |n: usize| !meet(&self.outline(z_mm, n), &other.outline(z_mm, n));
-        ![POINTS, usize::MAX].into_iter().any(apart)
-    }
-
-    /// Strand and section of the intervals that cross at the heights at which this one is looked at; itself, if it
-    /// crosses itself.
-    fn crossed(&self, all: &Stacked<Self>) -> Vec<[usize; 2]> {
-        let [low, high] = self.z_mm;
-        let mut found = Vec::new();
-        for z_mm in SHARES.map(|share| low + share * (high - low)) {
-            if self.crosses_itself(z_mm) {
-                found.push([self.strand, self.section]);
-            }
-            let beside = all.at(z_mm).filter(|other| self.is_beside(other));
-            for other in beside.filter(|other| self.crosses(other, z_mm)) {
-                found.extend([[self.strand, self.section], [other.strand, other.section]]);
+    /// For each strand that crosses, sections in the middle of the intervals in which it does, if there are any.
+    fn further(&self) -> Vec<Option<Vec<GivenSection>>> {
+        let mut found = vec![BTreeSet::new(); self.lofted.len()];
+        for &(pair, z_mm) in &self.meetings {
+            for k in pair {
+                let sections = &self.lofted[k].0.sections;
+                let above = sections.partition_point(|section| section.0 <= z_mm);
+                found[k].insert(above.clamp(1, sections.len() - 1) - 1);
             }
         }
-        found
+        let halved = |(sections, (strand, _)): (BTreeSet<usize>, &(Strand, Tube))| {
+            let pairs = sections.into_iter().map(|k| [&strand.sections[k], &strand.sections[k + 1]]);
+            let added: Vec<GivenSection> = pairs.filter_map(|[low, high]| halfway(low, high)).collect();
+            (!added.is_empty()).then_some(added)
+        };
+        found.into_par_iter().zip(&self.lofted).map(halved).collect()
     }
+}
 
-    fn is_beside(&self, other: &Self) -> bool {
-        let (a, b) = (self.bounds, other.bounds);
-        let apart = a.min.x > b.max.x || b.min.x > a.max.x || a.min.y > b.max.y || b.min.y > a.max.y;
-        self.strand != other.strand && !apart
-    }
+/// The apexes of creases in which two tubes touch.
+fn apexes([first, second]: [&Tube; 2], slabs: &[Slab]) -> Vec<Point3> {
+    let creases = |tube: &Tube| {
+        let of_end = |end: End| match end {
+            End::Daughter { slab, .. } if slabs[slab].crotch == Crotch::Crease => Some(slab),
+            _ => None,
+        };
+        [tube.bottom, tube.top].map(of_end)
+    };
+    let others = creases(second);
+    let common = creases(first).into_iter().flatten().filter(|slab| others.contains(&Some(*slab)));
+    let apex = |slab: usize| {
+        let lateral = &slabs[slab].laterals[0];
+        lateral.at(lateral.u_range()[0], lateral.v_range()[1])
+    };
+    common.map(apex).collect()
 }
 
 /// The zero of the mean of two contours' signed distances; `None` where it is not one contour.
@@ -187,8 +189,9 @@ fn halfway((low_z, low): &GivenSection, (high_z, high): &GivenSection) -> Option
 
 #[cfg(test)]
 mod tests {
-    use super::super::skin::{Correspondence, End, skin};
+    use super::super::skin::{Correspondence, skin};
     use super::*;
+    use crate::topology::meet;
 
     #[test]
     fn the_section_half_way_between_two_disks_lies_between_them() {
@@ -202,20 +205,6 @@ mod tests {
             !middle.is_ccw() && (middle.signed_area_mm2() + 2.5 * 2.5 * std::f64::consts::PI).abs() < 0.05
         );
         assert!(halfway(&(0.0, disk(0.0, 1.0)), &(1.0, disk(9.0, 1.0))).is_none(), "nothing lies between");
-    }
-
-    #[test]
-    fn what_a_height_lies_in_is_found_and_nothing_else() {
-        let ranges: [[f64; 2]; 6] = [[4.0, 5.0], [0.0, 1.0], [1.0, 2.0], [0.5, 9.0], [2.0, 3.0], [0.2, 0.4]];
-        let stacked = Stacked::new(ranges.into_iter(), |r| *r);
-        for k in -2..=20 {
-            let height = 0.5 * f64::from(k);
-            let mut found: Vec<[f64; 2]> = stacked.at(height).copied().collect();
-            let mut expected: Vec<[f64; 2]> =
-                ranges.into_iter().filter(|r| r[0] <= height && height <= r[1]).collect();
-            [&mut found, &mut expected].into_iter().for_each(|all| all.sort_by(|a, b| a[0].total_cmp(&b[0])));
-            assert_eq!(found, expected, "{height}");
-        }
     }
 
     #[test]

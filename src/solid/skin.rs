@@ -4,7 +4,7 @@ use super::Error;
 use super::between::between;
 use super::event::{Crotch, Slab};
 use super::lean::{Leans, end_slopes};
-use super::mend::mended;
+use super::mend::{COARSER, mended};
 use super::spacing::{LEAST_COMPUTED, Notch, Round, SECTION_POINTS, fractions};
 use super::steady::steadying;
 use super::weld::{Weld, weld};
@@ -114,28 +114,54 @@ impl Strand {
 /// ask for them; between any, those without which tubes would cross. The tubes lean as `leans` say, one for each slab.
 pub(super) fn skin(
     strands: Vec<Strand>,
-    mut slabs: Vec<Slab>,
+    slabs: Vec<Slab>,
     leans: &[Leans],
     correspondence: Correspondence,
     is_measured: bool,
 ) -> Result<Skin, Error> {
     let least = if is_measured { 0.0 } else { LEAST_COMPUTED };
-    let loft = |strand: &Strand| tube(strand, &slabs, leans, Points { correspondence, least });
+    let loft_with =
+        |strand: &Strand, least: f64| tube(strand, &slabs, leans, Points { correspondence, least });
+    let loft = |strand: &Strand| loft_with(strand, least);
     let lofted: Vec<Result<(Strand, Tube), Error>> =
         strands.into_par_iter().map(|s| completed(s, &loft, correspondence, is_measured)).collect();
     let lofted = lofted.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let mut tubes = match correspondence {
-        Correspondence::LeastTwist => mended(lofted, loft)?,
-        Correspondence::Published => lofted.into_iter().map(|(_, tube)| tube).collect(),
+    let welded = match correspondence {
+        Correspondence::LeastTwist => {
+            let loft = |strand: &Strand, coarser: f64| loft_with(strand, least.max(coarser));
+            // What was measured must be met.
+            let farther_apart: &[f64] = if is_measured { &[] } else { &COARSER };
+            mended(lofted, farther_apart, loft, |tubes| Welded::of(tubes, slabs.clone()))?
+        }
+        Correspondence::Published => {
+            Welded::of(lofted.into_iter().map(|(_, tube)| tube).collect(), slabs.clone())
+        }
     };
-    let (welds, moved) = weld(&mut tubes, &mut slabs);
-    if let Some((slab, moved_mm)) = slabs.iter().zip(&moved).find(|(_, mm)| **mm > MOST_MOVED_MM) {
+    let Welded { tubes, slabs, welds, moved_mm } = welded;
+    if let Some((slab, moved_mm)) = slabs.iter().zip(&moved_mm).find(|(_, mm)| **mm > MOST_MOVED_MM) {
         let z_mm = slab.w_mm.map(|w| slab.z_of(w));
         let fault = BranchFault::Torn { moved_mm: *moved_mm };
         return Err(Error::Branch { z_mm: [z_mm[0].min(z_mm[1]), z_mm[0].max(z_mm[1])], fault });
     }
-    let moved_mm = moved.into_iter().fold(0.0, f64::max);
+    let moved_mm = moved_mm.into_iter().fold(0.0, f64::max);
     Ok(Skin { tubes, slabs, welds, moved_mm })
+}
+
+/// Tubes and slabs that have the curves between them in common.
+#[derive(Clone)]
+pub(super) struct Welded {
+    pub(super) tubes: Vec<Tube>,
+    pub(super) slabs: Vec<Slab>,
+    welds: Vec<Weld>,
+    /// How far the patches of each slab were moved at most, mm.
+    moved_mm: Vec<f64>,
+}
+
+impl Welded {
+    fn of(mut tubes: Vec<Tube>, mut slabs: Vec<Slab>) -> Self {
+        let (welds, moved_mm) = weld(&mut tubes, &mut slabs);
+        Self { tubes, slabs, welds, moved_mm }
+    }
 }
 
 /// A strand with the tube through its sections and through those that they ask for in between where they are measured.
@@ -224,7 +250,11 @@ fn lofted(
     let rounds: Vec<Round<'_>> =
         curves.iter().zip(starts_mm).map(|(curve, start_mm)| Round { curve, start_mm }).collect();
     let ends = [(strand.bottom, &rounds[0]), (strand.top, &rounds[rounds.len() - 1])];
-    let notches: Vec<Notch> = ends.into_iter().flat_map(|(end, round)| notches(end, slabs, round)).collect();
+    let mut notches: Vec<Notch> =
+        ends.into_iter().flat_map(|(end, round)| notches(end, slabs, round)).collect();
+    if points.least > LEAST_COMPUTED {
+        notches.clear();
+    }
     let fractions = fractions(&rounds, &notches, points.least);
     let sections: Vec<Vec<Point2>> = rounds.par_iter().map(|round| round.placed(&fractions)).collect();
     let mut seen: Vec<(f64, &[Point2])> = z.iter().copied().zip(sections.iter().map(Vec::as_slice)).collect();

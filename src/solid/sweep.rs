@@ -6,7 +6,7 @@
 //! them by a hair, so that they come to lie apart ([`super::bias`]).
 
 use super::critical::{Critical, Kind, criticals};
-use super::event::{EventFault, EventSource, Slab, contours_expected};
+use super::event::{EventFault, EventSource, Slab, contours_expected, contours_finer};
 use super::lean::Leans;
 use super::slab::{Bordered, build_slab, distance_from};
 use super::{bias, neck, tip};
@@ -168,11 +168,7 @@ impl Sweep<'_> {
         let steps = self.steps(criticals)?;
         let zones = self.zones(&steps);
         let (heights, counts) = self.counted(&steps, &zones);
-        let contours: Vec<Vec<Contour>> = heights
-            .par_iter()
-            .zip(counts)
-            .map(|(&w, count)| contours_expected(self.source, w, |n| count.is_none_or(|count| n == count)))
-            .collect();
+        let contours = self.contours(&heights, &counts)?;
         let at = |w: f64| {
             heights.iter().position(|h| h.to_bits() == w.to_bits()).map_or(&[][..], |k| &contours[k])
         };
@@ -207,6 +203,22 @@ impl Sweep<'_> {
             joints.push(Joint { waist, legs, slab, leans });
         }
         Ok(Swept { n_parts: tracks.n_parts, upper, joints, sections: tracks.sections })
+    }
+
+    /// The contours at these heights, as many as expected. Finer grids cost most: they are asked from the lowest height on, and
+    /// where one does not show what is expected, none is asked any more.
+    fn contours(&self, heights: &[f64], counts: &[Option<usize>]) -> Result<Vec<Vec<Contour>>, EventFault> {
+        let mut found: Vec<Vec<Contour>> = heights.par_iter().map(|&w| self.source.contours(w)).collect();
+        let is_strict = self.source.frame().is_some();
+        let is_other = |&k: &usize| is_strict && counts[k].is_some_and(|n| n != found[k].len());
+        let mut open: Vec<usize> = (0..heights.len()).filter(is_other).collect();
+        open.sort_by(|&a, &b| heights[a].total_cmp(&heights[b]));
+        for k in open {
+            let is_expected = |n: usize| counts[k].is_none_or(|expected| expected == n);
+            found[k] =
+                contours_finer(self.source, heights[k], is_expected).ok_or_else(|| self.lost(heights[k]))?;
+        }
+        Ok(found)
     }
 
     /// The heights at which contours are looked for, and how many there are; `None` where domes begin or end beside them.

@@ -8,7 +8,7 @@ use crate::app::event::Stage;
 use crate::app::session::{Made, Session, hash_of};
 use crate::app::settings::Body;
 use crate::app::{atomic, packed};
-use crate::brep::{self, Brep};
+use crate::brep::{self, Brep, Fault};
 use crate::ct::Warning;
 use crate::progress::Task;
 use crate::solid::{self, Sectioned, SkinChoice, Solid};
@@ -40,12 +40,11 @@ struct DocumentRef<'a> {
     solid: &'a Solid,
 }
 
-/// Tells of surfaces that may meet between the heights that the check looks at.
-fn unproved(brep: &Brep) -> Option<Warning> {
-    let places = brep::unproved(brep);
+/// Tells of surfaces that are not proved to keep clear of each other at every height.
+fn unproved(places: &[Fault]) -> Option<Warning> {
     let text = format!(
-        "{} where surfaces lie too close to be proved apart at every height, the first at {}: they may meet there by some \
-         micrometres; look at the contours near that height",
+        "{} where surfaces lie too close to be proved apart at every height, the first at {}: they may meet there by less \
+         than a micrometre; look at the contours near that height",
         counted(places.len(), "place"),
         places.first()?
     );
@@ -105,8 +104,7 @@ impl Session<'_> {
         let params = self.solid_params();
         let mut built = solid::build(self.sections()?, &params, task)?;
         let brep = Brep::of(&built.solid, SkinChoice::All);
-        brep::check(&brep)?;
-        built.warnings.extend(unproved(&brep));
+        built.warnings.extend(unproved(&brep::examined(&brep)?));
         let staging = self.case.staging()?;
         let document = DocumentRef { warnings: &built.warnings, solid: &built.solid };
         let bytes = packed::to_bytes(DOCUMENT, &document).expect("every list of a solid knows its length");
