@@ -66,7 +66,12 @@ impl Events {
         self.0.look.notify_one();
     }
 
-    /// Ends all streams, for good.
+    /// Lets streams begin, again after an end.
+    pub(super) fn begin(&self) {
+        self.0.is_ending.send_replace(false);
+    }
+
+    /// Ends all streams.
     pub fn end(&self) {
         self.0.is_ending.send_replace(true);
     }

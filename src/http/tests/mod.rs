@@ -43,6 +43,7 @@ pub(crate) fn limits() -> Limits {
         max_time: std::time::Duration::from_secs(5),
         max_silence: std::time::Duration::from_millis(300),
         at_once: 4,
+        reserve_bytes: 0,
     }
 }
 
