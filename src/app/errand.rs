@@ -99,7 +99,10 @@ impl Errand {
         let say = |told: Told| tell(hidden.hide(told));
         say(match self.done(&say, context) {
             Ok(result) => Told::Done { result },
-            Err(error) => Told::Failed { code: error.code().unwrap_or("app.failed").to_owned(), text: error.text_without_sources() },
+            Err(error) => Told::Failed {
+                code: error.code().unwrap_or("app.failed").to_owned(),
+                text: error.text_without_sources(),
+            },
         });
     }
 
@@ -153,15 +156,14 @@ impl Errand {
 
     /// Its paths, which nobody is told.
     fn hidden(&self) -> Hidden {
-        let shown = |path: &Path| path.display().to_string();
-        Hidden(match self {
-            Self::Inspect { folder } => vec![(shown(folder), "the folder")],
-            Self::Planes { folder, to, .. } => vec![(shown(folder), "the folder"), (shown(to), "the file")],
+        match self {
+            Self::Inspect { folder } => Hidden::new([(&**folder, "the folder")]),
+            Self::Planes { folder, to, .. } => Hidden::new([(&**folder, "the folder"), (&**to, "the file")]),
             Self::Stages { case, parameters, .. } => {
-                let ct = parameters.ct.as_deref().map(|ct| (shown(ct), "the CT"));
-                std::iter::once((shown(case), "the case")).chain(ct).collect()
+                let ct = parameters.ct.as_deref().map(|ct| (ct, "the CT"));
+                Hidden::new([(&**case, "the case")].into_iter().chain(ct))
             }
-        })
+        }
     }
 }
 
@@ -197,9 +199,14 @@ fn of_event(event: Event) -> Option<Told> {
 }
 
 /// Paths with what they are called instead.
-struct Hidden(Vec<(String, &'static str)>);
+#[derive(Debug)]
+pub(crate) struct Hidden(Vec<(String, &'static str)>);
 
 impl Hidden {
+    pub(crate) fn new<'a>(paths: impl IntoIterator<Item = (&'a Path, &'static str)>) -> Self {
+        Self(paths.into_iter().map(|(path, name)| (path.display().to_string(), name)).collect())
+    }
+
     fn hide(&self, told: Told) -> Told {
         match told {
             Told::Note { text } => Told::Note { text: self.text(&text) },
@@ -211,7 +218,7 @@ impl Hidden {
     }
 
     /// Words without the paths that are known; up to any other, for nobody knows where that one ends.
-    fn text(&self, text: &str) -> String {
+    pub(crate) fn text(&self, text: &str) -> String {
         let known =
             self.0.iter().fold(text.to_owned(), |text, (path, name)| text.replace(path.as_str(), name));
         let is_path = |word: &&str| word.trim_start_matches(['"', '\'', '(']).starts_with('/');

@@ -31,6 +31,8 @@ pub struct Config {
     pub watch: Option<Watch>,
     /// What is kept on the disk.
     pub disk: Disk,
+    /// Folders that CTs lie below.
+    pub ct_folders: Vec<PathBuf>,
 }
 
 /// What is listened to beside the socket.
@@ -186,6 +188,7 @@ impl Config {
             webhook: root.option("webhook_url", WEBHOOK, |v| url(v.as_str()?)),
             watch: root.within("watch").watch(),
             disk: root.within("disk").disk(),
+            ct_folders: root.within("cases").ct_folders(),
             printers,
         };
         keys.end(file)?;
@@ -236,6 +239,12 @@ impl Section<'_> {
         let submit = self.flag("submit", false);
         let still = self.seconds("still_s", 30, [0, 86_400]);
         folder.map(|folder| Watch { folder, submit, still })
+    }
+
+    fn ct_folders(&mut self) -> Vec<PathBuf> {
+        let absolute = |v: &Value| Some(PathBuf::from(v.as_str()?)).filter(|path| path.is_absolute());
+        let all = |v: &Value| v.as_array()?.iter().map(absolute).collect();
+        self.option("ct_folders", "a list of absolute paths", all).unwrap_or_default()
     }
 
     fn disk(&mut self) -> Disk {

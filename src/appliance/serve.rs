@@ -13,6 +13,7 @@ use super::system::System;
 use super::watch;
 use super::watchman::{self, Guarded, Watchman};
 use crate::http::appliance::{PrinterDesk, Unheard, Wished};
+use crate::http::cases::{self, Cases};
 use crate::http::files::{Files, Limits};
 use crate::http::keys::Keys;
 use crate::http::serve::Listeners;
@@ -71,6 +72,16 @@ pub async fn serve(setup: Setup, asked: channel::Receiver<Option<OnStop>>) -> Re
     let (printers, PrinterDesk { lives, wishes }) = Printers::channel();
     let mut app = Appliance::new(store.clone(), printers, files.clone(), keys);
     app.clock = clock;
+    let (threads, nice) = (config.prepare.threads, config.prepare.nice);
+    let of_cases = cases::Setup {
+        ct_folders: config.ct_folders.clone(),
+        state: layout.dir().to_owned(),
+        program: program.clone(),
+        threads,
+        nice,
+    };
+    let cases = Cases::open(of_cases, app.events.clone()).map_err(failed(layout.dir().to_owned()))?;
+    app.cases = Some(cases);
     let listen = Listen { socket: Some(layout.socket()), tcp: addresses(&config, &app.keys) };
     let listeners = Listeners::bind(&listen, &app.keys).await?;
     let (news, postman) = News::new(clock, config.webhook.clone());

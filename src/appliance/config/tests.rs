@@ -78,6 +78,7 @@ fn the_sample_says_every_key_with_its_default() {
         (default.prepare, default.on_stop, default.http.max_upload_bytes, default.disk)
     );
     assert!(shown.webhook.is_some() && printer.baud.is_some() && printer.material.is_some());
+    assert!(!shown.ct_folders.is_empty());
     assert_eq!(shown.watch.map(|watch| watch.still), Some(Duration::from_secs(30)));
-    assert_eq!(all.matches(" = ").count(), 27, "a key was added: say it in deploy/config.toml");
+    assert_eq!(all.matches(" = ").count(), 28, "a key was added: say it in deploy/config.toml");
 }

@@ -141,6 +141,9 @@ pub async fn serve<S: Store>(
         Err(error) => tracing::warn!("server: the folder of files cannot be read: {error}"),
     }
     app.events.begin();
+    if let Some(cases) = &app.cases {
+        cases.begin();
+    }
     let (events, told) = (app.events.clone(), app.clone());
     let mut parts = JoinSet::new();
     parts.spawn(async move { events.tell(&told, at).await });
@@ -156,6 +159,9 @@ pub async fn serve<S: Store>(
     };
     end.send_replace(true);
     app.events.end();
+    if let Some(cases) = &app.cases {
+        cases.end();
+    }
     let is_whole = ended_early.is_none();
     let mut panics: Vec<_> = ended_early.and_then(Result::err).into_iter().collect();
     for set in [&mut parts, &mut tidying] {
