@@ -68,6 +68,8 @@ async fn a_case_is_begun_corrected_built_sliced_and_queued() {
     let told =
         serde_json::to_string(&(client.tasks().await.unwrap(), client.cases().await.unwrap())).unwrap();
     assert!(!told.contains(dir.path().to_str().unwrap()), "{told}");
+    client.remove_case(&begun.case).await.unwrap();
+    assert!(client.cases().await.unwrap().cases.is_empty());
     Command::new("kill").arg(server.id().to_string()).status().unwrap();
     server.wait().unwrap();
 }

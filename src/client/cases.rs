@@ -105,6 +105,14 @@ impl Client {
         self.get(&format!("/api/v1/cases/{case}")).await
     }
 
+    /// Removes a case for good.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn remove_case(&self, case: &Handle) -> Result<(), Error> {
+        self.way.call(Method::DELETE, &format!("/api/v1/cases/{case}"), None).await
+    }
+
     /// Begins a case.
     ///
     /// # Errors

@@ -94,7 +94,7 @@ fn routes<S: Store>() -> Vec<(&'static str, MethodRouter<Appliance<S>>)> {
         ("/api/v1/tasks", get(cases::routes::tasks::<S>)),
         ("/api/v1/tasks/{id}", get(cases::routes::task::<S>).delete(cases::routes::cancel_task::<S>)),
         ("/api/v1/cases", get(cases::routes::list::<S>).post(cases::routes::begin::<S>)),
-        ("/api/v1/cases/{id}", get(cases::routes::show::<S>)),
+        ("/api/v1/cases/{id}", get(cases::routes::show::<S>).delete(cases::routes::remove::<S>)),
         ("/api/v1/cases/{id}/stages", post(cases::routes::stages::<S>)),
         ("/api/v1/cases/{id}/files/{name}", get(cases::routes::file::<S>)),
         ("/api/v1/cases/{id}/jobs", post(cases::routes::queue::<S>)),

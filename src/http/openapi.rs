@@ -19,7 +19,7 @@ use utoipa::{Modify, openapi};
         printers::plan,
         status::status, status::health, status::whoami, status::events, status::keys, status::add_key, status::remove_key,
         routes::folders, routes::find_folder, routes::folder, routes::inspect, routes::read_volume, routes::volume, pixels::plane,
-        routes::tasks, routes::task, routes::cancel_task, routes::list, routes::begin, routes::show, routes::stages, routes::file,
+        routes::tasks, routes::task, routes::cancel_task, routes::list, routes::begin, routes::show, routes::remove, routes::stages, routes::file,
         routes::queue,
         document,
     )

@@ -83,6 +83,11 @@ impl Kept {
         if case::is_case(&dir) { Ok(dir) } else { Err(nothing_of_this_name()) }
     }
 
+    /// Removes a case. Blocks.
+    pub(super) fn remove(&self, case: &Handle) -> Result<(), Problem> {
+        fs::remove_dir_all(self.case(case)?).map_err(|e| Problem::inside("removing a case", &e.kind()))
+    }
+
     /// All cases. Blocks.
     pub(super) fn cases(&self) -> Result<Vec<CaseView>, Problem> {
         let failed = |e: io::Error| Problem::inside("listing the cases", &e.kind());

@@ -78,6 +78,10 @@ fn new_handle() -> Result<Handle, Problem> {
     Ok(Handle::of(chance))
 }
 
+fn in_use() -> Problem {
+    Problem::conflict("http.case_in_use", "a task works on this case: wait for its end, or cancel it")
+}
+
 fn nothing_of_this_name() -> Problem {
     let message = "there is nothing of this name, or not any more: look again";
     Problem::new(StatusCode::NOT_FOUND, "http.not_found", message)

@@ -11,7 +11,7 @@ use super::super::wire::case::{
     SeriesBody, StagesBody, TaskKind, TaskList, TaskView, VolumeView,
 };
 use super::tasks::New;
-use super::{Cases, nothing_of_this_name};
+use super::{Cases, in_use, nothing_of_this_name};
 use crate::app::Stage;
 use crate::app::errand::{self, Errand};
 use crate::app::settings::CaseFile;
@@ -100,8 +100,7 @@ pub(in crate::http) async fn read_volume<S: Store>(
 ) -> Result<(StatusCode, Json<TaskView>), Problem> {
     let cases = cases(&app)?;
     let folder = folder_of(&cases, handle(&id)?).await?;
-    let files = app.files.clone();
-    on_disk(move || files.check_room(1)).await?;
+    check_room(&app).await?;
     let (volume, to) = cases.0.kept.new_volume()?;
     let errand = Errand::Planes { folder, series, allow_gaps, to };
     let kept = cases.clone();
@@ -181,6 +180,7 @@ pub(in crate::http) async fn begin<S: Store>(
 ) -> Result<(StatusCode, Json<Begun>), Problem> {
     let cases = cases(&app)?;
     let mut parameters = checked(parameters)?;
+    check_room(&app).await?;
     match folder {
         Some(folder) => parameters.ct = Some(folder_of(&cases, folder).await?),
         None if parameters.phantom.is_some() => {}
@@ -208,6 +208,22 @@ pub(in crate::http) async fn show<S: Store>(
     Ok(Json(CaseView { task, ..view }))
 }
 
+/// Removes a case for good. What the queue has made of it stays; a job of it that is not prepared yet fails.
+#[utoipa::path(delete, path = "/api/v1/cases/{id}", tag = "cases", params(("id" = String, Path, description = "Name of the case")),
+    responses((status = 204, description = "It is gone"), (status = "4XX", body = ErrorBody)))]
+pub(in crate::http) async fn remove<S: Store>(
+    State(app): State<Appliance<S>>,
+    _operator: Operator,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    let (cases, id) = (cases(&app)?, handle(&id)?);
+    if cases.0.tasks.of_case(&id).is_some() {
+        return Err(in_use());
+    }
+    on_disk(move || cases.0.kept.remove(&id)).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
 /// Does stages of a case, with corrections put over its parameters.
 #[utoipa::path(post, path = "/api/v1/cases/{id}/stages", tag = "cases", params(("id" = String, Path, description = "Name of the case")),
     request_body = StagesBody, responses((status = 202, body = TaskView), (status = "4XX", body = ErrorBody)))]
@@ -219,6 +235,7 @@ pub(in crate::http) async fn stages<S: Store>(
 ) -> Result<(StatusCode, Json<TaskView>), Problem> {
     let (cases, id) = (cases(&app)?, handle(&id)?);
     let parameters = checked(parameters)?;
+    check_room(&app).await?;
     let (found, case) = (cases.clone(), id.clone());
     let dir = on_disk(move || found.0.kept.case(&case)).await?;
     begun(cases.stages(&id, dir, last, parameters)?)
@@ -276,6 +293,12 @@ impl Cases {
             finish: Box::new(Ok),
         })
     }
+}
+
+/// Refuses what would need room that is not there.
+async fn check_room<S: Store>(app: &Appliance<S>) -> Result<(), Problem> {
+    let files = app.files.clone();
+    on_disk(move || files.check_room(1)).await
 }
 
 async fn folder_of(cases: &Cases, folder: Handle) -> Result<PathBuf, Problem> {

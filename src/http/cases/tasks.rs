@@ -4,7 +4,7 @@ use super::super::error::Problem;
 use super::super::events::Events;
 use super::super::wire::Fault;
 use super::super::wire::case::{Handle, Notice, TaskKind, TaskState, TaskView};
-use super::{Setup, new_handle, nothing_of_this_name};
+use super::{Setup, in_use, new_handle, nothing_of_this_name};
 use crate::app::errand::{Errand, Told};
 use rustix::process::{Pid, Signal, kill_process, setpriority_process};
 use serde_json::Value;
@@ -77,8 +77,7 @@ impl Tasks {
             let mut known = self.lock();
             let live = |known: &&Known| !known.view.state.is_over();
             if view.case.is_some() && known.iter().filter(live).any(|known| known.view.case == view.case) {
-                let message = "a task works on this case: wait for its end, or cancel it";
-                return Err(Problem::conflict("http.case_in_use", message));
+                return Err(in_use());
             }
             if known.iter().filter(live).count() > MOST_WAITING {
                 return Err(Problem::busy("http.too_many_tasks", "too many tasks wait: cancel some", 10));
