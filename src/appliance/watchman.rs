@@ -12,10 +12,10 @@ use tokio::task::{JoinError, JoinHandle, JoinSet};
 use tokio::time::{Instant, sleep};
 
 /// A part that ended is started again after so long, longer each time; one that lived so long starts from the beginning.
-const REST: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(30)];
-const LONG_LIFE: Duration = Duration::from_secs(600);
-/// So often in a row; then the server ends, and whoever started it starts it anew.
-const MOST_RESTARTS: u32 = 10;
+pub(super) const REST: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(30)];
+pub(super) const LONG_LIFE: Duration = Duration::from_secs(60);
+/// So often in a row; then the server ends once its prints have, and whoever started it starts it anew: see `StartLimitBurst=` of the unit.
+pub(super) const MOST_RESTARTS: u32 = 10;
 
 /// Whether and how something ends.
 pub(super) type End = watch::Receiver<Option<OnStop>>;
@@ -23,19 +23,47 @@ pub(super) type End = watch::Receiver<Option<OnStop>>;
 /// Parts of a server.
 pub(super) type Parts = JoinSet<Result<(), Error>>;
 
+/// How long a part that fails rests before it is started again, and how often it is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patience {
+    pub(super) rest: Duration,
+    pub(super) n_left: u32,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        let [rest, _] = REST;
+        Self { rest, n_left: MOST_RESTARTS }
+    }
+}
+
+impl Patience {
+    /// How long a part rests that lived so long; `None`: it is given up.
+    pub(super) fn rest_after(&mut self, lived: Duration) -> Option<Duration> {
+        if lived > LONG_LIFE {
+            *self = Self::default();
+        }
+        self.n_left = self.n_left.checked_sub(1)?;
+        let [_, longest] = REST;
+        let rest = self.rest;
+        self.rest = (2 * rest).min(longest);
+        Some(rest)
+    }
+}
+
 /// A part that is started again when it fails.
 #[derive(Debug, Clone)]
 pub(super) struct Guarded {
     part: &'static str,
     counters: Counters,
     end: End,
-    rest: [Duration; 2],
+    patience: Patience,
 }
 
 impl Guarded {
     /// Once `end` is told it is not started again.
-    pub(super) const fn new(part: &'static str, counters: Counters, end: End) -> Self {
-        Self { part, counters, end, rest: REST }
+    pub(super) fn new(part: &'static str, counters: Counters, end: End) -> Self {
+        Self { part, counters, end, patience: Patience::default() }
     }
 
     pub(super) async fn run<F, E>(mut self, mut start: impl FnMut() -> F + Send) -> Result<(), Error>
@@ -43,8 +71,6 @@ impl Guarded {
         F: Future<Output = Result<(), E>> + Send + 'static,
         E: Into<Error> + Send + 'static,
     {
-        let [mut rest, longest] = self.rest;
-        let mut n_restarts = 0;
         loop {
             let began = Instant::now();
             // A task of its own: a panic ends it alone.
@@ -56,18 +82,12 @@ impl Guarded {
                 Err(panicked) => tracing::error!("server: {} ended: {panicked}", self.part),
             }
             self.counters.count_restart();
-            if began.elapsed() > LONG_LIFE {
-                ([rest, _], n_restarts) = (self.rest, 0);
-            }
-            n_restarts += 1;
-            if n_restarts > MOST_RESTARTS {
-                return Err(Error::GaveUp { part: self.part });
-            }
+            let gave_up = Error::GaveUp { part: self.part };
+            let rest = self.patience.rest_after(began.elapsed()).ok_or(gave_up)?;
             tokio::select! {
                 () = sleep(rest) => {}
                 () = ended(&mut self.end) => return Ok(()),
             }
-            rest = (2 * rest).min(longest);
         }
     }
 }
@@ -213,8 +233,8 @@ mod tests {
     #[tokio::test]
     async fn a_part_is_started_again_some_times_in_a_row_and_then_given_up() {
         let (_end, ending) = watch::channel(None);
-        let guarded =
-            Guarded { rest: [Duration::ZERO; 2], ..Guarded::new("a part", Counters::default(), ending) };
+        let patience = Patience { rest: Duration::ZERO, n_left: MOST_RESTARTS };
+        let guarded = Guarded { patience, ..Guarded::new("a part", Counters::default(), ending) };
         let n_starts = Arc::new(AtomicU32::new(0));
         let counted = Arc::clone(&n_starts);
         let start = move || {

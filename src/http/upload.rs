@@ -240,7 +240,8 @@ impl FormPart<'_> {
 
     async fn file(&mut self, files: &Files) -> Result<Source, Problem> {
         let kind = FileKind::of(self.field.file_name().ok_or_else(no_file)?)?;
-        let mut part = files.begin()?;
+        let files = files.clone();
+        let mut part = on_disk(move || files.begin()).await?;
         let mut waiting: Vec<Bytes> = Vec::new();
         let mut n_waiting = 0;
         while let Some(bytes) = self.bytes().await? {
