@@ -1,7 +1,5 @@
 //! The service manager hears that the server lives, whatever its queue waits for: else it would kill prints.
 
-#![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
-
 use lumenfab::client::Client;
 use lumenfab::http::wire::{Added, WishesBody};
 use lumenfab::queue::Reason;

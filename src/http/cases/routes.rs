@@ -86,7 +86,7 @@ pub(in crate::http) async fn inspect<S: Store>(
     let cases = cases(&app)?;
     let folder = folder_of(&cases, handle(&id)?).await?;
     let (kind, errand) = (TaskKind::Inspect, Errand::Inspect { folder });
-    begun(cases.0.tasks.begin(New { kind, case: None, errand, finish: Box::new(Ok) })?)
+    Ok(accepted(cases.0.tasks.begin(New { kind, case: None, errand, finish: Box::new(Ok) })?))
 }
 
 /// Reads a series, so that its planes can be looked at; the task's result has the volume. The last two volumes are kept.
@@ -108,7 +108,7 @@ pub(in crate::http) async fn read_volume<S: Store>(
         result["volume"] = json!(kept.0.kept.keep_volume(&volume)?);
         Ok(result)
     });
-    begun(cases.0.tasks.begin(New { kind: TaskKind::Planes, case: None, errand, finish })?)
+    Ok(accepted(cases.0.tasks.begin(New { kind: TaskKind::Planes, case: None, errand, finish })?))
 }
 
 /// The geometry of a volume.
@@ -152,7 +152,7 @@ pub(in crate::http) async fn cancel_task<S: Store>(
     _operator: Operator,
     Path(id): Path<String>,
 ) -> Result<(StatusCode, Json<TaskView>), Problem> {
-    begun(cases(&app)?.0.tasks.cancel(&handle(&id)?)?)
+    Ok(accepted(cases(&app)?.0.tasks.cancel(&handle(&id)?)?))
 }
 
 /// All cases.
@@ -238,7 +238,7 @@ pub(in crate::http) async fn stages<S: Store>(
     check_room(&app).await?;
     let (found, case) = (cases.clone(), id.clone());
     let dir = on_disk(move || found.0.kept.case(&case)).await?;
-    begun(cases.stages(&id, dir, last, parameters)?)
+    Ok(accepted(cases.stages(&id, dir, last, parameters)?))
 }
 
 /// A document or picture of a case: one of those that the case lists.
@@ -306,8 +306,8 @@ async fn folder_of(cases: &Cases, folder: Handle) -> Result<PathBuf, Problem> {
     on_disk(move || cases.0.folders.path(&folder)).await
 }
 
-fn begun(task: TaskView) -> Result<(StatusCode, Json<TaskView>), Problem> {
-    Ok((StatusCode::ACCEPTED, Json(task)))
+const fn accepted(task: TaskView) -> (StatusCode, Json<TaskView>) {
+    (StatusCode::ACCEPTED, Json(task))
 }
 
 /// Keys of a case file that may be said over a network.
