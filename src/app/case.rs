@@ -163,6 +163,26 @@ struct Record {
     told: Told,
 }
 
+/// A case as it lies there, looked at without holding it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Look {
+    /// Its parameters, defaults filled in.
+    pub parameters: CaseFile,
+    /// The stages that were done, in order, and what each told. Whether they are up to date is not looked at.
+    pub told: Vec<(Stage, Told)>,
+}
+
+/// Looks at a case, which another process may be working on.
+///
+/// # Errors
+/// [`CaseError`] where its files are damaged.
+pub fn look(dir: &Path) -> Result<Look, CaseError> {
+    let (id, settings) = read_settings(&dir.join(CASE_FILE))?;
+    let manifest = read_manifest(&dir.join(MANIFEST_FILE))?;
+    let told = manifest.into_iter().map(|(stage, record)| (stage, record.told)).collect();
+    Ok(Look { parameters: CaseFile::of_case(&id, &settings), told })
+}
+
 /// What a stage told the operator once it was done; told again where it is kept.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Told {

@@ -9,6 +9,7 @@
 pub mod atomic;
 pub mod case;
 pub mod commanded;
+pub mod errand;
 pub mod error;
 pub mod event;
 pub mod packed;

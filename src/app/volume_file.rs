@@ -6,7 +6,10 @@
 use crate::ct::{Volume, Voxels};
 use crate::geom::{Bounds2, RigidTransform};
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
+use std::path::Path;
 
 /// Farther from the origin nothing lies, mm.
 const FARTHEST_MM: f64 = 1e6;
@@ -16,7 +19,7 @@ const MAGIC: &[u8] = b"lumenfab volume 1\n";
 /// How far the kept image reaches beyond the lumen: a thick wall and something of what surrounds it, mm.
 pub const MARGIN_MM: f64 = 12.0;
 
-#[derive(Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Header {
     dims: [usize; 3],
     origin_xy_mm: [f64; 2],
@@ -107,6 +110,16 @@ fn range(volume: &Volume, axis: usize, from_mm: f64, to_mm: f64) -> Range<usize>
 /// The bytes of the file.
 #[must_use]
 pub fn to_bytes(volume: &Volume) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(volume, &mut bytes).expect("memory takes all that is written");
+    bytes
+}
+
+/// Writes the file.
+///
+/// # Errors
+/// What the system says.
+pub fn write(volume: &Volume, to: &mut impl Write) -> io::Result<()> {
     let header = Header {
         dims: volume.dims,
         origin_xy_mm: volume.origin_xy_mm,
@@ -115,11 +128,134 @@ pub fn to_bytes(volume: &Volume) -> Vec<u8> {
         slab_thickness_mm: volume.slab_thickness_mm,
         patient_from_stack: volume.patient_from_stack,
     };
-    let mut bytes = MAGIC.to_vec();
-    bytes.extend(serde_json::to_vec(&header).expect("finite numbers can be written as JSON"));
-    bytes.push(b'\n');
-    bytes.extend(volume.hu.iter().flat_map(f32::to_le_bytes));
-    bytes
+    to.write_all(MAGIC)?;
+    serde_json::to_writer(&mut *to, &header)?;
+    to.write_all(b"\n")?;
+    volume.hu.iter().try_for_each(|hu| to.write_all(&hu.to_le_bytes()))?;
+    to.flush()
+}
+
+/// Longest header that is believed, bytes.
+const MAX_HEADER: u64 = 1 << 20;
+
+/// A plane across an axis of the volume's voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Across {
+    /// All rows and columns of a plane of the CT.
+    Z,
+    /// The same row of all planes.
+    Y,
+    /// The same column of all planes.
+    X,
+}
+
+/// A volume file of which single planes are read (IO).
+#[derive(Debug)]
+pub struct Planes {
+    file: File,
+    header: Header,
+    /// Where the intensities begin, bytes.
+    start: u64,
+}
+
+impl Planes {
+    /// Opens a file; its header is checked against its length.
+    ///
+    /// # Errors
+    /// What the system says; `InvalidData` where it is no volume file.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let wrong = |e: VolumeFileError| io::Error::new(io::ErrorKind::InvalidData, e);
+        let mut reader = BufReader::new(File::open(path)?);
+        let mut magic = vec![0; MAGIC.len()];
+        reader.read_exact(&mut magic)?;
+        let mut line = Vec::new();
+        reader.by_ref().take(MAX_HEADER).read_until(b'\n', &mut line)?;
+        if magic != MAGIC {
+            return Err(wrong(VolumeFileError::Foreign));
+        }
+        let header: Header =
+            serde_json::from_slice(&line).map_err(|e| wrong(VolumeFileError::Header(e.to_string())))?;
+        header.check().map_err(wrong)?;
+        let (start, file) = (reader.stream_position()?, reader.into_inner());
+        let expected = header.dims.iter().try_fold(4_u64, |product, &n| product.checked_mul(n as u64));
+        if expected.is_none_or(|expected| file.metadata().is_ok_and(|found| found.len() != start + expected))
+        {
+            return Err(wrong(VolumeFileError::Header("the file is not as long as it says".into())));
+        }
+        Ok(Self { file, header, start })
+    }
+
+    /// Columns, rows, planes.
+    #[must_use]
+    pub const fn dims(&self) -> [usize; 3] {
+        self.header.dims
+    }
+
+    /// Distance of columns and of rows, mm.
+    #[must_use]
+    pub const fn pixel_spacing_xy_mm(&self) -> [f64; 2] {
+        self.header.pixel_spacing_xy_mm
+    }
+
+    /// Heights of the planes along their normal, mm.
+    #[must_use]
+    pub fn plane_z_mm(&self) -> &[f64] {
+        &self.header.plane_z_mm
+    }
+
+    /// From the stack's frame, in which pixels lie at `origin_xy_mm` and on, to the patient's (LPS).
+    #[must_use]
+    pub const fn place(&self) -> ([f64; 2], RigidTransform) {
+        (self.header.origin_xy_mm, self.header.patient_from_stack)
+    }
+
+    /// Intensities of a plane of the CT, row by row.
+    ///
+    /// # Errors
+    /// What the system says; `InvalidInput` where there is no such plane.
+    pub fn plane(&mut self, k: usize) -> io::Result<Vec<f32>> {
+        self.cut(Across::Z, k)
+    }
+
+    /// Intensities of a plane across an axis, row by row; across x and y a row is a plane of the CT, the lowest first.
+    ///
+    /// # Errors
+    /// What the system says; `InvalidInput` where there is no such plane.
+    pub fn cut(&mut self, across: Across, index: usize) -> io::Result<Vec<f32>> {
+        let [nx, ny, nz] = self.dims();
+        let n = match across {
+            Across::Z => nz,
+            Across::Y => ny,
+            Across::X => nx,
+        };
+        if index >= n {
+            let problem = format!("found plane {index}, expected one from 0 to {}", n - 1);
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
+        }
+        match across {
+            Across::Z => self.values(index * nx * ny, nx * ny),
+            Across::Y => {
+                let rows: io::Result<Vec<_>> =
+                    (0..nz).map(|k| self.values((k * ny + index) * nx, nx)).collect();
+                Ok(rows?.concat())
+            }
+            Across::X => {
+                let mut all = Vec::with_capacity(ny * nz);
+                for k in 0..nz {
+                    let plane = self.values(k * nx * ny, nx * ny)?;
+                    all.extend(plane.iter().skip(index).step_by(nx));
+                }
+                Ok(all)
+            }
+        }
+    }
+
+    fn values(&mut self, first: usize, n: usize) -> io::Result<Vec<f32>> {
+        self.file.seek(SeekFrom::Start(self.start + 4 * first as u64))?;
+        let mut bytes = vec![0; 4 * n];
+        self.file.read_exact(&mut bytes)?;
+        Ok(bytes.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect())
+    }
 }
 
 /// Reads the file.
@@ -172,6 +308,26 @@ mod tests {
     #[test]
     fn a_volume_reads_back() {
         assert_eq!(from_bytes(&to_bytes(&volume())).unwrap(), volume());
+    }
+
+    #[test]
+    fn single_planes_are_read_from_the_disk_across_any_axis() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("volume.bin");
+        std::fs::write(&path, to_bytes(&volume())).unwrap();
+        let mut planes = Planes::open(&path).unwrap();
+        assert_eq!((planes.dims(), planes.plane_z_mm()), ([5, 4, 3], &[1.0, 4.0, 7.0][..]));
+        let numbers = |values: std::ops::Range<u8>| values.map(f32::from).collect::<Vec<_>>();
+        assert_eq!(planes.plane(1).unwrap(), numbers(20..40));
+        let rows = [numbers(5..10), numbers(25..30), numbers(45..50)].concat();
+        assert_eq!(planes.cut(Across::Y, 1).unwrap(), rows);
+        let columns = [2, 7, 12, 17, 22, 27, 32, 37, 42, 47, 52, 57].map(|n| n as f32);
+        assert_eq!(planes.cut(Across::X, 2).unwrap(), columns);
+        assert_eq!(planes.plane(3).unwrap_err().kind(), io::ErrorKind::InvalidInput);
+        std::fs::write(&path, &to_bytes(&volume())[..300]).unwrap();
+        assert_eq!(Planes::open(&path).unwrap_err().kind(), io::ErrorKind::InvalidData);
+        std::fs::write(&path, "x").unwrap();
+        assert!(Planes::open(&path).is_err());
     }
 
     #[test]

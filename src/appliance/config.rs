@@ -29,6 +29,10 @@ pub struct Config {
     pub webhook: Option<Webhook>,
     /// A folder whose files become jobs.
     pub watch: Option<Watch>,
+    /// What is kept on the disk.
+    pub disk: Disk,
+    /// Folders that CTs lie below.
+    pub ct_folders: Vec<PathBuf>,
 }
 
 /// What is listened to beside the socket.
@@ -82,6 +86,17 @@ pub struct Watch {
     pub folder: PathBuf,
     /// Whether they go into the queue at once, or stay drafts.
     pub submit: bool,
+    /// For so long a file has not changed before it is taken.
+    pub still: Duration,
+}
+
+/// What is kept on the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Disk {
+    /// While less is free, nothing is uploaded or prepared, bytes.
+    pub reserve_bytes: u64,
+    /// What belongs to a job is removed so long after its end.
+    pub keep: Duration,
 }
 
 /// A printer.
@@ -172,6 +187,8 @@ impl Config {
             on_stop: root.choice("on_stop", OnStop::Finish, &OnStop::WORDS),
             webhook: root.option("webhook_url", WEBHOOK, |v| url(v.as_str()?)),
             watch: root.within("watch").watch(),
+            disk: root.within("disk").disk(),
+            ct_folders: root.within("cases").ct_folders(),
             printers,
         };
         keys.end(file)?;
@@ -220,7 +237,20 @@ impl Section<'_> {
         let absolute = |v: &Value| Some(PathBuf::from(v.as_str()?)).filter(|path| path.is_absolute());
         let folder = self.option("folder", "an absolute path", absolute);
         let submit = self.flag("submit", false);
-        folder.map(|folder| Watch { folder, submit })
+        let still = self.seconds("still_s", 30, [0, 86_400]);
+        folder.map(|folder| Watch { folder, submit, still })
+    }
+
+    fn ct_folders(&mut self) -> Vec<PathBuf> {
+        let absolute = |v: &Value| Some(PathBuf::from(v.as_str()?)).filter(|path| path.is_absolute());
+        let all = |v: &Value| v.as_array()?.iter().map(absolute).collect();
+        self.option("ct_folders", "a list of absolute paths", all).unwrap_or_default()
+    }
+
+    fn disk(&mut self) -> Disk {
+        let reserve_mb: u64 = self.whole("reserve_mb", 512, [0, 1 << 20]);
+        let keep_days: u64 = self.whole("keep_days", 30, [1, 36_500]);
+        Disk { reserve_bytes: reserve_mb << 20, keep: Duration::from_secs(86_400 * keep_days) }
     }
 
     fn printer(&mut self) -> PrinterConfig {

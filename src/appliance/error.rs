@@ -2,7 +2,7 @@
 
 use super::config::Faults;
 use crate::http::keys::KeysError;
-use crate::http::serve::BindError;
+use crate::http::serve::{BindError, ServeError};
 use crate::{profile, store};
 use std::path::PathBuf;
 
@@ -54,12 +54,15 @@ pub enum Error {
     /// What is listened to.
     #[error(transparent)]
     Bind(#[from] BindError),
+    /// The faces.
+    #[error(transparent)]
+    Faces(#[from] ServeError),
     /// The system gives no threads.
     #[error("cannot start what the server needs: {0}: close other programs and try again")]
     Runtime(std::io::Error),
     /// A part of the server ended again and again.
     #[error(
-        "{part} ended too often: look into the log; the printers were seen to, and jobs are as they were"
+        "{part} ended too often: look into the log; what printed has ended as on_stop says, or is taken up by the next server"
     )]
     GaveUp {
         /// The part.
@@ -87,6 +90,7 @@ impl Error {
             Self::Store(error) => error.code(),
             Self::Keys(_) => "serve.keys",
             Self::Bind(_) => "serve.bind",
+            Self::Faces(_) => "serve.faces",
             Self::Runtime(_) => "serve.runtime",
             Self::GaveUp { .. } => "serve.gave_up",
         }

@@ -8,6 +8,7 @@ use crate::http::metrics::Counters;
 use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Request};
 use crate::store::{Error, Store};
 use jiff::Timestamp;
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -94,4 +95,11 @@ pub(super) fn reason(text: &str) -> Reason {
 pub(super) async fn ended(stopping: &mut watch::Receiver<Option<OnStop>>) {
     // Where the sender is gone, it has ended, too.
     stopping.wait_for(Option::is_some).await.ok();
+}
+
+/// Does something that waits for a disk, or for a share that may not answer for ever, beside the async tasks.
+pub(super) async fn on_disk<T: Send + 'static>(
+    work: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> io::Result<T> {
+    tokio::task::spawn_blocking(work).await.unwrap_or_else(|panicked| Err(io::Error::other(panicked)))
 }

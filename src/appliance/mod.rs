@@ -10,22 +10,24 @@
 //!
 //! - [`place`]: the state directory, which one server has alone;
 //! - [`config`]: what the operator decides (pure);
-//! - [`serve()`]: the parts, started again when they fail, and the graceful end;
+//! - [`serve()`]: the parts, and the graceful end; `watchman`: they are started again when they fail;
 //! - `printing`: a part for each printer, with the order of a print that makes it safe;
 //! - `preparing`: jobs to G-code; `survey`: what G-code tells (pure);
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder
-//!   whose files become jobs; `system`: the service manager;
+//!   whose files become jobs; `keeping`: what is over goes from the disk; `system`: the service manager;
 //! - `kit`: what they share;
 //! - [`backup()`], [`restore()`]: the directory as one file, and back.
 //!
 //! Asked to stop, the server takes no new work, gives back what is not begun, and finishes, parks or cancels its prints as
-//! the configuration says; it never drops one cold. Killed, it leaves to the next server what is in the queue, the journals and the
+//! the configuration says; it never drops one cold, and does not either where a part of it cannot be started any more: it ends then as if
+//! it had been asked to. Killed, it leaves to the next server what is in the queue, the journals and the
 //! job folders: see `printing`.
 
 mod backup;
 mod clearing;
 pub mod config;
 mod error;
+mod keeping;
 mod kit;
 mod live;
 mod notify;
@@ -38,6 +40,7 @@ mod system;
 #[cfg(test)]
 mod tests;
 mod watch;
+mod watchman;
 
 pub use backup::{Restored, Saved, backup, restore};
 pub use error::Error;

@@ -14,7 +14,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use std::time::Duration;
 use tokio::net::TcpStream;
-use tokio::sync::mpsc;
+use tokio::sync::{Mutex, mpsc};
 use tokio::time::{sleep, timeout};
 
 /// Documents that may wait.
@@ -47,7 +47,7 @@ impl News {
     pub(super) fn new(clock: fn() -> Timestamp, webhook: Option<Webhook>) -> (Self, Option<Postman>) {
         let Some(webhook) = webhook else { return (Self { clock, hook: None }, None) };
         let (hook, told) = mpsc::channel(MOST_WAITING);
-        (Self { clock, hook: Some(hook) }, Some(Postman { webhook, told }))
+        (Self { clock, hook: Some(hook) }, Some(Postman { webhook, told: Mutex::new(told) }))
     }
 
     pub(super) fn tell(&self, event: &'static str, printer: Option<&Name>, job: Option<JobId>, text: &str) {
@@ -69,13 +69,15 @@ impl News {
 #[derive(Debug)]
 pub(super) struct Postman {
     webhook: Webhook,
-    told: mpsc::Receiver<Told>,
+    /// Kept while it is started again.
+    told: Mutex<mpsc::Receiver<Told>>,
 }
 
 impl Postman {
     /// Until nobody is left who could tell something.
-    pub(super) async fn run(mut self) {
-        while let Some(told) = self.told.recv().await {
+    pub(super) async fn run(&self) {
+        let mut waiting = self.told.lock().await;
+        while let Some(told) = waiting.recv().await {
             self.carry(&told).await;
         }
     }
@@ -156,7 +158,7 @@ mod tests {
         let port = listener.local_addr().unwrap().port();
         let webhook = Webhook { host: "127.0.0.1".into(), port, path: "/hook?k=1".into() };
         let (news, postman) = News::new(|| Timestamp::UNIX_EPOCH, Some(webhook));
-        let carrying = tokio::spawn(postman.unwrap().run());
+        let carrying = tokio::spawn(async move { postman.unwrap().run().await });
         let job = JobId::at(Timestamp::UNIX_EPOCH, [7; 10]);
         news.tell("printed", Name::try_new("left").ok().as_ref(), Some(job), "done");
         let ok = "HTTP/1.1 204 No Content\r\n\r\n";

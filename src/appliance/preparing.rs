@@ -4,7 +4,8 @@
 //! nice to the rest of the machine, has few threads, and is ended when it takes too long. What comes of it lies in the job's own folder.
 
 use super::config::Prepare;
-use super::kit::{Kit, ended};
+use super::keeping::has_room;
+use super::kit::{Kit, ended, on_disk};
 use super::place;
 use super::survey::Survey;
 use crate::http::files::{FileSpec, Files};
@@ -57,11 +58,14 @@ impl<S: Store> Worker<S> {
             self.work(claimed).await?;
         }
         while self.kit.stopping().is_none() {
-            match self.kit.store.claim(Claimant::Worker(self.name.clone()), self.kit.now()).await {
-                Ok(Some(claimed)) => self.work(claimed).await?,
-                Err(store::Error::Gone) => return Err(store::Error::Gone),
-                Ok(None) => {}
-                Err(error) => tracing::debug!(worker = %self.name, "prepare: no job: {error}"),
+            // What cannot be written is not begun: it would fail.
+            if has_room(&self.files).await {
+                match self.kit.store.claim(Claimant::Worker(self.name.clone()), self.kit.now()).await {
+                    Ok(Some(claimed)) => self.work(claimed).await?,
+                    Err(store::Error::Gone) => return Err(store::Error::Gone),
+                    Ok(None) => {}
+                    Err(error) => tracing::debug!(worker = %self.name, "prepare: no job: {error}"),
+                }
             }
             tokio::select! {
                 () = sleep(LOOK) => {}
@@ -120,13 +124,17 @@ impl<S: Store> Worker<S> {
             .map_err(|_other| "its specification is of another version")?;
         let source = self.files.path(&file).ok_or("its specification names no file of this server")?;
         let dir = self.kit.layout.job(job.id);
-        place::make(&dir).map_err(|_no_room| "its folder cannot be made: look at the disk")?;
+        let made = on_disk(move || place::make(&dir).map_err(io::Error::other)).await;
+        made.map_err(|_no_room| "its folder cannot be made: look at the disk")?;
         let gcode = self.kit.layout.gcode(job.id);
         match spec.kind() {
-            SpecKind::Gcode => take_over(&source, &gcode).map_err(|e| lost_file(&e))?,
+            SpecKind::Gcode => {
+                let to = gcode.clone();
+                on_disk(move || take_over(&source, &to)).await.map_err(|e| lost_file(&e))?;
+            }
             SpecKind::Mesh => self.child(&source, self.slice(&source, &gcode, job)).await?,
             SpecKind::Case => {
-                let case = std::fs::read_link(&source).map_err(|e| lost_file(&e))?;
+                let case = on_disk(move || std::fs::read_link(source)).await.map_err(|e| lost_file(&e))?;
                 self.case(&case, &gcode).await?;
             }
         }

@@ -1,44 +1,42 @@
-//! The server as a whole: its parts, what becomes of one that ends, the end of all.
+//! The server as a whole: its parts, and the end of all.
 
 use super::Error;
 use super::config::{Config, OnStop, PrinterConfig};
-use super::kit::{Kit, ended};
+use super::keeping::Keeper;
+use super::kit::{Kit, ended, on_disk};
 use super::live::Lives;
-use super::notify::News;
+use super::notify::{News, Postman};
 use super::place::Place;
 use super::preparing::Worker;
 use super::printing::{self, Station};
 use super::system::System;
 use super::watch;
+use super::watchman::{self, Guarded, Watchman};
 use crate::http::appliance::{PrinterDesk, Unheard, Wished};
+use crate::http::cases::{self, Cases};
 use crate::http::files::{Files, Limits};
 use crate::http::keys::Keys;
 use crate::http::serve::Listeners;
 use crate::http::{self, Appliance, Edge, Listen, Printers};
 use crate::queue::Name;
-use crate::store::{self, Sqlite, Store};
+use crate::store::{Sqlite, Store};
 use jiff::Timestamp;
 use std::collections::BTreeMap;
+use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, mpsc, watch as channel};
-use tokio::task::JoinSet;
-use tokio::time::{Instant, sleep};
+use tokio::time::interval;
 
 /// Wishes that may wait for one printer.
 const MOST_WISHES: usize = 16;
 /// How often holders that are not heard of are looked for, and the directory is touched.
 const SWEEP: Duration = Duration::from_secs(15);
-/// A part that ended is started again after so long, longer each time; one that lived so long starts from the beginning.
-const REST: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(30)];
-const LONG_LIFE: Duration = Duration::from_secs(600);
-/// How long the end waits for a print that is given up, and for the webhook.
+/// How long the end waits for a print that is given up, and for faces and webhook.
 const LAST_PRINT: Duration = Duration::from_secs(120);
-const LAST_NEWS: Duration = Duration::from_secs(5);
-/// So often in a row; then the server ends, and whoever started it starts it anew.
-const MOST_RESTARTS: u32 = 10;
+const LAST_NEWS: Duration = Duration::from_secs(15);
 
 /// What a server is started with.
 #[derive(Debug)]
@@ -56,63 +54,77 @@ pub struct Setup {
 /// Serves until it is asked to stop; a second wish may be stricter than the first.
 ///
 /// # Errors
-/// [`Error`]: it could not be started, or a part of it ended too often.
-pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) -> Result<(), Error> {
+/// [`Error`]: it could not be started, or a part of it ended too often; its prints have ended as `on_stop` says then.
+pub async fn serve(setup: Setup, asked: channel::Receiver<Option<OnStop>>) -> Result<(), Error> {
     let Setup { place, config, program, clock } = setup;
     let layout = Arc::new(place.layout().clone());
     let machines: Result<Vec<_>, _> =
         config.printers.iter().map(|p| printing::machine(p, &program)).collect();
     let machines = machines?;
-    let limits = Limits { max_bytes: config.http.max_upload_bytes, ..Limits::default() };
+    let (max_bytes, reserve_bytes) = (config.http.max_upload_bytes, config.disk.reserve_bytes);
+    let limits = Limits { max_bytes, reserve_bytes, ..Limits::default() };
     let failed = |path: PathBuf| move |source| Error::Io { path, source };
     let files = Files::open(&layout.files(), limits).map_err(failed(layout.files()))?;
     let keys = Keys::open(&layout.keys())?;
     let queue = layout.queue();
     let store = tokio::task::spawn_blocking(move || Sqlite::open(&queue)).await;
-    let store = store.map_err(|panicked| Error::Runtime(std::io::Error::other(panicked)))??;
+    let store = store.map_err(|panicked| Error::Runtime(io::Error::other(panicked)))??;
     let (printers, PrinterDesk { lives, wishes }) = Printers::channel();
     let mut app = Appliance::new(store.clone(), printers, files.clone(), keys);
     app.clock = clock;
+    let (threads, nice) = (config.prepare.threads, config.prepare.nice);
+    let of_cases = cases::Setup {
+        ct_folders: config.ct_folders.clone(),
+        state: layout.dir().to_owned(),
+        program: program.clone(),
+        threads,
+        nice,
+    };
+    let cases = Cases::open(of_cases, app.events.clone()).map_err(failed(layout.dir().to_owned()))?;
+    app.cases = Some(cases);
     let listen = Listen { socket: Some(layout.socket()), tcp: addresses(&config, &app.keys) };
     let listeners = Listeners::bind(&listen, &app.keys).await?;
     let (news, postman) = News::new(clock, config.webhook.clone());
-    let kit = Kit {
-        store: store.clone(),
-        layout,
-        clock,
-        program,
-        stopping,
-        events: app.events.clone(),
-        counters: app.counters.clone(),
-        news,
-    };
-    let mut parts = Parts { kit: kit.clone(), lives: Arc::new(lives), files, works: JoinSet::new() };
+    let (end, stopping) = channel::channel(None);
+    let (events, counters) = (app.events.clone(), app.counters.clone());
+    let kit = Kit { store: store.clone(), layout, clock, program, stopping, events, counters, news };
+    let lives = Arc::new(lives);
     let turns: Vec<_> = machines.iter().map(printing::Machine::turn).collect();
+    let mut parts =
+        Parts { kit: kit.clone(), lives: Arc::clone(&lives), files, works: watchman::Parts::new() };
     // Before anybody can ask for them.
     parts.begin(&config, machines, wishes, place.unwatched_s()).await?;
-    let postman = postman.map(|postman| tokio::spawn(postman.run()));
-    let (end_faces, faces_end) = tokio::sync::oneshot::channel::<()>();
-    let faces = tokio::spawn(http::serve(listeners, app, Edge::default(), async {
-        // Dropped or sent: the faces end.
-        faces_end.await.ok();
-    }));
-    let served = parts.watch_over(&place).await;
-    drop(parts);
+    let (over, is_over) = channel::channel(None);
+    let mut servants = Servants { kit, is_over, servants: watchman::Parts::new() };
+    servants.faces(app, listen, listeners);
+    servants.sweeper(place);
+    servants.postman(postman);
+    let Servants { kit, servants, .. } = servants;
+    let Parts { works, .. } = parts;
+    let on_stop = config.on_stop;
+    let mut watchman = Watchman { system: System::default(), works, servants, asked, end, on_stop };
+    let served = watchman.run(|| status(&lives)).await;
     // A print whose part has ended is being given up: its heaters go off first.
     for turn in turns {
         tokio::time::timeout(LAST_PRINT, turn.lock()).await.ok();
     }
-    end_faces.send(()).ok();
-    if let Err(panicked) = faces.await {
-        tracing::error!("server: {panicked}");
-    }
+    over.send_replace(Some(on_stop));
     // The last clone of the news goes with the kit; then the webhook has all there is.
     drop(kit);
-    if let Some(postman) = postman {
-        tokio::time::timeout(LAST_NEWS, postman).await.ok();
-    }
+    let all_ended = async { while watchman.servants.join_next().await.is_some() {} };
+    tokio::time::timeout(LAST_NEWS, all_ended).await.ok();
     store.close().await;
     served
+}
+
+/// One line for the service manager.
+fn status(lives: &Lives) -> String {
+    let lives = lives.borrow();
+    let words = lives.iter().map(|live| match live.done {
+        Some(done) => format!("{}: {:.0} %", live.name, 100.0 * done),
+        None => format!("{}: {:?}", live.name, live.activity).to_lowercase(),
+    });
+    words.collect::<Vec<_>>().join(", ")
 }
 
 /// Without keys nobody could be let in; they are made over the socket.
@@ -130,7 +142,7 @@ struct Parts {
     kit: Kit<Sqlite>,
     lives: Lives,
     files: Files,
-    works: JoinSet<Result<(), Error>>,
+    works: watchman::Parts,
 }
 
 impl Parts {
@@ -155,8 +167,7 @@ impl Parts {
                 wishes: Arc::new(Mutex::new(wishes)),
             };
             berth.station().await.introduce(unwatched_s).await?;
-            let guarded = Guarded { part: "a printer's part", kit: self.kit.clone() };
-            self.works.spawn(guarded.run(move || {
+            self.works.spawn(self.guarded("a printer's part").run(move || {
                 let berth = berth.clone();
                 async move { berth.station().await.run().await }
             }));
@@ -164,13 +175,20 @@ impl Parts {
         self.workers(config, filament_mm);
         if let Some(watch) = config.watch.clone() {
             let kit = self.kit.clone();
-            self.works.spawn(async move {
-                watch::run(watch, kit).await;
-                Ok(())
-            });
+            let start = move || watch::run(watch.clone(), kit.clone());
+            self.works.spawn(self.guarded("the watch folder").run(start));
         }
+        let keeper = Arc::new(Keeper { kit: self.kit.clone(), files: self.files.clone(), disk: config.disk });
+        self.works.spawn(self.guarded("what tidies the disk").run(move || {
+            let keeper = Arc::clone(&keeper);
+            async move { keeper.run().await }
+        }));
         tokio::spawn(pass_on(wishes, desks));
         Ok(())
+    }
+
+    fn guarded(&self, part: &'static str) -> Guarded {
+        Guarded::new(part, self.kit.counters.clone(), self.kit.stopping.clone())
     }
 
     fn workers(&mut self, config: &Config, filament_mm: f64) {
@@ -181,7 +199,7 @@ impl Parts {
                 .first()
                 .map_or_else(|| "marlin".to_owned(), |printer| printer.profile.clone());
             let (kit, files, prepare) = (self.kit.clone(), self.files.clone(), config.prepare);
-            let guarded = Guarded { part: "a worker", kit: kit.clone() };
+            let guarded = self.guarded("a worker");
             let start = move || {
                 let (name, profile) = (name.clone(), profile.clone());
                 let worker =
@@ -191,68 +209,107 @@ impl Parts {
             self.works.spawn(guarded.run(start));
         }
     }
+}
 
-    /// Until all parts have ended by themselves, or one for good.
-    async fn watch_over(&mut self, place: &Place) -> Result<(), Error> {
-        let system = System::default();
-        let mut sweep = tokio::time::interval(SWEEP);
-        let mut watchdog = tokio::time::interval(system.watchdog_interval());
-        let mut stopping = self.kit.stopping.clone();
-        let mut is_stopping = false;
-        system.ready();
-        tracing::info!("server: ready");
+/// What is there until all prints have ended, and everything else.
+struct Servants {
+    kit: Kit<Sqlite>,
+    is_over: watchman::End,
+    servants: watchman::Parts,
+}
+
+impl Servants {
+    fn guarded(&self, part: &'static str) -> Guarded {
+        Guarded::new(part, self.kit.counters.clone(), self.is_over.clone())
+    }
+
+    /// The faces, on what is open already; started again, they open it anew.
+    fn faces(&mut self, app: Appliance<Sqlite>, listen: Listen, listeners: Listeners) {
+        let (mut first, is_over) = (Some(listeners), self.is_over.clone());
+        let start = move || {
+            let (app, listen, mut is_over) = (app.clone(), listen.clone(), is_over.clone());
+            let listeners = first.take();
+            async move {
+                let listeners = match listeners {
+                    Some(listeners) => listeners,
+                    None => Listeners::bind(&listen, &app.keys).await?,
+                };
+                http::serve(listeners, app, Edge::default(), async { ended(&mut is_over).await }).await?;
+                Ok::<_, Error>(())
+            }
+        };
+        self.servants.spawn(self.guarded("the API").run(start));
+    }
+
+    /// What says that this server lives, and looks for holders that do not.
+    fn sweeper(&mut self, place: Place) {
+        let (kit, place, is_over) = (self.kit.clone(), Arc::new(place), self.is_over.clone());
+        let start = move || {
+            let sweeper = Sweeper { kit: kit.clone(), place: Arc::clone(&place), is_written: true };
+            sweeper.run(is_over.clone())
+        };
+        self.servants.spawn(self.guarded("what looks for lost holders").run(start));
+    }
+
+    fn postman(&mut self, postman: Option<Postman>) {
+        if let Some(postman) = postman {
+            let postman = Arc::new(postman);
+            self.servants.spawn(self.guarded("the webhook").run(move || {
+                let postman = Arc::clone(&postman);
+                async move {
+                    postman.run().await;
+                    Ok::<_, Error>(())
+                }
+            }));
+        }
+    }
+}
+
+/// See [`Servants::sweeper`].
+struct Sweeper {
+    kit: Kit<Sqlite>,
+    place: Arc<Place>,
+    /// Whether the queue could be written the last time.
+    is_written: bool,
+}
+
+impl Sweeper {
+    async fn run(mut self, mut is_over: watchman::End) -> Result<(), Error> {
+        let mut sweep = interval(SWEEP);
         loop {
             tokio::select! {
-                part = self.works.join_next() => match part {
-                    None => return Ok(()),
-                    Some(Ok(Ok(()))) => {}
-                    // Whoever started this server starts it anew: what prints is taken up then.
-                    Some(Ok(Err(error))) => return Err(error),
-                    Some(Err(panicked)) => {
-                        tracing::error!("server: {panicked}");
-                        return Err(Error::GaveUp { part: "a part" });
-                    }
-                },
-                _ = sweep.tick() => self.sweep(place).await,
-                // The queue answers, and so does this loop.
-                _ = watchdog.tick() => if self.kit.store.head().await.is_ok() {
-                    system.alive(&self.status());
-                },
-                () = ended(&mut stopping), if !is_stopping => {
-                    is_stopping = true;
-                    system.stopping();
-                }
+                _ = sweep.tick() => self.sweep().await,
+                () = ended(&mut is_over) => return Ok(()),
             }
         }
     }
 
-    async fn sweep(&self, place: &Place) {
-        if let Err(error) = place.touch() {
+    async fn sweep(&mut self) {
+        let place = Arc::clone(&self.place);
+        if let Err(error) = on_disk(move || place.touch().map_err(io::Error::other)).await {
             tracing::warn!("server: {error}");
         }
-        match self.kit.store.sweep(self.kit.now()).await {
+        let swept = self.kit.store.sweep(self.kit.now()).await;
+        let was_written = std::mem::replace(&mut self.is_written, swept.is_ok());
+        match swept {
             Ok(lost) => {
+                if !was_written {
+                    self.kit.news.tell("queue-written", None, None, "the queue can be written again");
+                }
                 for job in lost {
-                    self.kit.news.tell(
-                        "holder-lost",
-                        job.holder.as_ref(),
-                        Some(job.id),
-                        "its holder was not heard of any more",
-                    );
+                    let why = "its holder was not heard of any more";
+                    self.kit.news.tell("holder-lost", job.holder.as_ref(), Some(job.id), why);
                 }
             }
-            Err(error) => tracing::warn!("queue: {error}"),
+            Err(error) => {
+                tracing::warn!("queue: {error}");
+                if was_written {
+                    // Its words name the database's path.
+                    let text = format!("the queue cannot be written ({}): look into the log", error.code());
+                    self.kit.news.tell("queue-not-written", None, None, &text);
+                }
+            }
         }
-    }
-
-    /// One line for the service manager.
-    fn status(&self) -> String {
-        let lives = self.lives.borrow();
-        let words = lives.iter().map(|live| match live.done {
-            Some(done) => format!("{}: {:.0} %", live.name, 100.0 * done),
-            None => format!("{}: {:?}", live.name, live.activity).to_lowercase(),
-        });
-        words.collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -270,56 +327,6 @@ impl Berth {
     async fn station(&self) -> Station<Sqlite> {
         let Self { config, machine, kit, lives, wishes } = self.clone();
         Station::new(config, machine, kit, lives, wishes).await
-    }
-}
-
-/// A part that is started again when it fails.
-struct Guarded {
-    part: &'static str,
-    kit: Kit<Sqlite>,
-}
-
-impl Guarded {
-    async fn run<F>(self, mut start: impl FnMut() -> F + Send) -> Result<(), Error>
-    where
-        F: Future<Output = Result<(), store::Error>> + Send + 'static,
-    {
-        let [mut rest, longest] = REST;
-        let mut n_restarts = 0;
-        loop {
-            let began = Instant::now();
-            // A task of its own: a panic ends it alone.
-            let mut part = AbortOnDrop(tokio::spawn(start()));
-            match (&mut part.0).await {
-                Ok(Ok(())) => return Ok(()),
-                Ok(Err(error @ store::Error::Gone)) => return Err(error.into()),
-                Ok(Err(error)) => tracing::error!("server: {} ended: {error}", self.part),
-                Err(panicked) => tracing::error!("server: {} ended: {panicked}", self.part),
-            }
-            self.kit.counters.count_restart();
-            if began.elapsed() > LONG_LIFE {
-                ([rest, _], n_restarts) = (REST, 0);
-            }
-            n_restarts += 1;
-            if n_restarts > MOST_RESTARTS {
-                return Err(Error::GaveUp { part: self.part });
-            }
-            let mut stopping = self.kit.stopping.clone();
-            tokio::select! {
-                () = sleep(rest) => {}
-                () = ended(&mut stopping) => return Ok(()),
-            }
-            rest = (2 * rest).min(longest);
-        }
-    }
-}
-
-/// A task that ends with whoever waits for it.
-struct AbortOnDrop(tokio::task::JoinHandle<Result<(), store::Error>>);
-
-impl Drop for AbortOnDrop {
-    fn drop(&mut self) {
-        self.0.abort();
     }
 }
 

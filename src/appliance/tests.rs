@@ -514,3 +514,77 @@ async fn one_directory_has_one_server() {
     let dir = site.end(OnStop::Finish).await;
     Place::open(&dir.path().join("state")).unwrap();
 }
+
+/// What lies in a folder.
+fn names(dir: &Path) -> Vec<String> {
+    let Ok(found) = std::fs::read_dir(dir) else { return Vec::new() };
+    found.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_file_of_the_watched_folder_is_one_job_even_where_it_cannot_be_moved_away() {
+    let dir = tempfile::tempdir().unwrap();
+    let inbox = dir.path().join("inbox");
+    std::fs::create_dir(&inbox).unwrap();
+    let config = format!("[watch]\nfolder = {inbox:?}\nsubmit = true\nstill_s = 0\n");
+    let site = Site::with(dir, &config, "/nonexistent/lumenfab".into()).await;
+    std::fs::write(inbox.join("MEIER.gcode"), rings(1)).unwrap();
+    until("the file to be moved", async || !names(&inbox.join("taken")).is_empty()).await;
+    let id: JobId = names(&inbox.join("taken"))[0].trim_end_matches(".gcode").parse().unwrap();
+    assert_eq!(site.job(id).await.id, id);
+    // No folder can be made where there is a file of its name.
+    std::fs::remove_dir_all(inbox.join("taken")).unwrap();
+    std::fs::write(inbox.join("taken"), "").unwrap();
+    std::fs::write(inbox.join("HUBER.gcode"), rings(2)).unwrap();
+    let all = async || {
+        let [live, over] = [Which::Live, Which::Over].map(|which| site.client.jobs(which, None, 100));
+        [live.await.unwrap().jobs, over.await.unwrap().jobs].concat()
+    };
+    until("the second job", async || all().await.len() == 2).await;
+    let second = all().await.into_iter().find(|job| job.id != id).unwrap().id;
+    until("its file to be taken over", async || site.job(second).await.is_prepared).await;
+    // What is copied again comes back.
+    let file = site.dir.path().join(format!("state/files/{second}.gcode"));
+    std::fs::remove_file(&file).unwrap();
+    tokio::time::sleep(Duration::from_secs(7)).await;
+    assert!(!file.exists(), "the file was copied again");
+    assert!(inbox.join("HUBER.gcode").exists());
+    assert_eq!(all().await.len(), 2);
+    std::fs::remove_file(inbox.join("taken")).unwrap();
+    until("the second file to be moved", async || names(&inbox.join("taken")).len() == 1).await;
+    site.end(OnStop::Cancel).await;
+}
+
+/// In two months.
+fn later() -> Timestamp {
+    Timestamp::now() + SignedDuration::from_hours(60 * 24)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_belongs_to_a_job_goes_some_time_after_its_end_and_nothing_else_does() {
+    let config = "[[printer]]\nname = \"left\"\nprofile = \"reference\"\nport = \"/nonexistent/port\"\n";
+    let site = Site::with(tempfile::tempdir().unwrap(), config, "/nonexistent/lumenfab".into()).await;
+    let over = site.add(&rings(1), WishesBody::default()).await;
+    let live = site.add(&rings(2), WishesBody::default()).await;
+    until("their preparation", async || site.job(over).await.is_prepared && site.job(live).await.is_prepared)
+        .await;
+    site.ask(over, Turn::Cancel).await;
+    let dir = site.end(OnStop::Finish).await;
+    let kept = |id: JobId| {
+        let state = dir.path().join("state");
+        [format!("files/{id}.gcode"), format!("jobs/{id}/job.gcode")].map(|file| state.join(file).exists())
+    };
+    assert_eq!((kept(over), kept(live)), ([true; 2], [true; 2]));
+    let place = Place::open(&dir.path().join("state")).unwrap();
+    let client = Client::over_socket(place.layout().socket());
+    let (stop, stopping) = watch::channel(None);
+    let config = Config::parse(config, "config.toml").unwrap();
+    let program = "/nonexistent/lumenfab".into();
+    let served = tokio::spawn(serve(Setup { place, config, program, clock: later }, stopping));
+    until("what is over to go", async || kept(over) == [false; 2]).await;
+    assert_eq!(kept(live), [true; 2]);
+    assert_eq!(client.job(over).await.unwrap().state, State::Cancelled);
+    assert!(!client.history_of(over, 0, 10).await.unwrap().records.is_empty());
+    stop.send_replace(Some(OnStop::Finish));
+    served.await.unwrap().unwrap();
+}

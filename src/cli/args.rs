@@ -136,6 +136,9 @@ pub(crate) enum Command {
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),
+    /// What a server has done about a case: a line of JSON on stdin, lines of JSON on stdout
+    #[command(hide = true)]
+    Errand,
     /// The simulated printer, as a process of its own
     #[command(name = "hil-sim", disable_help_flag = true)]
     HilSim {

@@ -7,6 +7,7 @@ use super::args::{
 use super::face::{Face, error_document};
 use super::keys::{self, Keys};
 use super::{Answer, Failure, queue, serve, signals};
+use crate::app::errand::{Errand, Told};
 use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
@@ -63,6 +64,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
+        Command::Errand => return errand(&face, &context),
         Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
             unreachable!("they have returned above")
         }
@@ -93,6 +95,21 @@ fn simulate(args: Vec<std::ffi::OsString>) -> u8 {
     let name = std::ffi::OsString::from("hil-sim");
     let code = hil_sim::cli::main_from(std::iter::once(name).chain(args));
     u8::from(code != std::process::ExitCode::SUCCESS)
+}
+
+/// Does what a server has asked for on stdin.
+fn errand(face: &Face, context: &Context<'_>) -> u8 {
+    let mut line = String::new();
+    let read = std::io::stdin().read_line(&mut line).map_err(|e| e.to_string());
+    let errand = read.and_then(|_n| serde_json::from_str::<Errand>(&line).map_err(|e| e.to_string()));
+    match errand {
+        Ok(errand) => {
+            let tell = |told: Told| super::face::print(&format!("{}\n", json!(told)));
+            errand.run(&tell, context);
+            0
+        }
+        Err(problem) => face.usage_error(&format!("stdin: {problem}")),
+    }
 }
 
 /// A case to run: where it is or will be, and what was said about it.

@@ -1,12 +1,14 @@
 //! `lumenfab queue`: a client of the server.
 
-use super::args::queue::{AddArgs, BedArgs, MoveArgs, QueueArgs, QueueCommand, SaidArgs};
+use super::args::queue::{
+    AddArgs, BedArgs, EditArgs, MoveArgs, QueueArgs, QueueCommand, SaidArgs, SignOffArgs, SpoolArgs,
+};
 use super::{Answer, Failure};
 use crate::appliance::place::{self, Layout};
 use crate::client::{self, Client};
 use crate::http::wire::{
-    Added, Anew, BedClear, BedView, HistoryPage, JobList, JobView, Move, NeedsView, PrinterView, Turn,
-    WishesBody,
+    Added, Anew, BedClear, BedView, HistoryPage, JobList, JobView, LoadedBody, Move, NeedsView, PrinterView,
+    Schedule, Turn, WishesBody,
 };
 use crate::queue::{JobId, Name, Reason, State};
 use crate::store::Which;
@@ -40,6 +42,8 @@ async fn ask(client: &Client, command: &QueueCommand) -> Result<Answer, Failure>
             return Ok(list(&client.jobs(which, None, *most).await?));
         }
         QueueCommand::ClearBed(args) => return clear_bed(client, args).await,
+        QueueCommand::Spool(args) => return spool(client, args).await,
+        QueueCommand::Plan => return Ok(plan(&client.schedule().await?)),
         QueueCommand::History { job, most } => {
             let page = match job {
                 Some(job) => client.history_of(find(client, job).await?, 0, *most).await?,
@@ -57,6 +61,9 @@ async fn ask(client: &Client, command: &QueueCommand) -> Result<Answer, Failure>
         QueueCommand::GoOn(args) => turn(client, args, Turn::GoOn).await?,
         QueueCommand::Retry(args) => turn(client, args, Turn::Retry).await?,
         QueueCommand::Move(args) => turn(client, &args.said, Turn::Move(place_of(args))).await?,
+        QueueCommand::Edit(args) => edit(client, args).await?,
+        QueueCommand::Accept(args) => sign_off(client, args, Turn::Accept).await?,
+        QueueCommand::Reject(args) => sign_off(client, args, Turn::Reject).await?,
     };
     Ok(Answer { document: json!(job), text: shown(&job) })
 }
@@ -85,6 +92,28 @@ fn added(args: &AddArgs) -> Result<Added, Failure> {
 async fn turn(client: &Client, args: &SaidArgs, turn: Turn) -> Result<JobView, Failure> {
     let id = find(client, &args.job.job).await?;
     Ok(client.change(id, &Anew { turn, saw: None, name: None, why: args.why.clone() }).await?)
+}
+
+/// What is asked for, one change after the other; each is a record of its own.
+fn edits(args: &EditArgs) -> Vec<Turn> {
+    let not_before = args.not_before.map(|at| Turn::NotBefore { at: Some(at) });
+    let any_time = args.any_time.then_some(Turn::NotBefore { at: None });
+    let [priority, copies] = [args.priority.map(Turn::Priority), args.copies.map(Turn::Copies)];
+    [priority, copies, not_before, any_time].into_iter().flatten().collect()
+}
+
+async fn edit(client: &Client, args: &EditArgs) -> Result<JobView, Failure> {
+    let id = find(client, &args.said.job.job).await?;
+    for turn in edits(args) {
+        client.change(id, &Anew { turn, saw: None, name: None, why: args.said.why.clone() }).await?;
+    }
+    Ok(client.job(id).await?)
+}
+
+async fn sign_off(client: &Client, args: &SignOffArgs, turn: Turn) -> Result<JobView, Failure> {
+    let id = find(client, &args.job.job).await?;
+    let (name, why) = (Some(args.name.clone()), args.why.clone());
+    Ok(client.change(id, &Anew { turn, saw: Some(State::AwaitingSignOff), name, why }).await?)
 }
 
 const fn place_of(args: &MoveArgs) -> Move {
@@ -135,6 +164,74 @@ async fn clear_bed(client: &Client, args: &BedArgs) -> Result<Answer, Failure> {
     let after = client.clear_bed(&printer.name, &word).await?;
     let text = format!("the bed of {} is clear\n", after.name);
     Ok(Answer { document: json!(after), text })
+}
+
+/// What is loaded, with what is said put over it.
+fn loaded(before: Option<LoadedBody>, args: &SpoolArgs) -> Result<LoadedBody, Failure> {
+    let missing = |flag: &str| Failure {
+        text: format!(
+            "{flag}: found nothing, and nobody has said so before; expected it beside what is given"
+        ),
+        code: "queue.not_loaded".to_owned(),
+        exit_code: 2,
+    };
+    let before = before.as_ref();
+    let of = |said: &Option<Name>, known: Option<&Name>| said.clone().or_else(|| known.cloned());
+    let profile = of(&args.profile, before.map(|b| &b.profile)).ok_or_else(|| missing("--profile"))?;
+    let material = args.material.clone().or_else(|| Some(before?.material.clone()));
+    let nozzle_um =
+        args.nozzle_um.or_else(|| Some(before?.nozzle_um)).ok_or_else(|| missing("--nozzle-um"))?;
+    let left_mm3 = match args.left_cm3 {
+        Some(cm3) => Some(1000 * u64::from(cm3)),
+        None if args.untracked => None,
+        None => before.and_then(|b| b.left_mm3),
+    };
+    Ok(LoadedBody { profile, material: material.ok_or_else(|| missing("--material"))?, nozzle_um, left_mm3 })
+}
+
+async fn spool(client: &Client, args: &SpoolArgs) -> Result<Answer, Failure> {
+    let printers = client.printers().await?.printers;
+    let printer = match (&args.printer, &printers[..]) {
+        (None, [only]) => only,
+        (named, _) => the_printer(&printers, named.as_ref())?,
+    };
+    let body = loaded(printer.loaded.clone(), args)?;
+    let after = client.load(&printer.name, &body).await?;
+    let left = body.left_mm3.map_or_else(
+        || "nobody keeps track of how much is left".to_owned(),
+        |mm3| format!("{:.1} cm³ left", mm3 as f64 / 1000.0),
+    );
+    let nozzle_mm = f64::from(body.nozzle_um) / 1000.0;
+    let text = format!(
+        "{} has {} in a nozzle of {nozzle_mm} mm, profile {}; {left}\n",
+        after.name, body.material, body.profile
+    );
+    Ok(Answer { document: json!(after), text })
+}
+
+fn plan(plan: &Schedule) -> Answer {
+    let mut text = String::new();
+    for next in &plan.next {
+        let what = match (&next.job, &next.why_not) {
+            (Some(job), _) => format!("prints {job} next"),
+            (None, why) => format!("prints nothing next: {}", why.as_deref().unwrap_or("there is no job")),
+        };
+        writeln!(text, "{}  {what}", next.printer).expect(WRITES);
+    }
+    for slot in &plan.slots {
+        let (job, copy, printer) = (slot.job, slot.copy, &slot.printer);
+        writeln!(text, "{:.0}  {:.0}  {job}  copy {copy} on {printer}", slot.starts, slot.ends).expect(WRITES);
+    }
+    for job in &plan.unplanned {
+        writeln!(text, "{}  has no place: {}", job.job, job.why).expect(WRITES);
+    }
+    if let Some(words) = &plan.ends_words {
+        writeln!(text, "{words}").expect(WRITES);
+    }
+    if plan.is_cut {
+        text.push_str("and more, which is not planned yet\n");
+    }
+    Answer { document: json!(plan), text }
 }
 
 fn the_printer<'a>(printers: &'a [PrinterView], named: Option<&Name>) -> Result<&'a PrinterView, Failure> {
@@ -233,7 +330,85 @@ fn words(what: &serde_json::Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::http::wire::LoadedBody;
+    use crate::cli::args::{Cli, Command};
+    use crate::http::wire::{NextView, SlotView, UnplannedView};
+    use clap::Parser;
+
+    fn command(args: &[&str]) -> QueueCommand {
+        let cli = Cli::try_parse_from([&["lumenfab", "queue"], args].concat()).unwrap();
+        let Some(Command::Queue(args)) = cli.command else { panic!("not queue") };
+        args.command
+    }
+
+    #[test]
+    fn what_is_to_be_changed_of_a_job_is_asked_for_piece_by_piece() {
+        let turns = |args: &[&str]| {
+            let QueueCommand::Edit(args) = command(&[&["edit", "abcd"], args].concat()) else {
+                panic!("not edit")
+            };
+            edits(&args)
+        };
+        assert_eq!(turns(&["--priority", "-3"]), [Turn::Priority(-3)]);
+        let at = "2026-12-24T18:00:00Z";
+        let not_before = Turn::NotBefore { at: at.parse().ok() };
+        assert_eq!(turns(&["--not-before", at, "--copies", "2"]), [Turn::Copies(2), not_before]);
+        assert_eq!(turns(&["--any-time"]), [Turn::NotBefore { at: None }]);
+        for wrong in [
+            &["edit", "abcd"][..],
+            &["edit", "abcd", "--any-time", "--not-before", at],
+            &["accept", "abcd", "--why", "good"],
+        ] {
+            assert!(Cli::try_parse_from([&["lumenfab", "queue"], wrong].concat()).is_err(), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_loaded_stays_where_nothing_is_said_about_it() {
+        let loaded = |before: Option<LoadedBody>, args: &[&str]| {
+            let QueueCommand::Spool(args) = command(&[&["spool"], args].concat()) else {
+                panic!("not spool")
+            };
+            loaded(before, &args).map_err(|failure| failure.text.split(':').next().unwrap().to_owned())
+        };
+        let name = |text: &str| Name::try_new(text).unwrap();
+        let material = |text: &str| crate::queue::Material::try_new(text).unwrap();
+        let pla = LoadedBody {
+            profile: name("marlin"),
+            material: material("PLA"),
+            nozzle_um: 400,
+            left_mm3: Some(5000),
+        };
+        let petg = LoadedBody { material: material("PETG"), ..pla.clone() };
+        assert_eq!(loaded(Some(pla.clone()), &["--material", "PETG"]), Ok(petg));
+        let full = LoadedBody { left_mm3: Some(800_000), ..pla.clone() };
+        assert_eq!(loaded(Some(pla.clone()), &["--left-cm3", "800"]), Ok(full));
+        let untracked = LoadedBody { left_mm3: None, ..pla.clone() };
+        assert_eq!(loaded(Some(pla), &["--untracked"]), Ok(untracked));
+        assert_eq!(loaded(None, &["--material", "PLA"]), Err("--profile".to_owned()));
+    }
+
+    #[test]
+    fn a_plan_says_what_is_next_and_why_others_wait() {
+        let left = Name::try_new("left").unwrap();
+        let id = JobId::at(jiff::Timestamp::UNIX_EPOCH, [7; 10]);
+        let next = NextView { printer: left.clone(), job: None, why_not: Some("take the part off".into()) };
+        let (starts, ends) = (jiff::Timestamp::UNIX_EPOCH, jiff::Timestamp::UNIX_EPOCH);
+        let slot = SlotView { job: id, copy: 2, printer: left, starts, ends };
+        let unplanned = vec![UnplannedView { job: id, why: "it is held".into() }];
+        let schedule = Schedule {
+            next: vec![next],
+            slots: vec![slot],
+            unplanned,
+            ends: None,
+            ends_words: None,
+            is_cut: true,
+        };
+        let expected = format!(
+            "left  prints nothing next: take the part off\n1970-01-01T00:00:00Z  1970-01-01T00:00:00Z  {id}  copy 2 on left\n\
+             {id}  has no place: it is held\nand more, which is not planned yet\n"
+        );
+        assert_eq!(plan(&schedule).text, expected);
+    }
 
     fn printer(name: &str, bed: BedView) -> PrinterView {
         PrinterView { name: Name::try_new(name).unwrap(), loaded: None::<LoadedBody>, bed, live: None }

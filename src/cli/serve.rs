@@ -9,11 +9,14 @@ use jiff::Timestamp;
 use serde_json::json;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
 /// Threads of the server; prints have their own.
 const THREADS: usize = 2;
+/// How long the end waits for reading and writing that is under way.
+const LAST_IO: Duration = Duration::from_secs(10);
 
 /// Serves until a signal asks it to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
@@ -23,14 +26,17 @@ pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build();
     let runtime = runtime.map_err(Error::Runtime)?;
     let first = config.on_stop;
-    runtime.block_on(async {
+    let served = runtime.block_on(async {
         let (stop, stopping) = watch::channel(None);
         let signals = tokio::spawn(heed_signals(first, stop));
         let served =
             appliance::serve(Setup { place, config, program, clock: Timestamp::now }, stopping).await;
         signals.abort();
         served
-    })?;
+    });
+    // What waits for a share that does not answer is left behind.
+    runtime.shutdown_timeout(LAST_IO);
+    served?;
     Ok(Answer { document: json!({ "ended": "asked to stop" }), text: String::new() })
 }
 

@@ -3,6 +3,7 @@
 use super::Error;
 use super::sse::{Event, Parser};
 use super::wire::{Way, whole};
+use crate::http::wire::case::TaskView;
 use crate::http::wire::{HistoryView, Live};
 use http_body_util::BodyExt;
 use hyper::body::{Bytes, Incoming};
@@ -26,6 +27,8 @@ pub enum Told {
     Record(Box<HistoryView>),
     /// What printers are doing.
     Printers(Vec<Live>),
+    /// How far a task is.
+    Task(Box<TaskView>),
     /// The connection is lost; it is tried again.
     Interrupted,
 }
@@ -129,6 +132,7 @@ impl Events {
             "reset" => Some(Told::Reset),
             "record" => Some(Told::Record(Box::new(self.parsed(&event.data)?))),
             "printer" => Some(Told::Printers(self.parsed(&event.data)?)),
+            "task" => Some(Told::Task(Box::new(self.parsed(&event.data)?))),
             _ => None,
         })
     }

@@ -14,6 +14,7 @@
 //! # }
 //! ```
 
+mod cases;
 mod error;
 mod events;
 mod sse;
@@ -91,6 +92,10 @@ impl Client {
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Error> {
         self.way.call(Method::GET, path, None).await
+    }
+
+    async fn bytes(&self, path: &str) -> Result<hyper::body::Bytes, Error> {
+        self.way.bytes(Method::GET, path, None).await
     }
 
     async fn send<T: DeserializeOwned>(

@@ -3,6 +3,7 @@
 //! The faces know no meshes and talk to no printer. What printers are doing comes in over a `watch` channel, what is asked of them goes
 //! out over a bounded one: whoever talks to a printer is never held up by a face.
 
+use super::cases::Cases;
 use super::events::Events;
 use super::files::Files;
 use super::keys::Keys;
@@ -143,6 +144,8 @@ pub struct Appliance<S> {
     pub files: Files,
     /// Who may ask over TCP.
     pub keys: Keys,
+    /// Cases, where this server works on some.
+    pub cases: Option<Cases>,
     /// What happens.
     pub events: Events,
     /// What was done since the start.
@@ -164,6 +167,7 @@ impl<S: Store> Appliance<S> {
             printers,
             files,
             keys,
+            cases: None,
             events,
             counters: Counters::default(),
             clock: Timestamp::now,

@@ -120,6 +120,7 @@ impl From<store::Error> for Problem {
             E::Server { .. } => {
                 unavailable("the server of the queue does not answer: look into the log of lumenfab")
             }
+            E::Panicked => damaged("a fault of lumenfab: nothing was changed; look into its log"),
             E::Gone => unavailable("the queue has been closed: start lumenfab again"),
             E::History(_) => damaged("the history of the queue was changed: look into the log of lumenfab"),
             E::Damaged { .. } => damaged("the queue is damaged: restore the last backup"),

@@ -1,13 +1,15 @@
 //! What happens, as server-sent events (WHATWG HTML, 9.2).
 //!
 //! An event `record` is a record of the history; its id is the record's number, so that a reader that was cut off goes on where it was
-//! (`Last-Event-ID`), however long ago and whatever restarted meanwhile. An event `printer` tells what printers are doing, without an id.
+//! (`Last-Event-ID`), however long ago and whatever restarted meanwhile. An event `printer` tells what printers are doing, an event `task` how
+//! far a task is, both without an id.
 //! `hello` comes first. A reader that is more than `MOST_BEHIND` records behind gets `reset` instead of all of them: it has to look
 //! again. One that does not keep up is dropped once `MOST_WAITING` events wait for it; nobody else waits for it.
 
 use super::appliance::Appliance;
 use super::error::Problem;
 use super::wire::HistoryView;
+use super::wire::case::TaskView;
 use crate::queue::Sealed;
 use crate::store::{Error, Store};
 use axum::response::sse::Event;
@@ -35,6 +37,7 @@ const RETRY: Duration = Duration::from_secs(3);
 enum News {
     Record(u64, Arc<str>),
     Printers(Arc<str>),
+    Task(Arc<str>),
 }
 
 /// The news of one server. Clones are the same.
@@ -66,7 +69,12 @@ impl Events {
         self.0.look.notify_one();
     }
 
-    /// Ends all streams, for good.
+    /// Lets streams begin, again after an end.
+    pub(super) fn begin(&self) {
+        self.0.is_ending.send_replace(false);
+    }
+
+    /// Ends all streams.
     pub fn end(&self) {
         self.0.is_ending.send_replace(true);
     }
@@ -102,6 +110,11 @@ impl Events {
                 self.send(json(sealed).map(|json| News::Record(sealed.seq, json)));
             }
         }
+    }
+
+    /// Tells how far a task is.
+    pub(super) fn task(&self, task: &TaskView) {
+        self.send(serde_json::to_string(task).map(|json| News::Task(json.into())));
     }
 
     /// Whether anybody reads does not matter.
@@ -205,6 +218,7 @@ impl<S: Store> Reader<S> {
         };
         match news {
             News::Printers(json) => self.waiting.push_back(Event::default().event("printer").data(&*json)),
+            News::Task(json) => self.waiting.push_back(Event::default().event("task").data(&*json)),
             News::Record(seq, json) if seq == self.at + 1 => {
                 self.at = seq;
                 self.waiting.push_back(record(seq, &json));

@@ -8,9 +8,10 @@ use super::error::Problem;
 use crate::queue::{Digest, JobId, Refusal, Spec, SpecKind};
 use crate::store::{self, Store};
 use axum::http::StatusCode;
+use rustix::fs::OFlags;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, symlink};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,6 +20,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// Ending of what is being written.
 const PART: &str = ".part";
+/// Endings of what is kept.
+const ENDINGS: [&str; 4] = ["gcode", "stl", "3mf", "case"];
 /// Bytes that are copied at once.
 const CHUNK: usize = 1 << 18;
 
@@ -33,6 +36,8 @@ pub struct Limits {
     pub max_silence: Duration,
     /// Uploads at once.
     pub at_once: usize,
+    /// Nothing is taken while less would be left free: queue and journals have to be written whatever comes in, bytes.
+    pub reserve_bytes: u64,
 }
 
 impl Default for Limits {
@@ -43,6 +48,7 @@ impl Default for Limits {
             max_time: Duration::from_secs(30 * 60),
             max_silence: Duration::from_secs(30),
             at_once: 4,
+            reserve_bytes: 512 << 20,
         }
     }
 }
@@ -138,8 +144,11 @@ impl Files {
         Ok(Self { dir: dir.to_owned(), limits, uploads: Arc::new(Semaphore::new(limits.at_once)) })
     }
 
-    /// The jobs that files are kept for now.
-    pub(super) fn jobs(&self) -> io::Result<Vec<(JobId, PathBuf)>> {
+    /// The jobs that files are kept for now, each with its file.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn jobs(&self) -> io::Result<Vec<(JobId, PathBuf)>> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(&self.dir)? {
             let path = entry?.path();
@@ -170,33 +179,66 @@ impl Files {
     #[must_use]
     pub fn path(&self, spec: &FileSpec) -> Option<PathBuf> {
         let (id, ending) = spec.file.split_once('.')?;
-        let is_ours = id.parse::<JobId>().is_ok() && ["gcode", "stl", "3mf", "case"].contains(&ending);
+        let is_ours = id.parse::<JobId>().is_ok() && ENDINGS.contains(&ending);
         is_ours.then(|| self.dir.join(&spec.file))
     }
 
-    /// Bytes that are free for files.
-    pub(super) fn free_bytes(&self) -> io::Result<u64> {
+    /// Bytes that are free for files, beside the reserve.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn free_bytes(&self) -> io::Result<u64> {
         let found = rustix::fs::statvfs(&self.dir)?;
-        Ok(found.f_bavail.saturating_mul(found.f_frsize))
+        Ok(found.f_bavail.saturating_mul(found.f_frsize).saturating_sub(self.limits.reserve_bytes))
     }
 
-    /// Begins a file.
+    /// Removes everything that is kept for a job. Blocks.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn remove(&self, id: JobId) -> io::Result<()> {
+        for ending in ENDINGS {
+            match std::fs::remove_file(self.dir.join(format!("{id}.{ending}"))) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins a file. Blocks.
     pub(super) fn begin(&self) -> Result<Part, Problem> {
+        self.check_room(1)?;
         let busy = |_all_taken| {
             Problem::busy("http.too_many_uploads", "other files are being uploaded: try again soon", 5)
         };
         let permit = Arc::clone(&self.uploads).try_acquire_owned().map_err(busy)?;
         let temporary =
             tempfile::Builder::new().suffix(PART).tempfile_in(&self.dir).map_err(|e| failed(&e))?;
-        let (dir, max_bytes) = (self.dir.clone(), self.limits.max_bytes);
-        Ok(Part { dir, temporary, hasher: Box::default(), n_bytes: 0, max_bytes, _permit: permit })
+        Ok(Part { files: self.clone(), temporary, hasher: Box::default(), n_bytes: 0, _permit: permit })
+    }
+
+    /// Refuses what would leave less than the reserve. Blocks.
+    pub(super) fn check_room(&self, n_bytes: u64) -> Result<(), Problem> {
+        if self.free_bytes().map_err(|e| failed(&e))? >= n_bytes { Ok(()) } else { Err(disk_full()) }
     }
 
     /// Takes a file of this machine. Blocks.
     pub(super) fn copy(&self, from: &Path, id: JobId) -> Result<Kept, Problem> {
         let name = from.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let kind = FileKind::of(name)?;
-        let mut file = std::fs::File::open(from).map_err(|e| unreadable(&e))?;
+        // Something else, such as a pipe at whose other end nobody writes, would be waited for for ever.
+        let waits_for_nobody = OFlags::NONBLOCK.bits().cast_signed();
+        let opened = std::fs::File::options().read(true).custom_flags(waits_for_nobody).open(from);
+        let mut file = opened.map_err(|e| unreadable(&e))?;
+        let found = file.metadata().map_err(|e| unreadable(&e))?;
+        if !found.is_file() {
+            return Err(Problem::bad(
+                "http.no_file",
+                "found something that is no file, expected G-code or a mesh",
+            ));
+        }
+        self.check_room(found.len())?;
         let mut part = self.begin()?;
         let mut chunk = vec![0; CHUNK];
         loop {
@@ -237,10 +279,14 @@ fn flush(dir: &Path) -> io::Result<()> {
 
 fn failed(error: &io::Error) -> Problem {
     if error.kind() == io::ErrorKind::StorageFull {
-        let message = "the disk of the server is full: make room, then send the file again";
-        return Problem::new(StatusCode::INSUFFICIENT_STORAGE, "http.disk_full", message);
+        return disk_full();
     }
     Problem::inside("writing a file", error)
+}
+
+fn disk_full() -> Problem {
+    let message = "the disk of the server is full, but for what queue and prints need: make room, then send the file again";
+    Problem::new(StatusCode::INSUFFICIENT_STORAGE, "http.disk_full", message)
 }
 
 fn unreadable(error: &io::Error) -> Problem {
@@ -256,11 +302,10 @@ fn other_file(id: JobId) -> Problem {
 /// A file that is being written; dropped, it is gone.
 #[derive(Debug)]
 pub(super) struct Part {
-    dir: PathBuf,
+    files: Files,
     temporary: NamedTempFile,
     hasher: Box<blake3::Hasher>,
     n_bytes: u64,
-    max_bytes: u64,
     _permit: OwnedSemaphorePermit,
 }
 
@@ -268,9 +313,11 @@ impl Part {
     /// Blocks as long as the disk takes.
     pub(super) fn write(&mut self, bytes: &[u8]) -> Result<(), Problem> {
         self.n_bytes += bytes.len() as u64;
-        if self.n_bytes > self.max_bytes {
-            return Err(too_large(self.max_bytes));
+        let max_bytes = self.files.limits.max_bytes;
+        if self.n_bytes > max_bytes {
+            return Err(too_large(max_bytes));
         }
+        self.files.check_room(bytes.len() as u64)?;
         self.hasher.update(bytes);
         self.temporary.write_all(bytes).map_err(|e| failed(&e))
     }
@@ -283,7 +330,8 @@ impl Part {
         self.temporary.as_file().sync_all().map_err(|e| failed(&e))?;
         let blake3 = Digest::from(*self.hasher.finalize().as_bytes());
         let file = format!("{id}.{}", kind.ending());
-        let path = self.dir.join(&file);
+        let dir = &self.files.dir;
+        let path = dir.join(&file);
         let is_new = match self.temporary.persist_noclobber(&path) {
             Ok(_) => true,
             Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => false,
@@ -292,7 +340,7 @@ impl Part {
         let sum = FileSum { blake3, len: self.n_bytes };
         let kept = Kept { path, is_new, kind: kind.spec(), spec: FileSpec { file, bytes: Some(sum) } };
         if is_new {
-            flush(&self.dir).map_err(|e| kept.discarded(&e))?;
+            flush(dir).map_err(|e| kept.discarded(&e))?;
         }
         Ok(kept)
     }
@@ -365,6 +413,37 @@ mod tests {
         Files::open(dir.path(), Limits::default()).unwrap();
         let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(left, ["whole.gcode"]);
+    }
+
+    #[test]
+    fn nothing_is_taken_that_leaves_less_than_the_reserve_and_nothing_is_left_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let (folder, job) = (dir.path().join("files"), dir.path().join("a.gcode"));
+        std::fs::write(&job, "G28\n").unwrap();
+        let free = Files::open(&folder, Limits::default()).unwrap();
+        free.copy(&job, id(1)).unwrap();
+        let full = Files::open(&folder, Limits { reserve_bytes: u64::MAX, ..Limits::default() }).unwrap();
+        let refused = full.copy(&job, id(2)).unwrap_err();
+        assert_eq!((refused.status.as_u16(), refused.code), (507, "http.disk_full"));
+        assert_eq!(full.begin().unwrap_err().code, "http.disk_full");
+        let mut part = free.begin().unwrap();
+        part.files = full;
+        assert_eq!(part.write(b"G28\n").unwrap_err().code, "http.disk_full");
+        drop(part);
+        assert_eq!(free.jobs().unwrap(), [(id(1), folder.join(format!("{}.gcode", id(1))))]);
+        free.remove(id(1)).unwrap();
+        free.remove(id(1)).unwrap();
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn what_is_no_file_is_refused_and_not_waited_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let files = Files::open(&dir.path().join("files"), Limits::default()).unwrap();
+        let pipe = dir.path().join("pipe.gcode");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+        assert!(made.success());
+        assert_eq!(files.copy(&pipe, id(1)).unwrap_err().code, "http.no_file");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! - [`wire`]: the types that go over the wire;
 //! - [`appliance`]: what the faces are given by whoever starts them: queue, printers, files, keys, events;
 //! - [`access`], [`keys`]: who asks, and what they may do;
+//! - [`cases`]: CTs, their planes as pictures, cases and their stages as tasks in the background;
 //! - [`files`]: uploads, under generated names;
 //! - [`events`]: what happens, as server-sent events;
 //! - `octoprint`: the OctoPrint part; `openapi`: the description of the rest;
@@ -12,10 +13,11 @@
 //! A handler asks the queue and answers; what is decided is decided by [`crate::queue`]. Errors have one shape,
 //! `{"error": {"code", "message"}}`, with the stable codes of queue and store, and `http.*` for those of this module.
 //!
-//! It knows no meshes, talks to no printer, and neither keeps, shows nor logs the name of an uploaded file or a path that was sent.
+//! It knows no meshes (what is done about cases, child processes do), talks to no printer, and neither keeps, shows nor logs the name of an uploaded file or a path that was sent.
 
 pub mod access;
 pub mod appliance;
+pub mod cases;
 mod error;
 pub mod events;
 mod extract;
@@ -83,6 +85,19 @@ fn routes<S: Store>() -> Vec<(&'static str, MethodRouter<Appliance<S>>)> {
         ("/api/v1/events", get(status::events::<S>)),
         ("/api/v1/keys", get(status::keys::<S>).post(status::add_key::<S>)),
         ("/api/v1/keys/{name}", delete(status::remove_key::<S>)),
+        ("/api/v1/folders", get(cases::routes::folders::<S>).post(cases::routes::find_folder::<S>)),
+        ("/api/v1/folders/{id}", get(cases::routes::folder::<S>)),
+        ("/api/v1/folders/{id}/inspection", post(cases::routes::inspect::<S>)),
+        ("/api/v1/folders/{id}/volume", post(cases::routes::read_volume::<S>)),
+        ("/api/v1/volumes/{id}", get(cases::routes::volume::<S>)),
+        ("/api/v1/volumes/{id}/planes/{index}", get(cases::pixels::plane::<S>)),
+        ("/api/v1/tasks", get(cases::routes::tasks::<S>)),
+        ("/api/v1/tasks/{id}", get(cases::routes::task::<S>).delete(cases::routes::cancel_task::<S>)),
+        ("/api/v1/cases", get(cases::routes::list::<S>).post(cases::routes::begin::<S>)),
+        ("/api/v1/cases/{id}", get(cases::routes::show::<S>).delete(cases::routes::remove::<S>)),
+        ("/api/v1/cases/{id}/stages", post(cases::routes::stages::<S>)),
+        ("/api/v1/cases/{id}/files/{name}", get(cases::routes::file::<S>)),
+        ("/api/v1/cases/{id}/jobs", post(cases::routes::queue::<S>)),
         ("/api/v1/openapi.json", get(openapi::document)),
     ]
 }

@@ -1,6 +1,7 @@
 //! The description of `/api/v1` (OpenAPI 3.1). The OctoPrint part is described by OctoPrint.
 
 use super::access::Viewer;
+use super::cases::{pixels, routes};
 use super::{jobs, printers, status};
 use axum::Json;
 use utoipa::OpenApi;
@@ -17,6 +18,9 @@ use utoipa::{Modify, openapi};
         printers::list, printers::show, printers::history, printers::load, printers::clear_bed, printers::doubt_bed,
         printers::plan,
         status::status, status::health, status::whoami, status::events, status::keys, status::add_key, status::remove_key,
+        routes::folders, routes::find_folder, routes::folder, routes::inspect, routes::read_volume, routes::volume, pixels::plane,
+        routes::tasks, routes::task, routes::cancel_task, routes::list, routes::begin, routes::show, routes::remove, routes::stages, routes::file,
+        routes::queue,
         document,
     )
 )]

@@ -58,7 +58,7 @@ pub(super) struct EventsQuery {
     after: Option<u64>,
 }
 
-/// What happens, as it happens: server-sent events `hello`, `reset`, `record`, `printer`.
+/// What happens, as it happens: server-sent events `hello`, `reset`, `record`, `printer`, `task`.
 #[utoipa::path(get, path = "/api/v1/events", tag = "server",
     params(("after" = Option<u64>, Query, description = "Only records behind this number; the header `Last-Event-ID` goes before it")),
     responses((status = 200, content_type = "text/event-stream", body = String), (status = "4XX", body = ErrorBody)))]

@@ -109,6 +109,8 @@ pub(super) async fn take<S: Store>(app: &Appliance<S>, form: Form) -> Result<Upl
     if form.n_announced.is_some_and(|n_bytes| n_bytes > limits.max_bytes.saturating_add(ENVELOPE)) {
         return Err(too_large(limits.max_bytes));
     }
+    let (files, n_bytes) = (app.files.clone(), form.n_announced.unwrap_or(1).saturating_sub(ENVELOPE));
+    on_disk(move || files.check_room(n_bytes)).await?;
     let parts = form.parts.map_err(|e| malformed(&e.body_text()))?;
     let reader = Reader { parts, n_ahead: form.n_ahead, patience: limits.max_silence };
     timeout(limits.max_time, reader.read(&app.files)).await.map_err(|_late| too_slow())?
@@ -238,7 +240,8 @@ impl FormPart<'_> {
 
     async fn file(&mut self, files: &Files) -> Result<Source, Problem> {
         let kind = FileKind::of(self.field.file_name().ok_or_else(no_file)?)?;
-        let mut part = files.begin()?;
+        let files = files.clone();
+        let mut part = on_disk(move || files.begin()).await?;
         let mut waiting: Vec<Bytes> = Vec::new();
         let mut n_waiting = 0;
         while let Some(bytes) = self.bytes().await? {

@@ -93,6 +93,11 @@ pub enum Error {
         /// What it says.
         problem: String,
     },
+    /// A fault of this program in the middle of something, which is as if it had not been begun.
+    #[error(
+        "the queue has a fault that is lumenfab's own: nothing was changed; look into the log, and report it"
+    )]
+    Panicked,
     /// The store has been closed.
     #[error("the store of the queue has ended; start lumenfab again")]
     Gone,
@@ -116,6 +121,7 @@ impl Error {
             Self::Io { .. } => "store.io",
             Self::Address => "store.address",
             Self::Server { .. } => "store.server",
+            Self::Panicked => "store.panicked",
             Self::Gone => "store.gone",
         }
     }

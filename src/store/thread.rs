@@ -1,5 +1,6 @@
-//! A database and the thread that has it: calls reach it over a bounded channel, so that nothing that waits for a disk or a server holds
-//! up the task that talks to a printer.
+//! A database and the threads that have it: calls reach them over bounded channels, so that nothing that waits for a disk or a server
+//! holds up the task that talks to a printer. One thread writes; another one reads over a connection of its own, so that whoever only
+//! looks does not wait behind changes that cannot be made just now.
 
 use super::sql::{self, Sql};
 use super::{Claimed, Error, Place, Progress, Store, Which};
@@ -8,10 +9,11 @@ use crate::queue::{
     Spec, Subject, Ticket,
 };
 use jiff::Timestamp;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use tokio::sync::{mpsc, oneshot};
 
-/// Calls that may wait for the thread.
+/// Calls that may wait for a thread.
 const MOST_WAITING: usize = 64;
 
 /// How another connection is made.
@@ -49,58 +51,109 @@ enum Message<D> {
     Close(oneshot::Sender<()>),
 }
 
-/// A queue in a database. Clones are the same; the connection is closed when the last one is dropped.
+/// One thread and its connection.
 #[derive(Debug)]
-pub struct OnThread<D> {
-    messages: mpsc::Sender<Message<D>>,
-}
+struct Hand<D>(mpsc::Sender<Message<D>>);
 
-impl<D> Clone for OnThread<D> {
+impl<D> Clone for Hand<D> {
     fn clone(&self) -> Self {
-        Self { messages: self.messages.clone() }
+        Self(self.0.clone())
     }
 }
 
-impl<D: Database> OnThread<D> {
-    /// Starts the thread, which makes the connection and keeps it; waits until it has. `place`: as errors name it.
-    pub(super) fn start(
+impl<D: Database> Hand<D> {
+    /// Starts the thread, which makes the connection and keeps it; waits until it has, and gives what `opened` makes of it. `place`: as
+    /// errors name it.
+    fn start<T: Send + 'static>(
+        name: &str,
         place: &Path,
         open: impl FnOnce() -> Result<D, Error> + Send + 'static,
-    ) -> Result<Self, Error> {
+        opened: impl FnOnce(&D) -> T + Send + 'static,
+    ) -> Result<(Self, T), Error> {
         let (messages, inbox) = mpsc::channel(MOST_WAITING);
-        let (told, opened) = std::sync::mpsc::channel();
+        let (tell, told) = std::sync::mpsc::channel();
         let work = move || match open() {
             Ok(db) => {
-                told.send(Ok(())).ok();
+                tell.send(Ok(opened(&db))).ok();
                 serve(db, inbox);
             }
-            Err(error) => drop(told.send(Err(error))),
+            Err(error) => drop(tell.send(Err(error))),
         };
         let failed = |e: std::io::Error| Error::Io { path: place.to_owned(), problem: e.to_string() };
-        std::thread::Builder::new().name("queue".into()).spawn(work).map_err(failed)?;
-        opened.recv().map_err(|_panicked| Error::Gone)??;
-        Ok(Self { messages })
+        std::thread::Builder::new().name(name.into()).spawn(work).map_err(failed)?;
+        let made = told.recv().map_err(|_panicked| Error::Gone)??;
+        Ok((Self(messages), made))
     }
 
-    /// Ends the thread once everything that was asked for is done, and closes the connection. Other clones are refused from then on.
-    pub async fn close(self) {
+    async fn close(self) {
         let (done, closed) = oneshot::channel();
-        if self.messages.send(Message::Close(done)).await.is_ok() {
+        if self.0.send(Message::Close(done)).await.is_ok() {
             // Where the thread is gone already, the connection is closed, too.
             closed.await.ok();
         }
     }
 
-    /// Does something on the thread.
-    pub(super) async fn on_thread<T: Send + 'static>(
+    async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut D) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
         let (answer, answered) = oneshot::channel();
-        // Whoever asked may have left: what was done is done.
-        let work: Work<D> = Box::new(move |db| drop(answer.send(work(db))));
-        self.messages.send(Message::Work(work)).await.map_err(|_closed| Error::Gone)?;
+        let work: Work<D> = Box::new(move |db| {
+            // What panics is rolled back, and the queue lives on: prints are attended by whoever else asks it.
+            let done = catch_unwind(AssertUnwindSafe(|| work(db))).unwrap_or(Err(Error::Panicked));
+            // Whoever asked may have left: what was done is done.
+            drop(answer.send(done));
+        });
+        self.0.send(Message::Work(work)).await.map_err(|_closed| Error::Gone)?;
         answered.await.map_err(|_ended| Error::Gone)?
+    }
+}
+
+/// A queue in a database. Clones are the same; the connections are closed when the last one is dropped.
+#[derive(Debug)]
+pub struct OnThread<D> {
+    writer: Hand<D>,
+    reader: Hand<D>,
+}
+
+impl<D> Clone for OnThread<D> {
+    fn clone(&self) -> Self {
+        Self { writer: self.writer.clone(), reader: self.reader.clone() }
+    }
+}
+
+impl<D: Database> OnThread<D> {
+    /// Starts the threads, which make the connections and keep them; waits until they have. `place`: as errors name it.
+    pub(super) fn start(
+        place: &Path,
+        open: impl FnOnce() -> Result<D, Error> + Send + 'static,
+    ) -> Result<Self, Error> {
+        let (writer, again) = Hand::start("queue", place, open, D::again)?;
+        let (reader, ()) = Hand::start("queue-read", place, again, |_db| ())?;
+        Ok(Self { writer, reader })
+    }
+
+    /// Ends the threads once everything that was asked for is done, and closes the connections. Other clones are refused from then on.
+    pub async fn close(self) {
+        // The writer last: of SQLite it is the one that may clear up behind itself.
+        self.reader.close().await;
+        self.writer.close().await;
+    }
+
+    /// Does something on the thread that writes.
+    pub(super) async fn on_thread<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut D) -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        self.writer.run(work).await
+    }
+
+    /// Does something on the thread that reads.
+    pub(super) async fn on_reader<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut D) -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        self.reader.run(work).await
     }
 
     async fn write<T: Send + 'static>(
@@ -114,7 +167,7 @@ impl<D: Database> OnThread<D> {
         &self,
         look: impl FnOnce(&dyn Sql) -> Result<T, sql::Error> + Send + 'static,
     ) -> Result<T, Error> {
-        self.on_thread(|db| db.read(look)).await
+        self.on_reader(|db| db.read(look)).await
     }
 
     /// Reads over a connection of its own, so that it may take long.
@@ -122,7 +175,7 @@ impl<D: Database> OnThread<D> {
         &self,
         look: impl FnOnce(&mut D) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        let open = self.on_thread(|db| Ok(db.again())).await?;
+        let open = self.on_reader(|db| Ok(db.again())).await?;
         let (answer, answered) = oneshot::channel();
         let looked = move || drop(answer.send(open().and_then(|mut db| look(&mut db))));
         std::thread::Builder::new().name("queue-check".into()).spawn(looked).map_err(|_none| Error::Gone)?;

@@ -74,14 +74,11 @@ fn the_sample_says_every_key_with_its_default() {
     let optional = PrinterConfig { bed_clear: None, baud: None, material: None, ..printer.clone() };
     assert_eq!([optional], default.printers[..]);
     assert_eq!(
-        (shown.prepare, shown.on_stop, shown.http.max_upload_bytes),
-        (default.prepare, default.on_stop, default.http.max_upload_bytes)
+        (shown.prepare, shown.on_stop, shown.http.max_upload_bytes, shown.disk),
+        (default.prepare, default.on_stop, default.http.max_upload_bytes, default.disk)
     );
-    assert!(
-        shown.webhook.is_some()
-            && shown.watch.is_some()
-            && printer.baud.is_some()
-            && printer.material.is_some()
-    );
-    assert_eq!(all.matches(" = ").count(), 24, "a key was added: say it in deploy/config.toml");
+    assert!(shown.webhook.is_some() && printer.baud.is_some() && printer.material.is_some());
+    assert!(!shown.ct_folders.is_empty());
+    assert_eq!(shown.watch.map(|watch| watch.still), Some(Duration::from_secs(30)));
+    assert_eq!(all.matches(" = ").count(), 28, "a key was added: say it in deploy/config.toml");
 }

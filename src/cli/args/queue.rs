@@ -68,6 +68,16 @@ pub(crate) enum QueueCommand {
     Retry(SaidArgs),
     /// Move a job among those of its priority
     Move(MoveArgs),
+    /// Change priority, copies or time of a job that is not being printed
+    Edit(EditArgs),
+    /// Sign off a finished case: I have looked at its report, and it is good
+    Accept(SignOffArgs),
+    /// Sign off a finished case: I have looked at its report, and it is not good
+    Reject(SignOffArgs),
+    /// Say what a printer has loaded, and how much is left
+    Spool(SpoolArgs),
+    /// What is printed next, when each job ends, and why others wait
+    Plan,
     /// Say that a bed is clear: I have looked, and taken off what lay there
     ClearBed(BedArgs),
     /// Who did what, when and why
@@ -155,4 +165,58 @@ pub(crate) struct BedArgs {
     /// Why
     #[arg(long, value_name = "TEXT", default_value = "", value_parser = |text: &str| Reason::try_new(text), hide_default_value = true)]
     pub(crate) why: Reason,
+}
+
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("edit").required(true).multiple(true).args(["priority", "copies", "not_before", "any_time"]))]
+pub(crate) struct EditArgs {
+    #[command(flatten)]
+    pub(crate) said: SaidArgs,
+    /// Higher goes first, -128 to 127
+    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    pub(crate) priority: Option<i8>,
+    /// How often it is printed, those included that are printed already
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) copies: Option<u16>,
+    /// Not before this time, such as 2026-12-24T18:00:00Z
+    #[arg(long, value_name = "TIME", conflicts_with = "any_time")]
+    pub(crate) not_before: Option<Timestamp>,
+    /// As soon as its turn comes
+    #[arg(long)]
+    pub(crate) any_time: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SignOffArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArgs,
+    /// Who has looked at the report
+    #[arg(long, value_name = "NAME", value_parser = |text: &str| Name::try_new(text))]
+    pub(crate) name: Name,
+    /// Why
+    #[arg(long, value_name = "TEXT", value_parser = |text: &str| Reason::try_new(text))]
+    pub(crate) why: Reason,
+}
+
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("spool").required(true).multiple(true).args(["material", "left_cm3", "untracked", "nozzle_um", "profile"]))]
+pub(crate) struct SpoolArgs {
+    /// Of which printer [default: the only one]
+    #[arg(long, value_name = "NAME", value_parser = |text: &str| Name::try_new(text))]
+    pub(crate) printer: Option<Name>,
+    /// The material, such as PLA
+    #[arg(long, value_name = "NAME", value_parser = |text: &str| Material::try_new(text))]
+    pub(crate) material: Option<Material>,
+    /// Filament left on the spool, cm³: a full one of 1 kg of PLA has about 800
+    #[arg(long, value_name = "V", conflicts_with = "untracked", value_parser = clap::value_parser!(u32).range(..=1_000_000))]
+    pub(crate) left_cm3: Option<u32>,
+    /// Nobody keeps track of how much is left
+    #[arg(long)]
+    pub(crate) untracked: bool,
+    /// Diameter of the nozzle, µm
+    #[arg(long, value_name = "UM", value_parser = clap::value_parser!(u32).range(50..=5000))]
+    pub(crate) nozzle_um: Option<u32>,
+    /// The profile that its jobs are made for
+    #[arg(long, value_name = "NAME", value_parser = |text: &str| Name::try_new(text))]
+    pub(crate) profile: Option<Name>,
 }

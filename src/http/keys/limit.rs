@@ -1,53 +1,65 @@
-//! How many wrong keys an address may show: a bucket of [`MOST_WRONG`] that fills by one every [`REFILL`].
+//! How much may be asked for in a row: a bucket for each of whom it is asked, which fills again by one after a while.
 //!
-//! Pure: the time since the start is an argument. Of IPv6 the network of 64 bits counts, which is what one household has. At
-//! most [`MOST_ADDRESSES`] are kept, those that were wrong longest ago forgotten first.
+//! Pure: the time since the start is an argument. A bounded number of buckets is kept; those that were asked for longest ago are
+//! forgotten first.
 
 use std::collections::VecDeque;
 use std::net::{IpAddr, Ipv6Addr};
 use std::time::Duration;
 
-/// Wrong keys in a row.
-const MOST_WRONG: u32 = 10;
-/// One more after so long.
-const REFILL: Duration = Duration::from_secs(6);
-/// Addresses that are kept.
-const MOST_ADDRESSES: usize = 1024;
+/// How much.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rate {
+    /// So many in a row.
+    pub(super) most: u32,
+    /// One more after so long.
+    pub(super) refill: Duration,
+}
 
-/// What is known of one address.
+/// Buckets that are kept.
+const MOST_BUCKETS: usize = 1024;
+
+/// What is known of one of them.
 #[derive(Debug)]
-struct Bucket {
-    of: IpAddr,
-    /// When it will be full again: each wrong key adds a refill.
+struct Bucket<K> {
+    of: K,
+    /// When it will be full again: each thing that is counted adds a refill.
     full_at: Duration,
 }
 
-/// All addresses.
-#[derive(Debug, Default)]
-pub(super) struct Limit(VecDeque<Bucket>);
+/// All of them.
+#[derive(Debug)]
+pub(super) struct Limit<K> {
+    rate: Rate,
+    buckets: VecDeque<Bucket<K>>,
+}
 
-impl Limit {
-    /// Whether another try is allowed; if not, how long until one is.
-    pub(super) fn check(&self, address: IpAddr, now: Duration) -> Result<(), Duration> {
-        let of = network(address);
-        let Some(bucket) = self.0.iter().find(|bucket| bucket.of == of) else { return Ok(()) };
-        let allowed_at = bucket.full_at.saturating_sub(REFILL * (MOST_WRONG - 1));
+impl<K: PartialEq> Limit<K> {
+    pub(super) const fn new(rate: Rate) -> Self {
+        Self { rate, buckets: VecDeque::new() }
+    }
+
+    /// Whether another one is allowed; if not, how long until it is.
+    pub(super) fn check(&self, of: &K, now: Duration) -> Result<(), Duration> {
+        let Some(bucket) = self.buckets.iter().find(|bucket| bucket.of == *of) else { return Ok(()) };
+        let allowed_at = bucket.full_at.saturating_sub(self.rate.refill * (self.rate.most - 1));
         if now >= allowed_at { Ok(()) } else { Err(allowed_at - now) }
     }
 
-    /// A key was wrong.
-    pub(super) fn count(&mut self, address: IpAddr, now: Duration) {
-        let of = network(address);
-        let known = self.0.iter().position(|bucket| bucket.of == of).and_then(|idx| self.0.remove(idx));
-        let full_at = known.map_or(now, |bucket| bucket.full_at.max(now)) + REFILL;
-        if self.0.len() == MOST_ADDRESSES {
-            self.0.pop_front();
+    /// There was one.
+    pub(super) fn count(&mut self, of: K, now: Duration) {
+        let found = self.buckets.iter().position(|bucket| bucket.of == of);
+        let known = found.and_then(|idx| self.buckets.remove(idx));
+        let full_at = known.map_or(now, |bucket| bucket.full_at.max(now)) + self.rate.refill;
+        if self.buckets.len() == MOST_BUCKETS {
+            self.buckets.pop_front();
         }
-        self.0.push_back(Bucket { of, full_at });
+        self.buckets.push_back(Bucket { of, full_at });
     }
 }
 
-fn network(address: IpAddr) -> IpAddr {
+/// What counts of an address: of IPv6 the network of 64 bits, which is what one household has.
+pub(super) fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {
             let [a, b, c, d, ..] = v6.segments();
@@ -62,42 +74,45 @@ mod tests {
     use super::*;
 
     const ZERO: Duration = Duration::ZERO;
+    const RATE: Rate = Rate { most: 10, refill: Duration::from_secs(6) };
 
-    fn wrong(limit: &mut Limit, address: &str, times: u32) -> IpAddr {
-        let address = address.parse().unwrap();
+    fn wrong(limit: &mut Limit<IpAddr>, address: &str, times: u32) -> IpAddr {
+        let address = network(address.parse().unwrap());
         (0..times).for_each(|_| limit.count(address, ZERO));
         address
     }
 
     #[test]
-    fn ten_wrong_keys_are_borne_then_one_every_six_seconds() {
-        let mut limit = Limit::default();
-        let address = wrong(&mut limit, "192.0.2.1", MOST_WRONG - 1);
-        assert_eq!(limit.check(address, ZERO), Ok(()));
+    fn ten_are_borne_then_one_every_six_seconds() {
+        let mut limit = Limit::new(RATE);
+        let address = wrong(&mut limit, "192.0.2.1", RATE.most - 1);
+        assert_eq!(limit.check(&address, ZERO), Ok(()));
         limit.count(address, ZERO);
-        assert_eq!(limit.check(address, ZERO), Err(REFILL));
-        assert_eq!(limit.check(address, REFILL), Ok(()));
-        limit.count(address, REFILL);
-        assert_eq!(limit.check(address, REFILL), Err(REFILL));
+        assert_eq!(limit.check(&address, ZERO), Err(RATE.refill));
+        assert_eq!(limit.check(&address, RATE.refill), Ok(()));
+        limit.count(address, RATE.refill);
+        assert_eq!(limit.check(&address, RATE.refill), Err(RATE.refill));
     }
 
     #[test]
     fn neighbours_in_a_network_share_and_others_do_not() {
-        let mut limit = Limit::default();
-        wrong(&mut limit, "2001:db8::1", MOST_WRONG);
-        assert!(limit.check("2001:db8::2".parse().unwrap(), ZERO).is_err());
-        assert!(limit.check("2001:db8:0:1::1".parse().unwrap(), ZERO).is_ok());
-        wrong(&mut limit, "192.0.2.1", MOST_WRONG);
-        assert!(limit.check("::ffff:192.0.2.1".parse().unwrap(), ZERO).is_err());
-        assert!(limit.check("192.0.2.2".parse().unwrap(), ZERO).is_ok());
+        let mut limit = Limit::new(RATE);
+        wrong(&mut limit, "2001:db8::1", RATE.most);
+        let check =
+            |limit: &Limit<IpAddr>, address: &str| limit.check(&network(address.parse().unwrap()), ZERO);
+        assert!(check(&limit, "2001:db8::2").is_err());
+        assert!(check(&limit, "2001:db8:0:1::1").is_ok());
+        wrong(&mut limit, "192.0.2.1", RATE.most);
+        assert!(check(&limit, "::ffff:192.0.2.1").is_err());
+        assert!(check(&limit, "192.0.2.2").is_ok());
     }
 
     #[test]
-    fn as_many_addresses_are_kept_as_there_is_room_for() {
-        let mut limit = Limit::default();
+    fn as_many_are_kept_as_there_is_room_for() {
+        let mut limit = Limit::new(RATE);
         for number in 0..2000_u32 {
             limit.count(IpAddr::V4(number.into()), ZERO);
         }
-        assert_eq!(limit.0.len(), MOST_ADDRESSES);
+        assert_eq!(limit.buckets.len(), MOST_BUCKETS);
     }
 }

@@ -1,9 +1,12 @@
 //! Keys for callers over TCP: a file of hashes, each with a name and what it allows.
 //!
 //! A key is told once, when it is made; the file keeps its Argon2id hash (RFC 9106) and a mark of 32 bits by which its line is found, so
-//! that one hash is reckoned, not one for each line. Keys that were good once are remembered under a fast keyed hash of this process,
-//! at most `MOST_REMEMBERED`, so that a request costs microseconds. Wrong ones are counted by address (`limit`); weak ones are
-//! refused before anything is reckoned (`strength`). The file has to be its owner's alone.
+//! that one hash is reckoned, not one for each line, and none for a key whose mark no line has. Keys that were good once are remembered
+//! under a fast keyed hash of this process, at most `MOST_REMEMBERED`, so that a request costs microseconds.
+//!
+//! Wrong keys are counted by address (`limit`), so that nobody can guess; behind a server that does TLS all callers have one
+//! address, so that this keeps no key out whose mark is in the file. Requests are counted by key. Weak keys are refused before anything is
+//! reckoned (`strength`). The file has to be its owner's alone.
 
 mod limit;
 mod memory;
@@ -16,7 +19,7 @@ use argon2::password_hash::phc::PasswordHash;
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
 use axum::http::StatusCode;
-use limit::Limit;
+use limit::{Limit, Rate, network};
 use memory::Memory;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -24,6 +27,7 @@ use std::net::IpAddr;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 use strength::Weak;
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
@@ -32,6 +36,10 @@ use tokio::time::Instant;
 const MOST_REMEMBERED: usize = 64;
 /// Memory of one hash, KiB: keys are random, so this has to slow nobody down, and the appliance is small.
 const HASH_KIB: u32 = 8 * 1024;
+/// Wrong keys of an address.
+const WRONG_KEYS: Rate = Rate { most: 10, refill: Duration::from_secs(6) };
+/// Requests with one key: far more than a screen that looks again at every event, and few enough that a flood leaves a core to the printer.
+const REQUESTS: Rate = Rate { most: 200, refill: Duration::from_millis(20) };
 /// For the marks of keys alone.
 const MARK_PURPOSE: &str = "lumenfab key mark 1";
 
@@ -106,7 +114,8 @@ struct Inner {
     path: PathBuf,
     file: Mutex<File>,
     memory: Mutex<Memory>,
-    limit: Mutex<Limit>,
+    wrong: Mutex<Limit<IpAddr>>,
+    requests: Mutex<Limit<Name>>,
     /// One hash at a time: memory stays small, and a flood of wrong keys leaves a core to the printer.
     hashing: Semaphore,
     started: Instant,
@@ -125,7 +134,8 @@ impl Keys {
             path: path.to_owned(),
             file: Mutex::new(read(path)?),
             memory: Mutex::new(Memory::new(seed, MOST_REMEMBERED)),
-            limit: Mutex::new(Limit::default()),
+            wrong: Mutex::new(Limit::new(WRONG_KEYS)),
+            requests: Mutex::new(Limit::new(REQUESTS)),
             hashing: Semaphore::new(1),
             started: Instant::now(),
         })))
@@ -202,54 +212,75 @@ impl Keys {
     /// Whose key it is and what it allows.
     ///
     /// # Errors
-    /// 401 where it is weak or wrong; 429 where too many of this address were.
+    /// 401 where it is weak or wrong; 429 where too many of this address were, or too much was asked with this key.
     pub(super) async fn check(&self, key: &str, address: IpAddr) -> Result<(Name, Access), Problem> {
-        if let Some(known) = lock(&self.0.memory).find(key) {
-            return Ok(known);
-        }
-        let now = self.0.started.elapsed();
-        if let Err(wait) = lock(&self.0.limit).check(address, now) {
-            let message = "too many wrong keys from this address: wait, then use a good one";
-            let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "http.too_many_wrong_keys", message);
-            return Err(Problem { retry_after_s: Some(wait.as_secs() + 1), ..problem });
-        }
-        let found = match strength::check(key) {
-            Ok(()) => self.search(key).await,
-            Err(weak) => Err(Problem::new(StatusCode::UNAUTHORIZED, "http.weak_key", weak.to_string())),
+        let known = lock(&self.0.memory).find(key);
+        let whose = match known {
+            Some(known) => Some(known),
+            None => match self.line(key) {
+                Some(line) => self.compare(key, line).await?,
+                None => None,
+            },
         };
-        if found.is_err() {
-            lock(&self.0.limit).count(address, now);
-        }
-        found
+        let (name, access) = whose.ok_or_else(|| self.refuse(key, address))?;
+        self.count_request(&name)?;
+        Ok((name, access))
     }
 
-    async fn search(&self, key: &str) -> Result<(Name, Access), Problem> {
-        let wrong = || {
-            let message = "this key is not known, or was removed: make a new one";
-            Problem::new(StatusCode::UNAUTHORIZED, "http.wrong_key", message)
+    /// One request more with this key.
+    fn count_request(&self, name: &Name) -> Result<(), Problem> {
+        let now = self.0.started.elapsed();
+        let mut requests = lock(&self.0.requests);
+        requests.check(name, now).map_err(|wait| {
+            let message = "too many requests with this key: ask less often; events tell what has changed";
+            too_many("http.too_many_requests", message, wait)
+        })?;
+        requests.count(name.clone(), now);
+        Ok(())
+    }
+
+    /// What whoever has a wrong key is told.
+    fn refuse(&self, key: &str, address: IpAddr) -> Problem {
+        let (now, network) = (self.0.started.elapsed(), network(address));
+        let mut wrong = lock(&self.0.wrong);
+        if let Err(wait) = wrong.check(&network, now) {
+            let message = "too many wrong keys from this address: wait, then use a good one";
+            return too_many("http.too_many_wrong_keys", message, wait);
+        }
+        wrong.count(network, now);
+        let (code, message) = match strength::check(key) {
+            Ok(()) => ("http.wrong_key", "this key is not known, or was removed: make a new one".to_owned()),
+            Err(weak) => ("http.weak_key", weak.to_string()),
         };
-        let line = self.line(key).ok_or_else(wrong)?;
+        Problem::new(StatusCode::UNAUTHORIZED, code, message)
+    }
+
+    /// Whether a key is that of the line that has its mark; `None`: it is not, or the line has gone meanwhile.
+    async fn compare(&self, key: &str, line: Line) -> Result<Option<(Name, Access)>, Problem> {
         let _one_at_a_time =
             self.0.hashing.acquire().await.map_err(|closed| Problem::inside("checking a key", &closed))?;
         let (given, hash) = (key.to_owned(), line.hash.clone());
         let is_good = tokio::task::spawn_blocking(move || is_of(&given, &hash)).await;
         if !is_good.map_err(|panicked| Problem::inside("checking a key", &panicked))? {
-            return Err(wrong());
+            return Ok(None);
         }
         let file = lock(&self.0.file);
-        let is_still_there = file.key.iter().any(|known| known.hash == line.hash);
-        if !is_still_there {
-            return Err(wrong());
+        if !file.key.iter().any(|known| known.hash == line.hash) {
+            return Ok(None);
         }
         lock(&self.0.memory).remember(key, (line.name.clone(), line.access));
-        drop(file);
-        Ok((line.name, line.access))
+        Ok(Some((line.name, line.access)))
     }
 
     fn line(&self, key: &str) -> Option<Line> {
         let mark = mark(key);
         lock(&self.0.file).key.iter().find(|line| line.mark == mark).cloned()
     }
+}
+
+fn too_many(code: &'static str, message: &str, wait: Duration) -> Problem {
+    let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, code, message);
+    Problem { retry_after_s: Some(wait.as_secs() + 1), ..problem }
 }
 
 /// What is behind the lock is whole at any time.

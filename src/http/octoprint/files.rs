@@ -120,7 +120,10 @@ pub(super) async fn list_local<S: Store>(
     for job in &jobs {
         files.push(entry(&app, &headers, job).await?);
     }
-    let free = app.files.free_bytes().map_err(|e| Problem::inside("measuring the disk", &e))?;
+    let kept = app.files.clone();
+    let free =
+        upload::on_disk(move || kept.free_bytes().map_err(|e| Problem::inside("measuring the disk", &e)));
+    let free = free.await?;
     Ok(Json(json!({ "files": files, "free": free })))
 }
 

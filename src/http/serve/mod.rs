@@ -106,28 +106,46 @@ impl Listeners {
     }
 }
 
+/// Why the faces ended before they were asked to.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The queue cannot even be read.
+    #[error(transparent)]
+    Store(#[from] store::Error),
+    /// A part of them has ended by itself.
+    #[error(
+        "a part of the API has ended by itself: this is a fault of lumenfab; look into its log, and report it"
+    )]
+    Part,
+}
+
 /// Serves until `shutdown`, then ends gracefully.
 ///
 /// # Errors
-/// What the queue says where it cannot even be read.
+/// [`ServeError`].
 pub async fn serve<S: Store>(
     listeners: Listeners,
     app: Appliance<S>,
     edge: Edge,
     shutdown: impl Future<Output = ()>,
-) -> Result<(), store::Error> {
+) -> Result<(), ServeError> {
     let at = app.store.head().await?.seq;
     let (end, ending) = watch::channel(false);
     let gate = Gate { router: router(app.clone()), edge, ending };
-    let mut parts = JoinSet::new();
+    let mut tidying = JoinSet::new();
     match app.files.jobs() {
         Ok(found) => {
             let (files, store) = (app.files.clone(), app.store.clone());
-            parts.spawn(async move { files.tidy(&store, found).await });
+            tidying.spawn(async move { files.tidy(&store, found).await });
         }
         Err(error) => tracing::warn!("server: the folder of files cannot be read: {error}"),
     }
+    app.events.begin();
+    if let Some(cases) = &app.cases {
+        cases.begin();
+    }
     let (events, told) = (app.events.clone(), app.clone());
+    let mut parts = JoinSet::new();
     parts.spawn(async move { events.tell(&told, at).await });
     for listener in listeners.tcp {
         parts.spawn(gate.clone().accept_all(listener));
@@ -135,15 +153,26 @@ pub async fn serve<S: Store>(
     if let Some(socket) = listeners.socket {
         parts.spawn(gate.accept_all(socket));
     }
-    shutdown.await;
+    let ended_early = tokio::select! {
+        () = shutdown => None,
+        ended = parts.join_next() => ended,
+    };
     end.send_replace(true);
     app.events.end();
-    while let Some(ended) = parts.join_next().await {
-        if let Err(panicked) = ended {
-            tracing::error!("server: {panicked}");
+    if let Some(cases) = &app.cases {
+        cases.end();
+    }
+    let is_whole = ended_early.is_none();
+    let mut panics: Vec<_> = ended_early.and_then(Result::err).into_iter().collect();
+    for set in [&mut parts, &mut tidying] {
+        while let Some(ended) = set.join_next().await {
+            panics.extend(ended.err());
         }
     }
-    Ok(())
+    for panicked in panics {
+        tracing::error!("server: {panicked}");
+    }
+    if is_whole { Ok(()) } else { Err(ServeError::Part) }
 }
 
 /// Once the server ends.

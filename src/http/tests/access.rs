@@ -71,6 +71,41 @@ async fn too_many_wrong_keys_of_an_address_are_refused_and_good_ones_go_on() {
 }
 
 #[tokio::test]
+async fn wrong_keys_of_its_address_keep_no_good_key_out_that_was_not_used_before() {
+    let site = Site::with(Edge::default(), true).await;
+    for _ in 0..20 {
+        asked(&site, "/api/v1/whoami", "X-Api-Key: 5D1F0E8B93A67C25B0D95E8137AC64F2\r\n").await;
+    }
+    let other = asked(&site, "/api/v1/whoami", "X-Api-Key: 6D1F0E8B93A67C25B0D95E8137AC64F2\r\n").await;
+    assert_eq!(other.refusal(), no(429, "http.too_many_wrong_keys"));
+    let operate = format!("X-Api-Key: {OPERATE}\r\n");
+    let good = asked(&site, "/api/v1/whoami", &operate).await;
+    assert_eq!(good.status, 200, "{good:?}");
+    site.end().await;
+}
+
+#[tokio::test]
+async fn a_flood_with_one_key_is_refused_and_other_keys_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let keys = Keys::open(&dir.path().join("keys.toml")).unwrap();
+    let (busy, calm) = ("4D1F0E8B93A67C25B0D95E8137AC64F2", "7E2A0E8B93A67C25B0D95E8137AC64F2");
+    keys.add_given(name("busy"), wire::Access::View, busy).unwrap();
+    keys.add_given(name("calm"), wire::Access::View, calm).unwrap();
+    let here = "127.0.0.1".parse().unwrap();
+    let mut refused = None;
+    for _ in 0..100_000 {
+        refused = keys.check(busy, here).await.err();
+        if refused.is_some() {
+            break;
+        }
+    }
+    let refused = refused.expect("so many are a flood");
+    assert_eq!((refused.status.as_u16(), refused.code), (429, "http.too_many_requests"));
+    assert!(refused.retry_after_s.is_some());
+    assert!(keys.check(calm, here).await.is_ok());
+}
+
+#[tokio::test]
 async fn keys_are_told_once_and_kept_as_hashes_for_their_owner_alone() {
     let site = Site::open().await;
     let new = site.post("/api/v1/keys", json!({ "name": "Prusa Slicer", "access": "operate" })).await.json();

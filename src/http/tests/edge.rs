@@ -222,3 +222,15 @@ async fn the_end_waits_for_what_is_under_way_and_ends_streams() {
     assert!(UnixStream::connect(&socket).await.is_err());
     assert_eq!(store.list(crate::store::Which::Live, None, 9).await.unwrap().len(), 1);
 }
+
+#[tokio::test]
+async fn faces_of_which_a_part_ends_say_so_and_can_be_started_again() {
+    let mut site = Site::open().await;
+    assert_eq!(site.get("/api/v1/health").await.status, 200);
+    site.app.events.end();
+    let ended = (&mut site.served).await.unwrap_err();
+    assert!(ended.into_panic().downcast_ref::<String>().unwrap().contains("Part"));
+    let site = Site::within(site.dir, Edge::default(), false).await;
+    assert_eq!(site.get("/api/v1/health").await.status, 200);
+    site.end().await;
+}

@@ -1,6 +1,7 @@
 //! Through real sockets, with a real server and a queue in a file.
 
 mod access;
+mod cases;
 mod edge;
 mod flow;
 mod octoprint;
@@ -43,6 +44,7 @@ pub(crate) fn limits() -> Limits {
         max_time: std::time::Duration::from_secs(5),
         max_silence: std::time::Duration::from_millis(300),
         at_once: 4,
+        reserve_bytes: 0,
     }
 }
 
@@ -80,7 +82,15 @@ impl Site {
             keys.add_given(name("slicer"), wire::Access::Operate, access::OPERATE).unwrap();
         }
         let (printers, desk) = Printers::channel();
-        let app = Appliance::new(store, printers, files, keys);
+        let mut app = Appliance::new(store, printers, files, keys);
+        let setup = crate::http::cases::Setup {
+            ct_folders: vec![dir.path().join("ct")],
+            state: dir.path().to_owned(),
+            program: dir.path().join("program"),
+            threads: 1,
+            nice: 0,
+        };
+        app.cases = Some(crate::http::cases::Cases::open(setup, app.events.clone()).unwrap());
         let socket = dir.path().join("socket");
         let tcp = if is_tcp { vec!["127.0.0.1:0".parse().unwrap()] } else { Vec::new() };
         let listen = Listen { socket: Some(socket.clone()), tcp };

@@ -3,6 +3,7 @@
 //! Lengths, times and amounts carry their units in their names; times are RFC 3339 in UTC. Unknown fields of requests are refused, so that a
 //! misspelt wish is not lost; unknown fields of answers are passed over, so that an older client goes on with a newer server.
 
+pub mod case;
 mod job;
 mod printer;
 mod schedule;

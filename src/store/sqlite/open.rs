@@ -5,11 +5,13 @@ use crate::store::Error;
 use crate::store::sql;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Transaction, TransactionBehavior};
 use rustix::fs::{Access, access};
+use std::cell::Cell;
 use std::fs::OpenOptions;
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// What a database is made from: each step brings it one version on, in a transaction of its own. Steps are never changed, only added.
 pub(super) const STEPS: &[&str] = &[include_str!("v1.sql")];
@@ -17,6 +19,8 @@ pub(super) const STEPS: &[&str] = &[include_str!("v1.sql")];
 pub(super) const APPLICATION_ID: i64 = 0x4c46_6162;
 /// How long another program is waited for.
 pub(super) const PATIENCE: Duration = Duration::from_secs(5);
+/// The same once it was waited for in vain, until it lets somebody write: else all who ask would wait one behind the other.
+const LESS_PATIENCE: Duration = Duration::from_millis(50);
 /// How often the mode is asked for while others open the new file, too.
 const MOST_ATTEMPTS: u32 = 20;
 /// A larger file is not read whole when it is opened, which would take longer than anybody waits for a start.
@@ -31,6 +35,8 @@ pub struct Db {
     version: i64,
     /// Which file it is, whatever its name becomes.
     file: Option<(u64, u64)>,
+    /// Since when another program keeps it locked.
+    locked_since: Cell<Option<Instant>>,
 }
 
 /// Statements that are kept ready: all there are.
@@ -73,7 +79,13 @@ impl Db {
 
     fn of(connection: Connection, path: &Path, steps: &[&str]) -> Self {
         connection.set_prepared_statement_cache_capacity(MOST_PREPARED);
-        Self { connection, path: path.to_owned(), version: version(steps.len()), file: identity(path) }
+        Self {
+            connection,
+            path: path.to_owned(),
+            version: version(steps.len()),
+            file: identity(path),
+            locked_since: Cell::new(None),
+        }
     }
 
     /// Refuses another program's database, and a later version's, before anything is written.
@@ -192,11 +204,35 @@ impl Db {
         work: impl FnOnce(&Tx<'_>) -> Result<T, sql::Error>,
     ) -> Result<T, Error> {
         let begun = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate);
-        let tx = begun.map_err(|e| told(&self.path, &e))?;
+        let tx = self.let_in(begun)?;
         self.check_still(&tx)?;
         let done = work(&Tx::of(&tx, &self.path)).map_err(|e| e.at(&self.path))?;
         tx.commit().map_err(|e| told(&self.path, &e))?;
         Ok(done)
+    }
+
+    /// Takes note of whether another program lets this one write: the first who asks waits for it, the next ones hear so at once.
+    fn let_in<T>(&self, begun: rusqlite::Result<T>) -> Result<T, Error> {
+        let error = match begun {
+            Ok(begun) => {
+                if self.locked_since.take().is_some() {
+                    self.be_patient(PATIENCE)?;
+                }
+                return Ok(begun);
+            }
+            Err(error) => told(&self.path, &error),
+        };
+        let Error::Locked { path, .. } = error else { return Err(error) };
+        let now = Instant::now();
+        let since = self.locked_since.get().unwrap_or_else(|| now.checked_sub(PATIENCE).unwrap_or(now));
+        if self.locked_since.replace(Some(since)).is_none() {
+            self.be_patient(LESS_PATIENCE)?;
+        }
+        Err(Error::Locked { path, waited_s: now.duration_since(since).as_secs() })
+    }
+
+    fn be_patient(&self, patience: Duration) -> Result<(), Error> {
+        self.connection.busy_timeout(patience).map_err(|e| told(&self.path, &e))
     }
 }
 

@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "what could not be tested is said")]
 
 use super::*;
+use crate::store::sql::Sql as _;
 use crate::store::suite::{again, ends_well, say_done};
 use std::process::{Command, Stdio};
 
@@ -91,5 +92,72 @@ fn a_database_that_another_program_locks_is_waited_for_and_then_said() {
         other.execute_batch("COMMIT").unwrap();
         store.add(ticket(2), true, operator(0)).await.unwrap();
         store.verify().await.unwrap();
+    });
+}
+
+/// How long the thread that writes would wait for another program, ms.
+async fn patience_ms(store: &Sqlite) -> i64 {
+    let asked = store.on_thread(|db| {
+        let ms = db.connection.pragma_query_value(None, "busy_timeout", |row| row.get(0));
+        ms.map_err(|_unreadable| Error::Gone)
+    });
+    asked.await.unwrap()
+}
+
+#[test]
+fn only_the_first_waits_for_a_program_that_keeps_the_database_locked() {
+    let folder = Folder::with_jobs(1);
+    let store = Folder::open(folder.dir());
+    let other = Connection::open(folder.db()).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    run(async {
+        assert_eq!(patience_ms(&store).await, 5000);
+        for _ in 0..2 {
+            let refused = store.add(ticket(2), true, operator(0)).await.unwrap_err();
+            assert_eq!(refused.code(), "store.locked");
+            assert_eq!(patience_ms(&store).await, 50);
+        }
+        other.execute_batch("COMMIT").unwrap();
+        store.add(ticket(2), true, operator(0)).await.unwrap();
+        assert_eq!(patience_ms(&store).await, 5000);
+    });
+}
+
+#[test]
+fn whoever_looks_does_not_wait_behind_those_who_cannot_write() {
+    let folder = Folder::with_jobs(1);
+    let store = Folder::open(folder.dir());
+    let other = Connection::open(folder.db()).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    run(async {
+        let write = |number| {
+            let store = store.clone();
+            tokio::spawn(async move { store.add(ticket(number), true, operator(0)).await })
+        };
+        let writes: Vec<_> = (2..14).map(write).collect();
+        tokio::task::yield_now().await;
+        store.head().await.unwrap();
+        assert_eq!(store.list(Which::Live, None, 9).await.unwrap().len(), 1);
+        assert!(writes.iter().all(|write| !write.is_finished()), "somebody who writes was waited for");
+        for write in writes {
+            assert_eq!(write.await.unwrap().unwrap_err().code(), "store.locked");
+        }
+    });
+}
+
+#[test]
+fn a_fault_of_this_program_changes_nothing_and_the_queue_lives_on() {
+    let folder = Folder::with_jobs(1);
+    let store = Folder::open(folder.dir());
+    run(async {
+        let broken = store.on_thread(|db| -> Result<(), Error> {
+            db.write(|tx| {
+                tx.run("UPDATE jobs SET urgency = 99", &[])?;
+                panic!("as asked for");
+            })
+        });
+        assert_eq!(broken.await.unwrap_err().code(), "store.panicked");
+        store.verify().await.unwrap();
+        store.add(ticket(2), true, operator(0)).await.unwrap();
     });
 }

@@ -6,18 +6,15 @@ use crate::queue::{Evidence, Head};
 use rusqlite::trace::{TraceEvent, TraceEventCodes};
 use std::sync::{Arc, Mutex};
 
-/// What each statement is begun with.
-async fn watch(store: &Sqlite, mut seen: impl FnMut(&str) + Send + 'static) {
-    let watched = store.on_thread(move |db| {
-        let told = move |event: TraceEvent<'_>| {
-            if let TraceEvent::Stmt(_, sql) = event {
-                seen(sql);
-            }
-        };
-        db.connection.trace_v2(TraceEventCodes::SQLITE_TRACE_STMT, Some(told)).unwrap();
-        Ok(())
-    });
-    watched.await.unwrap();
+/// What each statement of a connection is begun with.
+fn watch(db: &mut Db, mut seen: impl FnMut(&str) + Send + 'static) -> Result<(), Error> {
+    let told = move |event: TraceEvent<'_>| {
+        if let TraceEvent::Stmt(_, sql) = event {
+            seen(sql);
+        }
+    };
+    db.connection.trace_v2(TraceEventCodes::SQLITE_TRACE_STMT, Some(told)).unwrap();
+    Ok(())
 }
 
 fn holder(claim: &Claim, change: Change) -> Request {
@@ -67,7 +64,7 @@ fn a_crash_between_any_two_statements_leaves_all_of_a_change_or_nothing() {
     run(async {
         let store = Folder::open(folder.dir());
         let (from, to, count) = (folder.dir().to_owned(), images.path().to_owned(), Arc::clone(&n_images));
-        watch(&store, move |_| {
+        let keep_image = move |_: &str| {
             let mut count = count.lock().unwrap();
             let image = to.join(count.to_string());
             fs::create_dir(&image).unwrap();
@@ -75,8 +72,8 @@ fn a_crash_between_any_two_statements_leaves_all_of_a_change_or_nothing() {
                 fs::copy(from.join(file), image.join(file)).unwrap();
             }
             *count += 1;
-        })
-        .await;
+        };
+        store.on_thread(|db| watch(db, keep_image)).await.unwrap();
         let heads = Mutex::new(Vec::new());
         let look = async || {
             let head = store.head().await.unwrap();
@@ -108,7 +105,15 @@ fn no_statement_looks_at_all_jobs_or_sorts_them() {
     let heard = Arc::clone(&seen);
     run(async {
         let store = Folder::open(folder.dir());
-        watch(&store, move |sql| heard.lock().unwrap().push(sql.to_owned())).await;
+        let hear = move |sql: &str| heard.lock().unwrap().push(sql.to_owned());
+        store
+            .on_thread({
+                let hear = hear.clone();
+                |db| watch(db, hear)
+            })
+            .await
+            .unwrap();
+        store.on_reader(|db| watch(db, hear)).await.unwrap();
         one_of_everything(&store, async || {}).await;
         store.claim(Claimant::Worker(name("w")), at(9)).await.unwrap();
         for which in [Which::Live, Which::Over] {
