@@ -191,7 +191,7 @@ fn of_event(event: Event) -> Option<Told> {
         Event::Started(stage) => Told::Started { stage },
         Event::Progress { done, total, .. } => Told::Progress { done, total },
         Event::Note { text, .. } => Told::Note { text },
-        Event::Warned { warning, .. } => Told::Warned { code: warning.code.into(), text: warning.text },
+        Event::Warned { warning, .. } => Told::Warned { code: warning.code, text: warning.text },
         Event::Told { code, text, .. } => Told::Warned { code: code.to_owned(), text },
         // Its warnings were told one by one, its summary stands in the result.
         Event::Ended(_) => return None,

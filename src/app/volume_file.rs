@@ -317,7 +317,7 @@ mod tests {
         std::fs::write(&path, to_bytes(&volume())).unwrap();
         let mut planes = Planes::open(&path).unwrap();
         assert_eq!((planes.dims(), planes.plane_z_mm()), ([5, 4, 3], &[1.0, 4.0, 7.0][..]));
-        let numbers = |values: std::ops::Range<u8>| values.map(f32::from).collect::<Vec<_>>();
+        let numbers = |values: Range<u8>| values.map(f32::from).collect::<Vec<_>>();
         assert_eq!(planes.plane(1).unwrap(), numbers(20..40));
         let rows = [numbers(5..10), numbers(25..30), numbers(45..50)].concat();
         assert_eq!(planes.cut(Across::Y, 1).unwrap(), rows);

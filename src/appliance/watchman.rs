@@ -240,7 +240,7 @@ mod tests {
         let start = move || {
             let number = counted.fetch_add(1, Relaxed);
             async move {
-                assert!(number % 2 == 0, "as asked for");
+                assert!(number.is_multiple_of(2), "as asked for");
                 Err(store::Error::Address)
             }
         };

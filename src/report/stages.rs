@@ -585,7 +585,7 @@ fn pictures(
     inputs: &Inputs<'_>,
     planes: &[PlaneWork],
     layers: &[LayerWork],
-    scanned: Option<&Scanned>,
+    scanned: Option<&Scanned<'_>>,
     counter: &Counter<'_>,
 ) -> Result<Vec<super::Picture>, Error> {
     let regions = planes.iter().flat_map(|p| [&p.contours.region, &p.section.outer]);

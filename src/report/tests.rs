@@ -200,7 +200,7 @@ fn a_cast_is_measured_by_what_is_filled() {
     // The same beads are the cast of a ring-shaped lumen.
     let (outer, inner) =
         (disk(RADIUS_MM + WALL_MM).contours[0].clone(), disk(RADIUS_MM).contours[0].reversed());
-    let ring = crate::geom::Region::new(vec![outer.clone(), inner.clone()]);
+    let ring = Region::new(vec![outer.clone(), inner.clone()]);
     for layer in &mut case.layers {
         layer.material = ring.clone();
     }
@@ -208,13 +208,13 @@ fn a_cast_is_measured_by_what_is_filled() {
         plane.contours = vec![outer.clone(), inner.clone()];
     }
     #[derive(Debug)]
-    struct Ring(crate::geom::Region);
+    struct Ring(Region);
     impl Sectioned for Ring {
         fn z_range_mm(&self) -> [f64; 2] {
             [-1.5, 7.5]
         }
         fn section(&self, _: f64, _: f64) -> crate::solid::CrossSection {
-            crate::solid::CrossSection { outer: self.0.clone(), lumen: crate::geom::Region::default() }
+            crate::solid::CrossSection { outer: self.0.clone(), lumen: Region::default() }
         }
     }
     let solid = Ring(ring);
@@ -254,7 +254,7 @@ fn holes_compensated_in_a_part_that_shrinks_are_measured_as_they_are_when_cold()
 fn a_cast_that_is_squeezed_and_shrinks_is_measured_as_it_is_when_cold() {
     let mut case = Case::new(3);
     for layer in &mut case.layers {
-        (layer.material, layer.lumen) = (disk(RADIUS_MM), crate::geom::Region::default());
+        (layer.material, layer.lumen) = (disk(RADIUS_MM), Region::default());
     }
     let case = planned(case, |print| print.squeeze_compensation_mm = 0.4);
     #[derive(Debug)]
@@ -264,7 +264,7 @@ fn a_cast_that_is_squeezed_and_shrinks_is_measured_as_it_is_when_cold() {
             [-1.5, 7.5]
         }
         fn section(&self, _: f64, _: f64) -> crate::solid::CrossSection {
-            crate::solid::CrossSection { outer: disk(RADIUS_MM), lumen: crate::geom::Region::default() }
+            crate::solid::CrossSection { outer: disk(RADIUS_MM), lumen: Region::default() }
         }
     }
     let cast = Inputs { image: None, solid: &Rod, body: BodyKind::Cast, ..inputs(&case) };
@@ -445,7 +445,7 @@ fn each_branch_has_the_figures_of_its_own_contours() {
         if let [first, _] = &mut plane.contours[..] {
             let (centre, n) = (first.centroid(), first.len());
             let radius_mm = (first.points[0] - centre).norm();
-            *first = crate::geom::Contour::circle(centre, radius_mm + 0.3, n);
+            *first = Contour::circle(centre, radius_mm + 0.3, n);
         }
     }
     let report = build(&inputs(&case), &Task::quiet()).unwrap();
@@ -494,14 +494,14 @@ fn what_was_only_commanded_is_called_so_everywhere() {
     assert!(lines.contains("commanded against planned") && !lines.contains("\nPassed:"), "{lines}");
     let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
     assert_eq!(json["verdict"]["rests_on"], "commanded, not measured");
-    assert_eq!(super::schema::tests::broken(&report), [""; 0]);
+    assert_eq!(schema::tests::broken(&report), [""; 0]);
     let recorded = html(&self::report(&Case::new(2))).unwrap();
     assert!(recorded.contains("deposited material as recorded") && !recorded.contains("not measured"));
 }
 
 #[test]
 fn page_and_figures_say_what_they_are_of() {
-    let about = super::about::tests::example();
+    let about = about::tests::example();
     let case = Case::new(2);
     let report = build(&Inputs { about: &about, ..inputs(&case) }, &Task::quiet()).unwrap();
     let page = html(&report).unwrap();
