@@ -472,7 +472,7 @@ mod tests {
         let place = Place::with_case();
         let stages = fs::read_to_string(place.file("stages.toml")).unwrap();
         // The new seal is there, the new record is not.
-        super::announce(&place.case(), &place.key(), "[print]\n").unwrap();
+        announce(&place.case(), &place.key(), "[print]\n").unwrap();
         assert_eq!(place.findings(), []);
         // Both are.
         fs::write(place.file("stages.toml"), "[print]\n").unwrap();

@@ -426,7 +426,7 @@ fn each_branch_has_the_figures_of_its_own_contours() {
         if let [first, _] = &mut plane.contours[..] {
             let (centre, n) = (first.centroid(), first.len());
             let radius_mm = (first.points[0] - centre).norm();
-            *first = crate::geom::Contour::circle(centre, radius_mm + 0.3, n);
+            *first = Contour::circle(centre, radius_mm + 0.3, n);
         }
     }
     let report = build(&inputs(&case), &Task::quiet()).unwrap();
@@ -475,14 +475,14 @@ fn what_was_only_commanded_is_called_so_everywhere() {
     assert!(lines.contains("commanded against planned") && !lines.contains("\nPassed:"), "{lines}");
     let json: serde_json::Value = serde_json::from_str(&report.to_json().unwrap()).unwrap();
     assert_eq!(json["verdict"]["rests_on"], "commanded, not measured");
-    assert_eq!(super::schema::tests::broken(&report), [""; 0]);
+    assert_eq!(schema::tests::broken(&report), [""; 0]);
     let recorded = html(&self::report(&Case::new(2))).unwrap();
     assert!(recorded.contains("deposited material as recorded") && !recorded.contains("not measured"));
 }
 
 #[test]
 fn page_and_figures_say_what_they_are_of() {
-    let about = super::about::tests::example();
+    let about = about::tests::example();
     let case = Case::new(2);
     let report = build(&Inputs { about: &about, ..inputs(&case) }, &Task::quiet()).unwrap();
     let page = html(&report).unwrap();

@@ -152,7 +152,7 @@ mod tests {
         assert_eq!((row.size.as_str(), row.plane), ("0.400 \u{b1} 0.001 mm", Some(2)));
         let number = |size, unit| super::size(Size { size, unit, uncertainty: 0.0 });
         assert_eq!([number(1.0, "layers"), number(2.0, "planes")], ["1 layer", "2 planes"]);
-        let percent = |uncertainty| super::size(Size { size: 2.0137, unit: "percent", uncertainty });
+        let percent = |uncertainty| size(Size { size: 2.0137, unit: "percent", uncertainty });
         assert_eq!(
             [percent(0.2), percent(0.02), percent(0.002)].map(|t| t.replace('\u{b1}', "+-")),
             ["2.0 +- 0.2 %", "2.01 +- 0.02 %", "2.014 +- 0.002 %"]
