@@ -177,6 +177,20 @@ fn rods(gap: impl Fn(f64) -> f64) -> Brep {
 }
 
 #[test]
+fn walls_beside_creases_are_proved_to_be_apart_at_every_height() {
+    // Notches of the outer skin retreat fast beside the apexes of its creases.
+    let vessel = Vessel::new(Vessels::Trifurcation);
+    for (step_mm, n_planes, wall_mm) in [(3.0, 46u32, 1.5), (2.5, 56, 0.8)] {
+        let plane = |k: u32| {
+            let z_mm = step_mm * f64::from(k);
+            PlaneSections { z_mm, contours: vessel.region_at(z_mm, 128).contours }
+        };
+        let solid = solid((0..n_planes).map(plane).collect(), Wanted::Wall { wall_mm });
+        assert_eq!(examined(&Brep::of(&solid, SkinChoice::All)), Ok(Vec::new()), "{wall_mm}");
+    }
+}
+
+#[test]
 fn tubes_that_cross_between_the_heights_that_are_looked_at_are_found() {
     // Of the sections at knots, half-way and at quarters, none crosses.
     let gap = |least: f64| move |z: f64| least + 0.4 * ((z - 1.875) / 3.0).powi(2);
