@@ -45,12 +45,21 @@ async fn a_case_is_begun_corrected_built_sliced_and_queued() {
         sleep(Duration::from_millis(20)).await;
     }
     let mut events = client.events(None);
+    assert_eq!(events.next().await.unwrap(), Told::Connected);
+    let heard = tokio::spawn(async move {
+        loop {
+            if let Told::Task(task) = events.next().await.unwrap()
+                && task.state.is_over()
+            {
+                return task;
+            }
+        }
+    });
     let parameters = json!({ "phantom": { "kind": "tube" } });
     let begun = client.begin_case(&NewCase { folder: None, parameters, last: Stage::Segment }).await.unwrap();
     let segmented = over(&client, &begun.task).await;
     assert_eq!(segmented.state, TaskState::Done, "{segmented:?}");
-    let is_of_task = |told: &Told| matches!(told, Told::Task(task) if task.id == begun.task.id);
-    while !is_of_task(&events.next().await.unwrap()) {}
+    assert_eq!(*heard.await.unwrap(), segmented);
     let case = client.case(&begun.case).await.unwrap();
     assert!(case.files.iter().any(|file| file == "contours.png"), "{:?}", case.files);
     assert_eq!(case.stages.iter().map(|stage| stage.stage).collect::<Vec<_>>(), [Stage::Segment]);
@@ -60,7 +69,7 @@ async fn a_case_is_begun_corrected_built_sliced_and_queued() {
     let sliced = over(&client, &client.do_stages(&begun.case, &built).await.unwrap()).await;
     assert_eq!(sliced.state, TaskState::Done, "{sliced:?}");
     let case = client.case(&begun.case).await.unwrap();
-    assert_eq!(case.parameters.unwrap()["wall_mm"], 1.2);
+    assert_eq!(case.parameters["wall_mm"], 1.2);
     let estimate = case.estimate.unwrap();
     assert!(estimate.print_time_s > 0.0 && estimate.filament_g > 0.0, "{estimate:?}");
     let job = client.queue_case(&begun.case, &CaseToQueue::default()).await.unwrap().job;

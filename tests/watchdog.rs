@@ -1,9 +1,8 @@
 //! The service manager hears that the server lives, whatever its queue waits for: else it would kill prints.
 
 use lumenfab::client::Client;
-use lumenfab::http::wire::{Added, WishesBody};
-use lumenfab::queue::Reason;
-use std::fs;
+use lumenfab::http::wire::Said;
+use lumenfab::queue::{Name, Reason};
 use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -47,24 +46,17 @@ async fn a_server_whose_database_is_locked_says_that_it_lives_and_is_read_from()
         assert!(start.elapsed() < PATIENCE, "the server does not start");
         sleep(Duration::from_millis(20)).await;
     }
-    let job = dir.path().join("job.gcode");
-    fs::write(&job, "G28\nG1 X1 E1 F600\n").unwrap();
     let lock = rusqlite::Connection::open(dir.path().join("state/queue.db")).unwrap();
     lock.busy_timeout(PATIENCE).unwrap();
     lock.execute_batch("BEGIN IMMEDIATE").unwrap();
     let before = n_alive.load(Relaxed);
-    let added = Added {
-        path: job.to_str().unwrap().to_owned(),
-        id: None,
-        wishes: WishesBody::default(),
-        submit: false,
-        why: Reason::default(),
+    let printer = Name::try_new("printer").unwrap();
+    let said = Said { name: None, why: Reason::default() };
+    let write = |_| {
+        let (client, printer, said) = (client.clone(), printer.clone(), said.clone());
+        tokio::spawn(async move { client.doubt_bed(&printer, &said).await })
     };
-    let add = |_| {
-        let (client, added) = (client.clone(), added.clone());
-        tokio::spawn(async move { client.add(&added).await })
-    };
-    let writes: Vec<_> = (0..N_CLIENTS).map(add).collect();
+    let writes: Vec<_> = (0..N_CLIENTS).map(write).collect();
     client.status().await.unwrap();
     assert!(writes.iter().all(|write| !write.is_finished()), "whoever looks has waited for those who write");
     for write in writes {
@@ -74,7 +66,7 @@ async fn a_server_whose_database_is_locked_says_that_it_lives_and_is_read_from()
     // Twice a second, for the five seconds and more that the first one waits.
     assert!(n_heard >= 4, "it was heard {n_heard} times");
     lock.execute_batch("COMMIT").unwrap();
-    client.add(&added).await.unwrap();
+    client.doubt_bed(&printer, &said).await.unwrap();
     Command::new("kill").arg(server.id().to_string()).status().unwrap();
     assert!(server.wait().unwrap().success());
 }

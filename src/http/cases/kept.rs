@@ -11,9 +11,10 @@ use super::super::wire::case::{CaseEstimate, CaseView, Handle, Notice, StageView
 use super::{new_handle, nothing_of_this_name};
 use crate::app::case::{self, Look};
 use crate::app::errand::Hidden;
+use crate::app::settings::CaseFile;
 use crate::app::volume_file::Planes;
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::fs::{self, DirBuilder};
 use std::io;
@@ -115,7 +116,7 @@ impl Kept {
         };
         Ok(CaseView {
             id: handle.clone(),
-            parameters: Some(json!(parameters)),
+            parameters: said(&parameters),
             stages: told.iter().map(stage).collect(),
             estimate: estimate(&dir),
             files: files(&dir),
@@ -183,6 +184,17 @@ impl Kept {
             Err(e) => Err(Problem::inside("reading a volume", &e.kind())),
         }
     }
+}
+
+/// Parameters as they may be said again.
+fn said(parameters: &CaseFile) -> Value {
+    let shown =
+        CaseFile { format: None, id: None, source: None, label: None, port: None, ..parameters.clone() };
+    let mut value = json!(shown);
+    if let Some(keys) = value.as_object_mut() {
+        keys.retain(|_, value| !value.is_null());
+    }
+    value
 }
 
 /// Where something lies that is asked for by this name.

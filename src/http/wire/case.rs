@@ -188,7 +188,7 @@ pub struct TaskView {
     /// The stage that it is at.
     #[schema(value_type = Option<String>)]
     pub stage: Option<Stage>,
-    /// Units of work done, and in all.
+    /// Units of work done, and in all; 0 where nobody knows.
     pub progress: Option<[u64; 2]>,
     /// What it is at, in plain words.
     pub says: Option<String>,
@@ -270,9 +270,9 @@ pub struct CaseEstimate {
 pub struct CaseView {
     /// What it is asked for by; for good.
     pub id: Handle,
-    /// Its parameters, defaults filled in; `null` where nothing is done yet.
-    #[schema(value_type = Option<Object>)]
-    pub parameters: Option<Value>,
+    /// Its parameters, defaults filled in: those that may be said again.
+    #[schema(value_type = Object)]
+    pub parameters: Value,
     /// Stages that were done, in order. Whether they are up to date, the next task finds out.
     pub stages: Vec<StageView>,
     /// What its job takes, once it is sliced.
