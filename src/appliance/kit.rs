@@ -5,7 +5,7 @@ use super::notify::News;
 use super::place::Layout;
 use crate::http::events::Events;
 use crate::http::metrics::Counters;
-use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Request};
+use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Refusal, Request};
 use crate::store::{Error, Store};
 use jiff::Timestamp;
 use std::path::PathBuf;
@@ -15,6 +15,9 @@ use tokio::sync::watch;
 
 /// Between two attempts to have something recorded, at least and at most.
 const AGAIN: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
+/// How often the queue is told that a holder is alive, and the same, where it did not hear.
+const BEAT: Duration = Duration::from_secs(20);
+const BEAT_AGAIN: Duration = Duration::from_secs(5);
 /// Attempts before the end of a server that is asked to stop.
 const LAST_ATTEMPTS: u32 = 5;
 
@@ -80,6 +83,21 @@ impl<S: Store> Kit<S> {
             }
             tokio::time::sleep(rest).await;
             rest = (2 * rest).min(longest);
+        }
+    }
+
+    /// Tells the queue that the holder of a claim is alive, again and again, until the claim is lost.
+    pub(super) async fn keep(self, claim: Claim) {
+        loop {
+            let rest = match self.store.renew(claim.clone(), self.now()).await {
+                Ok(_) => BEAT,
+                Err(Error::Refused(Refusal::ClaimLost)) => return,
+                Err(error) => {
+                    tracing::warn!(job = %claim.job, "print: the claim was not renewed: {error}");
+                    BEAT_AGAIN
+                }
+            };
+            tokio::time::sleep(rest).await;
         }
     }
 }

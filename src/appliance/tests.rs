@@ -1,5 +1,6 @@
 //! The whole server: a real socket, a real queue, real pseudo-terminals with the simulated printer behind them.
 
+mod broken;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
 
@@ -105,10 +106,13 @@ impl Site {
     }
 
     async fn with(dir: TempDir, config: &str, program: PathBuf) -> Self {
+        Self::of(dir, Config::parse(config, "config.toml").unwrap(), program).await
+    }
+
+    async fn of(dir: TempDir, config: Config, program: PathBuf) -> Self {
         let state = dir.path().join("state");
         let place = Place::open(&state).unwrap();
         let client = Client::over_socket(place.layout().socket());
-        let config = Config::parse(config, "config.toml").unwrap();
         let (stop, stopping) = watch::channel(None);
         let setup = Setup { place, config, program, clock: Timestamp::now };
         let served = tokio::spawn(serve(setup, stopping));
@@ -382,6 +386,7 @@ async fn a_printing_part_that_dies_leaves_no_heater_on_and_nothing_is_printed_ag
     site.is_at(id, State::Failed).await;
     let told = site.told(id).await;
     assert!(told.last().unwrap().contains("the server ended in the middle of the print"), "{told:?}");
+    until("the heaters", async || printer.has_done("M104 S0")).await;
     assert_eq!(site.client.printer(&name("left")).await.unwrap().bed, BedView::Taken(id));
     tokio::time::sleep(Duration::from_secs(1)).await;
     let n_before = printer.beads().len();

@@ -39,12 +39,20 @@ struct Held {
     gcode: PathBuf,
     /// Whether the queue knows that material was laid.
     is_laid: bool,
-    /// Whether the queue knows it as paused.
+    /// Whether the printer stands.
     is_paused: bool,
+    shown: Shown,
     /// The printer could go on, but not exactly, and somebody has been told so.
     needs_consent: bool,
-    /// Its last print has ended, and nobody knows that the heaters are off.
-    may_be_hot: bool,
     print_s: u32,
     n_first_layer: Option<u64>,
+}
+
+/// What the queue has a job down as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    Printing,
+    Paused,
+    /// One of them: the last change may or may not have been recorded.
+    Unknown,
 }

@@ -1,10 +1,10 @@
 //! One printer of a server.
 
-use super::Held;
 use super::attend::{Attended, Told, journal_of};
-use super::outcome::Outcome;
+use super::outcome::{self, Begun, Heaters, Outcome};
 use super::press::{Ended, Machine, Press, Work};
 use super::waiting::Word;
+use super::{Held, Shown};
 use crate::appliance::Error as ServerError;
 use crate::appliance::config::{Port, PrinterConfig};
 use crate::appliance::kit::{Kit, ended};
@@ -127,7 +127,7 @@ impl<S: Store> Station<S> {
         while self.kit.stopping().is_none() {
             let hot_until = self.hot_until.unwrap_or_else(Instant::now);
             tokio::select! {
-                Some(wished) = self.wishes.recv() => self.heed_idle(wished).await,
+                Some(wished) = next_wish(&mut self.wishes) => self.heed_idle(wished).await,
                 () = sleep_until(hot_until), if self.hot_until.is_some() => self.switch_off().await,
                 () = sleep(LOOK) => {
                     if let Some(claimed) = self.draw().await? {
@@ -164,7 +164,7 @@ impl<S: Store> Station<S> {
                 }
                 Told::BrokeOff => {
                     let why = "the server ended in the middle of the print".to_owned();
-                    self.go_on(held, Outcome::Waits(why)).await?;
+                    self.go_on(held, Outcome::waits(why)).await?;
                 }
                 Told::Nothing => {
                     self.switch_off().await;
@@ -178,13 +178,14 @@ impl<S: Store> Station<S> {
 
     fn held(&self, claimed: &Claimed) -> Held {
         let Claimed { job, claim } = claimed;
+        let is_paused = job.state == crate::queue::State::Paused;
         Held {
             claim: claim.clone(),
             gcode: self.kit.layout.gcode(job.id),
             is_laid: job.is_laid,
-            is_paused: job.state == crate::queue::State::Paused,
+            is_paused,
+            shown: if is_paused { Shown::Paused } else { Shown::Printing },
             needs_consent: false,
-            may_be_hot: false,
             print_s: job.estimate().map_or(0, |estimate| estimate.print_s),
             n_first_layer: None,
         }
@@ -296,14 +297,14 @@ impl<S: Store> Station<S> {
     /// Prints, or goes on; `None`: it is left paused for the next server.
     pub(super) async fn attempt(&mut self, held: &mut Held, work: Work) -> Option<Outcome> {
         self.port = None;
+        let begun = if matches!(work, Work::Resume { .. }) { Begun::Again } else { Begun::Anew };
         let press = match Press::start(&self.machine, work, !held.is_laid).await {
             Ok(press) => press,
             Err(error) => return Some(no_thread(held, &error)),
         };
-        self.board.begin(self.kit.now(), held.print_s);
-        let outcome = Attended::new(self, held, press).outcome().await;
-        let is_left_warm = matches!(outcome, None | Some(Outcome::Waits(_)));
-        if held.may_be_hot && !is_left_warm {
+        self.board.begin(self.kit.now(), held.claim.job, held.print_s);
+        let outcome = Attended::new(self, held, press, begun).outcome().await;
+        if outcome.as_ref().is_some_and(|outcome| outcome.heaters == Heaters::SwitchOff) {
             self.switch_off().await;
         }
         outcome
@@ -312,15 +313,12 @@ impl<S: Store> Station<S> {
     /// What follows from a print that has ended, until nothing is left to do for it.
     async fn go_on(&mut self, mut held: Held, mut outcome: Outcome) -> Result<(), store::Error> {
         loop {
-            match outcome {
-                Outcome::Change { change, by, why } => {
+            match outcome.job {
+                outcome::Job::Change { change, by, why } => {
                     return self.settle(&held, change, by.as_ref(), &why).await;
                 }
-                Outcome::Lost => {
-                    self.board.end(Activity::Idle, None);
-                    return Ok(());
-                }
-                Outcome::Waits(why) => match self.wait_for_word(&mut held, &why).await {
+                outcome::Job::Lost => return self.lose(&held).await,
+                outcome::Job::Waits(why) => match self.wait_for_word(&mut held, &why).await {
                     Word::GoOn { after_reset } => {
                         let work = Work::Resume { job: held.gcode.clone(), after_reset };
                         match self.attempt(&mut held, work).await {
@@ -333,6 +331,7 @@ impl<S: Store> Station<S> {
                             .settle(&held, Change::Cancel { used_mm3: None }, Some(&by), why.as_str())
                             .await;
                     }
+                    Word::Lost => return self.lose(&held).await,
                     Word::Nothing => return Ok(()),
                 },
             }
@@ -351,11 +350,21 @@ impl<S: Store> Station<S> {
         // What people write may name somebody, and stays in the queue.
         let told = if by.is_some() { "somebody has asked for it" } else { why };
         tracing::info!(printer = %self.name(), %job, end = %kind, why = told, "print: ended");
-        if held.is_paused && matches!(change, Change::Printed { .. }) {
+        if held.shown != Shown::Printing && matches!(change, Change::Printed { .. }) {
             self.kit.insist(&held.claim, Change::GoOn, None, "").await.map_or_else(refused, |_| Ok(()))?;
         }
-        let is_given_back = matches!(change, Change::GiveBack { .. });
-        self.kit.insist(&held.claim, change, by, why).await.map_or_else(refused, |_| Ok(()))?;
+        let mut kind = kind;
+        let mut recorded = self.kit.insist(&held.claim, change, by, why).await;
+        if kind == Kind::GiveBack && matches!(recorded, Err(store::Error::Refused(Refusal::MaterialLaid))) {
+            // That it may lay was recorded after all, and the answer was lost: it has not.
+            let failed = Change::Fail { used_mm3: Some(0) };
+            (kind, recorded) = (Kind::Fail, self.kit.insist(&held.claim, failed, by, why).await);
+        }
+        if matches!(recorded, Err(store::Error::Refused(Refusal::ClaimLost))) {
+            return self.lose(held).await;
+        }
+        recorded.map_or_else(refused, |_| Ok(()))?;
+        let is_given_back = kind == Kind::GiveBack;
         self.kit.counters.count_print(kind);
         match kind {
             Kind::Printed => {
@@ -375,6 +384,29 @@ impl<S: Store> Station<S> {
         }
         if self.kit.stopping().is_none() {
             self.rest(why);
+        }
+        Ok(())
+    }
+
+    /// The job is not this printer's any more. What was laid of it lies there, whatever was said of the bed meanwhile.
+    async fn lose(&mut self, held: &Held) -> Result<(), store::Error> {
+        let job = held.claim.job;
+        tracing::warn!(printer = %self.name(), %job, "print: the job is not this printer's any more");
+        self.board.end(Activity::Idle, None);
+        if !held.is_laid {
+            return Ok(());
+        }
+        self.tell(
+            "claim-lost",
+            Some(job),
+            "the job was ended elsewhere in the middle of its print: look at the bed",
+        );
+        while let Err(error) = self.say(Said::BedInDoubt, "its print was ended elsewhere").await {
+            if self.kit.stopping().is_some() || matches!(error, store::Error::Gone) {
+                return Err(error);
+            }
+            tracing::error!(printer = %self.name(), "bed: {error}; it is tried again");
+            sleep(LOOK).await;
         }
         Ok(())
     }
@@ -410,8 +442,8 @@ impl<S: Store> Station<S> {
                 // Answered first: commands may take minutes.
                 let begun = self.check_commands(&lines).await;
                 let is_good = begun.is_ok();
-                wished.answer.send(begun).ok();
-                if is_good {
+                // Whoever has left believes that nothing is done, and may ask again.
+                if wished.answer.send(begun).is_ok() && is_good {
                     self.command(lines).await;
                 }
                 return;
@@ -478,9 +510,21 @@ impl<S: Store> Station<S> {
 fn no_thread(held: &Held, error: &io::Error) -> Outcome {
     let why = format!("the system gives no thread for the print: {error}");
     if held.is_laid {
-        return Outcome::Waits(why);
+        return Outcome::waits(why);
     }
-    Outcome::Change { change: Change::GiveBack { lost: false }, by: None, why }
+    let job = outcome::Job::Change { change: Change::GiveBack { lost: false }, by: None, why };
+    Outcome { job, heaters: Heaters::Off }
+}
+
+/// The next wish whose answer is still awaited: whoever has left believes that nothing is done, and may ask again.
+pub(super) async fn next_wish(wishes: &mut mpsc::Receiver<Wished>) -> Option<Wished> {
+    loop {
+        let wished = wishes.recv().await?;
+        if !wished.answer.is_closed() {
+            return Some(wished);
+        }
+        tracing::warn!(printer = %wished.printer, "a wish was passed over: nobody waits for it any more");
+    }
 }
 
 pub(super) fn not_now(text: &str) -> Unheard {
@@ -490,10 +534,6 @@ pub(super) fn not_now(text: &str) -> Unheard {
 /// What the queue refuses is settled: somebody else has decided. What cannot be recorded at all ends the part.
 fn refused(error: store::Error) -> Result<(), store::Error> {
     match error {
-        store::Error::Refused(refusal @ Refusal::ClaimLost) => {
-            tracing::warn!("print: {refusal}");
-            Ok(())
-        }
         store::Error::Refused(refusal) => {
             tracing::error!("print: {refusal}");
             Ok(())
