@@ -15,6 +15,7 @@
 //! - `preparing`: jobs to G-code; `survey`: what G-code tells (pure);
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder
 //!   whose files become jobs; `system`: the service manager;
+//! - `heat`: which printers may be hot, on the disk; [`guard`]: what is done about it where no server is;
 //! - `kit`: what they share;
 //! - [`backup()`], [`restore()`]: the directory as one file, and back.
 //!
@@ -26,6 +27,8 @@ mod backup;
 mod clearing;
 pub mod config;
 mod error;
+pub mod guard;
+mod heat;
 mod kit;
 mod live;
 mod notify;

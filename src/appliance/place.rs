@@ -8,6 +8,7 @@
 //! config.toml       what the operator decides, where there is one
 //! keys.toml         keys for TCP
 //! owner.lock        held as long as a server lives
+//! heat/             which printers may be hot: a file for each at a port, which whoever sees to its heaters has locked
 //! alive             touched while a server lives: tells the next one how long nobody watched
 //! ```
 

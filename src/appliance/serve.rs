@@ -61,7 +61,7 @@ pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) ->
     let Setup { place, config, program, clock } = setup;
     let layout = Arc::new(place.layout().clone());
     let machines: Result<Vec<_>, _> =
-        config.printers.iter().map(|p| printing::machine(p, &program)).collect();
+        config.printers.iter().map(|p| printing::machine(p, &program, &layout)).collect();
     let machines = machines?;
     let limits = Limits { max_bytes: config.http.max_upload_bytes, ..Limits::default() };
     let failed = |path: PathBuf| move |source| Error::Io { path, source };

@@ -1,6 +1,7 @@
 //! The whole server: a real socket, a real queue, real pseudo-terminals with the simulated printer behind them.
 
 mod broken;
+mod heat;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
 

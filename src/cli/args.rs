@@ -380,10 +380,17 @@ pub(crate) struct ResumeArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("which").required(true).args(["port", "state"]))]
 pub(crate) struct SafeOffArgs {
     /// Port of the printer: a path, or usb:VENDOR:PRODUCT[:SERIAL]
     #[arg(long, value_name = "PATH")]
-    pub(crate) port: String,
+    pub(crate) port: Option<String>,
+    /// All printers that a server with this state directory has left hot and that no next one takes up; none while a server lives
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["profile", "baud", "after_s"])]
+    pub(crate) state: Option<PathBuf>,
+    /// Keep watching until stopped: a print that waits for the next server goes cold after firmware.orphan_hold_s of its profile
+    #[arg(long, requires = "state")]
+    pub(crate) watch: bool,
     /// Profile of the printer: a name or a file
     #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_PROFILE)]
     pub(crate) profile: String,

@@ -37,6 +37,9 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Queue(args) => return answered(&face, queue::run(&args)),
         Command::Backup(args) => return answered(&face, serve::backup(&args)),
         Command::Restore(args) => return answered(&face, serve::restore(&args)),
+        Command::SafeOff(SafeOffArgs { state: Some(dir), watch, .. }) => {
+            return answered(&face, serve::safe_off(&dir, watch));
+        }
         command => command,
     };
     let events = |event: Event| face.event(event);
@@ -472,9 +475,11 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
 }
 
 fn safe_off(args: &SafeOffArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
-    let printer = app::Printer { profile_name: &args.profile, port: Some(&args.port), baud: args.baud };
+    // One of port and state is given, and the state directory is not for here.
+    let named = args.port.as_deref().unwrap_or_default();
+    let printer = app::Printer { profile_name: &args.profile, port: Some(named), baud: args.baud };
     let after = std::time::Duration::from_secs(args.after_s.into());
-    let port = port_kept(&args.port);
+    let port = port_kept(named);
     face.line(&match args.after_s {
         0 => format!("switches the heaters of the printer on {port} off; it may take half a minute to say so"),
         after_s => format!("switches the heaters of the printer on {port} off in {after_s} s, unless another program has it then"),

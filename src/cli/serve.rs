@@ -1,14 +1,16 @@
 //! `lumenfab serve`: the appliance as a process.
 
 use super::args::queue::{BackupArgs, ServeArgs, StateArgs};
-use super::{Answer, Failure};
+use super::{Answer, Failure, signals};
 use crate::appliance::config::OnStop;
+use crate::appliance::guard::{self, Heaters, SeenTo};
 use crate::appliance::place::{self, Place};
 use crate::appliance::{self, Error, Restored, Setup};
+use crate::printer::control::Controls;
 use jiff::Timestamp;
 use serde_json::json;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
@@ -51,6 +53,26 @@ pub(super) fn backup(args: &BackupArgs) -> Result<Answer, Failure> {
     let (file, mb) = (args.file.display(), saved.bytes as f64 / 1e6);
     let text = format!("backup  {} files, {mb:.1} MB: {file}", saved.n_files);
     Ok(Answer { document: json!(saved), text })
+}
+
+/// Switches off what a server has left hot.
+pub(super) fn safe_off(dir: &Path, watch: bool) -> Result<Answer, Failure> {
+    let cancel = signals::cancel_on_signal(&Controls::default());
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Error::Runtime)?;
+    let seen = runtime
+        .block_on(async { if watch { guard::watch(dir, &cancel).await } else { guard::look(dir).await } })?;
+    let line = |seen: &SeenTo| match &seen.why {
+        Some(why) => format!("{}: {why}", seen.printer),
+        None => format!("{}: its heaters are off", seen.printer),
+    };
+    let unknown: Vec<_> = seen.iter().filter(|seen| seen.heaters == Heaters::Unknown).map(line).collect();
+    if !unknown.is_empty() {
+        let text = format!("{}; switch it off if it is hot", unknown.join("; "));
+        return Err(Failure { text, code: "serve.heaters_unknown".to_owned(), exit_code: 1 });
+    }
+    let text = seen.iter().map(line).collect::<Vec<_>>().join("\n");
+    Ok(Answer { document: json!({ "printers": seen }), text })
 }
 
 /// Makes a state directory from a backup.

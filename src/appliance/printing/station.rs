@@ -7,8 +7,10 @@ use super::waiting::Word;
 use super::{Held, Shown};
 use crate::appliance::Error as ServerError;
 use crate::appliance::config::{Port, PrinterConfig};
+use crate::appliance::heat::{HeatFile, Hot};
 use crate::appliance::kit::{Kit, ended};
 use crate::appliance::live::{Board, Lives, idle};
+use crate::appliance::place::Layout;
 use crate::appliance::preparing;
 use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish, Wished};
@@ -39,7 +41,11 @@ const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 ///
 /// # Errors
 /// Where its profile cannot be used.
-pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> Result<Machine, ServerError> {
+pub(in crate::appliance) fn machine(
+    config: &PrinterConfig,
+    program: &Path,
+    layout: &Layout,
+) -> Result<Machine, ServerError> {
     let failed = |source| ServerError::Profile { printer: config.name.to_string(), source: Box::new(source) };
     let profile = profile::load::by_name(&config.profile).map_err(failed)?;
     Ok(Machine {
@@ -49,6 +55,7 @@ pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> R
         baud: config.baud,
         program: program.to_owned(),
         turn: Arc::default(),
+        heat: HeatFile::of(config, layout),
     })
 }
 
@@ -121,7 +128,12 @@ impl<S: Store> Station<S> {
     /// # Errors
     /// [`store::Error::Gone`] and what else of the queue cannot be mended by trying again.
     pub(in crate::appliance) async fn run(&mut self) -> Result<(), store::Error> {
+        self.machine.own_heat().await;
         self.take_up().await?;
+        // Left by a server that died, and no print's that could go on.
+        if self.machine.may_be_hot() && self.kit.stopping().is_none() {
+            self.switch_off().await;
+        }
         self.clear_what_lies_there().await?;
         let mut stopping = self.kit.stopping.clone();
         while self.kit.stopping().is_none() {
@@ -136,6 +148,9 @@ impl<S: Store> Station<S> {
                 }
                 () = ended(&mut stopping) => {}
             }
+        }
+        if self.hot_until.is_some() {
+            self.switch_off().await;
         }
         Ok(())
     }
@@ -297,6 +312,7 @@ impl<S: Store> Station<S> {
     /// Prints, or goes on; `None`: it is left paused for the next server.
     pub(super) async fn attempt(&mut self, held: &mut Held, work: Work) -> Option<Outcome> {
         self.port = None;
+        self.machine.tell_heat(Some(Hot::PRINT)).await;
         let begun = if matches!(work, Work::Resume { .. }) { Begun::Again } else { Begun::Anew };
         let press = match Press::start(&self.machine, work, !held.is_laid).await {
             Ok(press) => press,
@@ -304,8 +320,11 @@ impl<S: Store> Station<S> {
         };
         self.board.begin(self.kit.now(), held.claim.job, held.print_s);
         let outcome = Attended::new(self, held, press, begun).outcome().await;
-        if outcome.as_ref().is_some_and(|outcome| outcome.heaters == Heaters::SwitchOff) {
-            self.switch_off().await;
+        match outcome.as_ref().map(|outcome| outcome.heaters) {
+            Some(Heaters::SwitchOff) => self.switch_off().await,
+            Some(Heaters::Off) => self.machine.tell_heat(None).await,
+            Some(Heaters::Keep) => {}
+            None => self.machine.tell_heat(Some(Hot::waits(self.kit.now(), self.hold()))).await,
         }
         outcome
     }
@@ -467,6 +486,7 @@ impl<S: Store> Station<S> {
     /// Does what somebody has asked for at a printer that is not printing.
     async fn command(&mut self, lines: Vec<String>) {
         self.port = None;
+        self.machine.tell_heat(Some(Hot::COMMANDS)).await;
         let mut press = match Press::start(&self.machine, Work::Commands(lines.join("\n")), false).await {
             Ok(press) => press,
             Err(error) => return tracing::error!(printer = %self.name(), "commands: {error}"),
@@ -474,8 +494,7 @@ impl<S: Store> Station<S> {
         while let Some(event) = press.events.recv().await {
             self.board.hear(&event, self.kit.now());
             if let PrintEvent::LeftHot { .. } = event {
-                let hold = Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s);
-                self.hot_until = Some(Instant::now() + hold);
+                self.hot_until = Some(Instant::now() + self.hold());
             }
         }
         if let Ended::With(result) = press.end().await
@@ -484,7 +503,18 @@ impl<S: Store> Station<S> {
             let said = self.without_paths(&error, &PathBuf::from("commands"));
             tracing::warn!(printer = %self.name(), "commands: {said}");
             self.board.set(Activity::Idle, Some(said));
+            if outcome::Heat::of(&error) == outcome::Heat::Unknown {
+                self.hot_until = Some(Instant::now());
+            }
         }
+        if self.hot_until.is_none() {
+            self.machine.tell_heat(None).await;
+        }
+    }
+
+    /// How long heaters may be on that nobody needs.
+    pub(super) fn hold(&self) -> Duration {
+        Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s)
     }
 
     /// Switches heaters off that nobody owns.
@@ -496,7 +526,10 @@ impl<S: Store> Station<S> {
         let _turn = Arc::clone(&self.machine.turn).lock_owned().await;
         let off = async { ask::safe_off(self.machine.open().await?, &self.machine.profile).await };
         match off.await {
-            Ok(_) => tracing::info!(printer = %self.name(), "heaters are off"),
+            Ok(_) => {
+                self.machine.tell_heat(None).await;
+                tracing::info!(printer = %self.name(), "heaters are off");
+            }
             Err(error) => {
                 let said = self.without_paths(&error, Path::new("job"));
                 tracing::error!(printer = %self.name(), "heaters: {said}");

@@ -3,6 +3,7 @@
 use super::station::{Station, next_wish};
 use super::{Held, Shown};
 use crate::appliance::config::OnStop;
+use crate::appliance::heat::Hot;
 use crate::appliance::kit::ended;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::printer::journal::path_for;
@@ -49,9 +50,10 @@ impl<S: Store> Station<S> {
         let left = self.hold_left(&held.gcode);
         let mut cold_at = Some(Instant::now() + left);
         let mut stopping = self.kit.stopping.clone();
-        let (kit, claim) = (self.kit.clone(), held.claim.clone());
-        let is_shown = held.shown == Shown::Paused;
+        let (kit, machine, claim) = (self.kit.clone(), self.machine.clone(), held.claim.clone());
+        let (hot, is_shown) = (Hot::waits(kit.now(), left), held.shown == Shown::Paused);
         let mut recording = std::pin::pin!(async {
+            machine.tell_heat(Some(hot)).await;
             if is_shown {
                 Shown::Paused
             } else {
@@ -91,7 +93,7 @@ impl<S: Store> Station<S> {
 
     /// How long the heaters may stay on: counted from the last word of the print's journal.
     fn hold_left(&self, gcode: &Path) -> Duration {
-        let hold = Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s);
+        let hold = self.hold();
         let written = std::fs::metadata(path_for(gcode)).and_then(|found| found.modified());
         // A clock that was set back does not tell: no time is left then.
         let away = written.ok().and_then(|at| at.elapsed().ok()).unwrap_or(hold);
