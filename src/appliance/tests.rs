@@ -2,6 +2,7 @@
 
 mod broken;
 mod heat;
+mod limits;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
 
@@ -111,11 +112,15 @@ impl Site {
     }
 
     async fn of(dir: TempDir, config: Config, program: PathBuf) -> Self {
+        Self::by(dir, config, program, Timestamp::now).await
+    }
+
+    async fn by(dir: TempDir, config: Config, program: PathBuf, clock: fn() -> Timestamp) -> Self {
         let state = dir.path().join("state");
         let place = Place::open(&state).unwrap();
         let client = Client::over_socket(place.layout().socket());
         let (stop, stopping) = watch::channel(None);
-        let setup = Setup { place, config, program, clock: Timestamp::now };
+        let setup = Setup { place, config, program, clock };
         let served = tokio::spawn(serve(setup, stopping));
         until("the server", async || client.health().await.is_ok() || served.is_finished()).await;
         Self { dir, stop, served, client }

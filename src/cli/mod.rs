@@ -96,7 +96,9 @@ fn start_log(args: &[OsString]) {
         Ok(directive) => filter.add_directive(directive),
         Err(_) => filter,
     });
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A log that cannot be written (a full disk) is no reason to fall: saying so on stderr would be one.
+    let log = tracing_subscriber::fmt().log_internal_errors(false);
+    let log = log.with_env_filter(filter).with_writer(std::io::stderr);
     // A second start in one process (a test) keeps the first log.
     drop(log.try_init());
 }

@@ -19,7 +19,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
 /// How long a warm printer waits for the queue to record that material is laid, and between two attempts.
-const LAY_PATIENCE: Duration = Duration::from_secs(60);
+const LAY_PATIENCE: Duration = Duration::from_secs(if cfg!(test) { 20 } else { 60 });
 const LAY_AGAIN: Duration = Duration::from_secs(2);
 /// A heater may be so much hotter than it is set to, °C.
 const OVERSHOOT_C: f64 = 20.0;

@@ -301,6 +301,13 @@ impl<S: Store> Station<S> {
                 survey.hotend_c, survey.bed_c, limits.hotend_c, limits.bed_c
             ));
         }
+        if self.config.first_layer_hold && survey.n_layers == 0 {
+            return Err(
+                "it does not mark its layers, so that first_layer_hold cannot pause behind the first one: \
+                        have the slicer write layer comments, or take first_layer_hold out"
+                    .to_owned(),
+            );
+        }
         let hours = |s: f64| s / 3600.0;
         if survey.print_s > limits.longest.as_secs_f64() {
             let (found, most) = (hours(survey.print_s), hours(limits.longest.as_secs_f64()));

@@ -60,13 +60,16 @@ async fn go_on_without_a_port_loses_nothing() {
 }
 
 /// A printer that hears everything and answers nothing, at the port of the directory.
-pub(super) struct Deaf(pub(super) SerialStream);
+pub(super) struct Deaf {
+    pub(super) stream: SerialStream,
+    port: PathBuf,
+}
 
 impl Deaf {
     pub(super) fn at(port: &Path) -> Self {
-        let (own, other) = SerialStream::pair().unwrap();
+        let (stream, other) = SerialStream::pair().unwrap();
         std::os::unix::fs::symlink(other.name().unwrap(), port).unwrap();
-        Self(own)
+        Self { stream, port: port.to_owned() }
     }
 
     /// What it hears, until it has heard this.
@@ -74,12 +77,19 @@ impl Deaf {
         let mut heard = String::new();
         until(words, async || {
             let mut bytes = [0; 4096];
-            if let Ok(n) = self.0.read(&mut bytes) {
+            if let Ok(n) = self.stream.read(&mut bytes) {
                 heard += &String::from_utf8_lossy(&bytes[..n]);
             }
             heard.contains(words)
         })
         .await;
+    }
+}
+
+impl Drop for Deaf {
+    /// The next terminal of the system may have the same name, and is another test's.
+    fn drop(&mut self) {
+        std::fs::remove_file(&self.port).unwrap();
     }
 }
 
