@@ -1,7 +1,7 @@
 //! A print that broke off, until somebody says what becomes of it.
 
 use super::Held;
-use super::station::Station;
+use super::station::{LOOK, Station};
 use crate::appliance::kit::ended;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
@@ -54,9 +54,15 @@ impl<S: Store> Station<S> {
         }
         let mut stopping = self.kit.stopping.clone();
         let mut cold_at = Some(Instant::now() + self.hold_left(&held.gcode));
-        let mut beat = Instant::now();
+        let [mut beat, mut look] = [Instant::now(); 2];
         loop {
             tokio::select! {
+                () = sleep_until(look) => {
+                    look = Instant::now() + LOOK;
+                    // Its bed is taken, and what is wrong with its port is told.
+                    self.look_after().await.ok();
+                    self.board.set(Activity::Paused, Some(self.with_heaters(&says)));
+                }
                 Some(wished) = self.wishes.recv() => if let Some(word) = heed(held, wished) {
                     if let Word::GiveUp { .. } = word {
                         self.switch_off().await;
@@ -80,7 +86,7 @@ impl<S: Store> Station<S> {
     }
 
     /// How long the heaters may stay on: counted from the last word of the print's journal.
-    fn hold_left(&self, gcode: &Path) -> Duration {
+    pub(super) fn hold_left(&self, gcode: &Path) -> Duration {
         let hold = Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s);
         let written = std::fs::metadata(path_for(gcode)).and_then(|found| found.modified());
         // A clock that was set back does not tell: no time is left then.
