@@ -2,7 +2,8 @@
 
 use super::config::OnStop;
 use super::notify::News;
-use super::place::Layout;
+use super::place::{BootClock, Layout};
+use super::printing::Identities;
 use crate::http::events::Events;
 use crate::http::metrics::Counters;
 use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Refusal, Request};
@@ -27,6 +28,8 @@ pub(super) struct Kit<S> {
     pub(super) store: S,
     pub(super) layout: Arc<Layout>,
     pub(super) clock: fn() -> Timestamp,
+    pub(super) boot_clock: BootClock,
+    pub(super) identities: Identities,
     /// This program, which children are started with.
     pub(super) program: PathBuf,
     /// Whether and how the server ends.
@@ -100,6 +103,18 @@ impl<S: Store> Kit<S> {
             tokio::time::sleep(rest).await;
         }
     }
+}
+
+/// Whether something can be tried again: the disk is full or read-only, another program keeps the queue to itself.
+pub(super) const fn can_be_mended(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::Full { .. }
+            | Error::ReadOnly { .. }
+            | Error::Locked { .. }
+            | Error::Io { .. }
+            | Error::Server { .. }
+    )
 }
 
 /// A reason, cut to what the queue takes.

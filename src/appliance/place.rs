@@ -7,20 +7,25 @@
 //! lumenfab.sock     the server's socket
 //! config.toml       what the operator decides, where there is one
 //! keys.toml         keys for TCP
+//! printers.json     which machine each printer was when its bed was known last
 //! owner.lock        held as long as a server lives
 //! heat/             which printers may be hot: a file for each at a port, which whoever sees to its heaters has locked
-//! alive             touched while a server lives: tells the next one how long nobody watched
+//! alive             when a server lived last, since the start of the machine: tells the next one how long nobody watched
 //! ```
 
 use super::Error;
 use super::config::Config;
 use crate::queue::JobId;
+use rustix::time::{ClockId, clock_gettime};
 use std::ffi::OsString;
 use std::fs::{DirBuilder, File, TryLockError};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+/// Where Linux tells which run of the machine this is.
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 /// Rights of directories and files: their owner's alone.
 const DIR_MODE: u32 = 0o700;
 const FILE_MODE: u32 = 0o600;
@@ -84,6 +89,12 @@ impl Layout {
     #[must_use]
     pub fn gcode(&self, id: JobId) -> PathBuf {
         self.job(id).join("job.gcode")
+    }
+
+    /// Which machine each printer was.
+    #[must_use]
+    pub fn printers(&self) -> PathBuf {
+        self.0.join("printers.json")
     }
 
     fn alive(&self) -> PathBuf {
@@ -161,21 +172,59 @@ impl Place {
         Ok(Config::default())
     }
 
-    /// How long no server has lived here, s: without end where none ever did, or where the clock was set back meanwhile.
+    /// When a server was last alive here, by a clock of this run of the machine; `None` where none ever was, or in another run: nobody
+    /// knows how long ago that is.
     #[must_use]
-    pub fn unwatched_s(&self) -> f64 {
-        let touched = std::fs::metadata(self.layout.alive()).and_then(|found| found.modified());
-        touched.ok().and_then(|at| at.elapsed().ok()).map_or(f64::INFINITY, |away| away.as_secs_f64())
+    pub fn watched_at(&self, clock: &BootClock) -> Option<Duration> {
+        let text = std::fs::read_to_string(self.layout.alive()).ok()?;
+        let (boot, ms) = text.trim().split_once(' ')?;
+        let at = Duration::from_millis(ms.parse().ok()?);
+        (clock.boot.as_deref() == Some(boot) && at <= (clock.now)()).then_some(at)
     }
 
     /// This server lives.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn touch(&self) -> Result<(), Error> {
-        // What is in it does not matter; that it was written does.
-        write(&self.layout.alive(), std::process::id().to_string().as_bytes())
+    pub fn touch(&self, clock: &BootClock) -> Result<(), Error> {
+        let boot = clock.boot.as_deref().unwrap_or("?");
+        replace(&self.layout.alive(), format!("{boot} {}\n", (clock.now)().as_millis()).as_bytes())
     }
+}
+
+/// A clock that nobody sets, neither an operator nor the network: it counts from the start of the machine, sleep included. Small
+/// machines have no other one that is right after a power cut.
+#[derive(Debug, Clone)]
+pub struct BootClock {
+    /// Which run of the machine this is; `None`: the system does not tell.
+    pub boot: Option<String>,
+    /// Time since that began.
+    pub now: fn() -> Duration,
+}
+
+impl BootClock {
+    /// The system's.
+    #[must_use]
+    pub fn of_system() -> Self {
+        let boot = std::fs::read_to_string(BOOT_ID).ok();
+        let boot = boot.map(|id| id.trim().to_owned()).filter(|id| !id.is_empty() && !id.contains(' '));
+        Self { boot, now: since_boot }
+    }
+}
+
+fn since_boot() -> Duration {
+    // The clock counts up from 0: there is no negative time that a default could hide.
+    clock_gettime(ClockId::Boottime).try_into().unwrap_or_default()
+}
+
+/// Writes a small file that is its owner's alone, whole or not at all as far as other processes see; a power cut may lose it.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let part = path.with_extension("part");
+    write(&part, bytes)?;
+    std::fs::rename(&part, path).map_err(failed(path))
 }
 
 /// Writes a small file that is its owner's alone. Not atomic: whoever reads it can do without.
@@ -254,15 +303,35 @@ mod tests {
         assert!(wrong.to_string().contains("config.toml:2: printer.names"), "{wrong}");
     }
 
+    fn clock(boot: Option<&str>, now: fn() -> Duration) -> BootClock {
+        BootClock { boot: boot.map(str::to_owned), now }
+    }
+
     #[test]
-    fn how_long_nobody_watched_is_told_from_the_last_touch() {
+    fn how_long_nobody_watched_is_told_by_a_clock_that_nobody_sets_and_within_one_run_of_the_machine() {
         let dir = tempfile::tempdir().unwrap();
         let place = Place::open(dir.path()).unwrap();
-        assert!(place.unwatched_s().is_infinite());
-        place.touch().unwrap();
-        assert!(place.unwatched_s() < 60.0);
-        let later = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1 << 40);
-        File::options().write(true).open(dir.path().join("alive")).unwrap().set_modified(later).unwrap();
-        assert!(place.unwatched_s().is_infinite(), "the clock was set back");
+        let (then, later) = (|| Duration::from_secs(100), || Duration::from_secs(160));
+        assert_eq!(place.watched_at(&clock(Some("a"), then)), None, "no server was ever here");
+        place.touch(&clock(Some("a"), then)).unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), later)), Some(Duration::from_secs(100)));
+        assert_eq!(place.watched_at(&clock(Some("b"), later)), None, "another run");
+        assert_eq!(place.watched_at(&clock(None, later)), None, "nobody tells which run it is");
+        place.touch(&clock(Some("a"), later)).unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), then)), None, "it was not written in this run");
+        place.touch(&clock(None, then)).unwrap();
+        for boot in [None, Some("a")] {
+            assert_eq!(place.watched_at(&clock(boot, later)), None, "nobody told which run it was");
+        }
+        std::fs::write(dir.path().join("alive"), "4711").unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), later)), None, "an earlier version wrote it");
+    }
+
+    #[test]
+    fn the_system_s_clock_goes_and_knows_the_run() {
+        let clock = BootClock::of_system();
+        let first = (clock.now)();
+        assert!(first > Duration::ZERO && (clock.now)() >= first);
+        assert_eq!(clock.boot, BootClock::of_system().boot);
     }
 }

@@ -4,7 +4,7 @@
 //! nice to the rest of the machine, has few threads, and is ended when it takes too long. What comes of it lies in the job's own folder.
 
 use super::config::Prepare;
-use super::kit::{Kit, ended};
+use super::kit::{Kit, can_be_mended, ended};
 use super::place;
 use super::survey::Survey;
 use crate::http::files::{FileSpec, Files};
@@ -24,6 +24,8 @@ use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 /// How often a worker looks for a job.
 const LOOK: Duration = Duration::from_millis(500);
+/// After a queue that could not be written.
+const AGAIN: Duration = Duration::from_secs(10);
 /// How often the queue is told that a worker lives.
 const BEAT: Duration = Duration::from_secs(20);
 /// Longest result of a child that is read, bytes.
@@ -53,7 +55,7 @@ impl<S: Store> Worker<S> {
     /// [`store::Error::Gone`] and what else of the queue cannot be mended by trying again.
     pub(super) async fn run(&self) -> Result<(), store::Error> {
         let mut stopping = self.kit.stopping.clone();
-        for claimed in self.kit.store.adopt(self.name.clone(), self.kit.now()).await? {
+        for claimed in self.adopt().await? {
             self.work(claimed).await?;
         }
         while self.kit.stopping().is_none() {
@@ -69,6 +71,23 @@ impl<S: Store> Worker<S> {
             }
         }
         Ok(())
+    }
+
+    /// What it had when a server ended, as soon as the queue can be written.
+    async fn adopt(&self) -> Result<Vec<Claimed>, store::Error> {
+        let mut stopping = self.kit.stopping.clone();
+        loop {
+            match self.kit.store.adopt(self.name.clone(), self.kit.now()).await {
+                Err(error) if can_be_mended(&error) => {
+                    tracing::error!(worker = %self.name, "queue: {error}; it is tried again");
+                }
+                done => return done,
+            }
+            tokio::select! {
+                () = sleep(AGAIN) => {}
+                () = ended(&mut stopping) => return Ok(Vec::new()),
+            }
+        }
     }
 
     async fn work(&self, claimed: Claimed) -> Result<(), store::Error> {

@@ -5,9 +5,9 @@ use super::config::{Config, OnStop, PrinterConfig};
 use super::kit::{Kit, ended};
 use super::live::Lives;
 use super::notify::News;
-use super::place::Place;
+use super::place::{BootClock, Place};
 use super::preparing::Worker;
-use super::printing::{self, Station};
+use super::printing::{self, Identities, Kept, Memory, Station};
 use super::system::System;
 use super::watch;
 use crate::http::appliance::{PrinterDesk, Unheard, Wished};
@@ -33,11 +33,11 @@ const MOST_WISHES: usize = 16;
 const SWEEP: Duration = Duration::from_secs(15);
 /// A part that ended is started again after so long, longer each time; one that lived so long starts from the beginning.
 const REST: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(30)];
-const LONG_LIFE: Duration = Duration::from_secs(600);
+const LONG_LIFE: Duration = Duration::from_secs(60);
 /// How long the end waits for a print that is given up, and for the webhook.
 const LAST_PRINT: Duration = Duration::from_secs(120);
 const LAST_NEWS: Duration = Duration::from_secs(5);
-/// So often in a row; then the server ends, and whoever started it starts it anew.
+/// So often in a row; then the server ends, and whoever started it starts it anew: a few times, see `StartLimitBurst=` of the unit.
 const MOST_RESTARTS: u32 = 10;
 
 /// What a server is started with.
@@ -51,6 +51,8 @@ pub struct Setup {
     pub program: PathBuf,
     /// The clock.
     pub clock: fn() -> Timestamp,
+    /// What tells how long nobody watched.
+    pub boot_clock: BootClock,
 }
 
 /// Serves until it is asked to stop; a second wish may be stricter than the first.
@@ -58,7 +60,7 @@ pub struct Setup {
 /// # Errors
 /// [`Error`]: it could not be started, or a part of it ended too often.
 pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) -> Result<(), Error> {
-    let Setup { place, config, program, clock } = setup;
+    let Setup { place, config, program, clock, boot_clock } = setup;
     let layout = Arc::new(place.layout().clone());
     let machines: Result<Vec<_>, _> =
         config.printers.iter().map(|p| printing::machine(p, &program, &layout)).collect();
@@ -78,8 +80,10 @@ pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) ->
     let (news, postman) = News::new(clock, config.webhook.clone());
     let kit = Kit {
         store: store.clone(),
+        identities: Identities::open(layout.printers()),
         layout,
         clock,
+        boot_clock,
         program,
         stopping,
         events: app.events.clone(),
@@ -89,7 +93,7 @@ pub async fn serve(setup: Setup, stopping: channel::Receiver<Option<OnStop>>) ->
     let mut parts = Parts { kit: kit.clone(), lives: Arc::new(lives), files, works: JoinSet::new() };
     let turns: Vec<_> = machines.iter().map(printing::Machine::turn).collect();
     // Before anybody can ask for them.
-    parts.begin(&config, machines, wishes, place.unwatched_s()).await?;
+    parts.begin(&config, machines, wishes, place.watched_at(&parts.kit.boot_clock)).await?;
     let postman = postman.map(|postman| tokio::spawn(postman.run()));
     let (end_faces, faces_end) = tokio::sync::oneshot::channel::<()>();
     let faces = tokio::spawn(http::serve(listeners, app, Edge::default(), async {
@@ -140,9 +144,9 @@ impl Parts {
         config: &Config,
         machines: Vec<printing::Machine>,
         wishes: mpsc::Receiver<Wished>,
-        unwatched_s: f64,
+        watched: Option<Duration>,
     ) -> Result<(), Error> {
-        let mut desks = BTreeMap::new();
+        let (mut desks, mut free) = (BTreeMap::new(), Vec::new());
         let filament_mm = machines.first().map_or(1.75, printing::Machine::filament_mm);
         for (printer, machine) in config.printers.iter().zip(machines) {
             let (desk, wishes) = mpsc::channel(MOST_WISHES);
@@ -152,14 +156,22 @@ impl Parts {
                 machine,
                 kit: self.kit.clone(),
                 lives: Arc::clone(&self.lives),
-                wishes: Arc::new(Mutex::new(wishes)),
+                kept: Kept {
+                    wishes: Arc::new(Mutex::new(wishes)),
+                    memory: Arc::new(Mutex::new(Memory::of(watched))),
+                },
             };
-            berth.station().await.introduce(unwatched_s).await?;
-            let guarded = Guarded { part: "a printer's part", kit: self.kit.clone() };
-            self.works.spawn(guarded.run(move || {
-                let berth = berth.clone();
-                async move { berth.station().await.run().await }
-            }));
+            // What may be hot does not wait for anything that is written for others.
+            match berth.station().await.in_hand().await? {
+                Some(_) => self.printer(berth),
+                None => free.push(berth),
+            }
+        }
+        for berth in free {
+            if let Err(error) = berth.station().await.introduce().await {
+                tracing::error!(printer = %berth.config.name, "queue: {error}; it is tried again");
+            }
+            self.printer(berth);
         }
         self.workers(config, filament_mm);
         if let Some(watch) = config.watch.clone() {
@@ -173,6 +185,15 @@ impl Parts {
         Ok(())
     }
 
+    fn printer(&mut self, berth: Berth) {
+        let guarded =
+            Guarded { part: "a printer's part", kit: self.kit.clone(), patience: Patience::default() };
+        self.works.spawn(guarded.run(move || {
+            let berth = berth.clone();
+            async move { berth.station().await.run().await }
+        }));
+    }
+
     fn workers(&mut self, config: &Config, filament_mm: f64) {
         for number in 1..=config.prepare.workers {
             let name = Name::try_new(&format!("worker {number}")).expect("a name that is written here");
@@ -181,7 +202,7 @@ impl Parts {
                 .first()
                 .map_or_else(|| "marlin".to_owned(), |printer| printer.profile.clone());
             let (kit, files, prepare) = (self.kit.clone(), self.files.clone(), config.prepare);
-            let guarded = Guarded { part: "a worker", kit: kit.clone() };
+            let guarded = Guarded { part: "a worker", kit: kit.clone(), patience: Patience::default() };
             let start = move || {
                 let (name, profile) = (name.clone(), profile.clone());
                 let worker =
@@ -227,7 +248,7 @@ impl Parts {
     }
 
     async fn sweep(&self, place: &Place) {
-        if let Err(error) = place.touch() {
+        if let Err(error) = place.touch(&self.kit.boot_clock) {
             tracing::warn!("server: {error}");
         }
         match self.kit.store.sweep(self.kit.now()).await {
@@ -263,13 +284,13 @@ struct Berth {
     machine: printing::Machine,
     kit: Kit<Sqlite>,
     lives: Lives,
-    wishes: printing::Wishes,
+    kept: Kept,
 }
 
 impl Berth {
     async fn station(&self) -> Station<Sqlite> {
-        let Self { config, machine, kit, lives, wishes } = self.clone();
-        Station::new(config, machine, kit, lives, wishes).await
+        let Self { config, machine, kit, lives, kept } = self.clone();
+        Station::new(config, machine, kit, lives, kept).await
     }
 }
 
@@ -277,15 +298,42 @@ impl Berth {
 struct Guarded {
     part: &'static str,
     kit: Kit<Sqlite>,
+    patience: Patience,
+}
+
+/// How long a part that fails rests before it is started again, and how often it is.
+#[derive(Debug, Clone, Copy)]
+struct Patience {
+    rest: Duration,
+    n_left: u32,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        let [rest, _] = REST;
+        Self { rest, n_left: MOST_RESTARTS }
+    }
+}
+
+impl Patience {
+    /// How long a part rests that lived so long; `None`: it is given up.
+    fn rest_after(&mut self, lived: Duration) -> Option<Duration> {
+        if lived > LONG_LIFE {
+            *self = Self::default();
+        }
+        self.n_left = self.n_left.checked_sub(1)?;
+        let [_, longest] = REST;
+        let rest = self.rest;
+        self.rest = (2 * rest).min(longest);
+        Some(rest)
+    }
 }
 
 impl Guarded {
-    async fn run<F>(self, mut start: impl FnMut() -> F + Send) -> Result<(), Error>
+    async fn run<F>(mut self, mut start: impl FnMut() -> F + Send) -> Result<(), Error>
     where
         F: Future<Output = Result<(), store::Error>> + Send + 'static,
     {
-        let [mut rest, longest] = REST;
-        let mut n_restarts = 0;
         loop {
             let began = Instant::now();
             // A task of its own: a panic ends it alone.
@@ -297,19 +345,13 @@ impl Guarded {
                 Err(panicked) => tracing::error!("server: {} ended: {panicked}", self.part),
             }
             self.kit.counters.count_restart();
-            if began.elapsed() > LONG_LIFE {
-                ([rest, _], n_restarts) = (REST, 0);
-            }
-            n_restarts += 1;
-            if n_restarts > MOST_RESTARTS {
-                return Err(Error::GaveUp { part: self.part });
-            }
+            let gave_up = Error::GaveUp { part: self.part };
+            let rest = self.patience.rest_after(began.elapsed()).ok_or(gave_up)?;
             let mut stopping = self.kit.stopping.clone();
             tokio::select! {
                 () = sleep(rest) => {}
                 () = ended(&mut stopping) => return Ok(()),
             }
-            rest = (2 * rest).min(longest);
         }
     }
 }
@@ -338,3 +380,6 @@ async fn pass_on(mut wishes: mpsc::Receiver<Wished>, desks: BTreeMap<Name, mpsc:
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -131,7 +131,7 @@ pub(crate) enum Command {
     /// Make a state directory from a backup
     ///
     /// Into a directory that is not there yet, or empty, and only where all of the backup is as it was written. Jobs that were queued
-    /// then are held: they may have been printed since. `lumenfab queue release JOB` lets one go.
+    /// then, or taken and not begun, are held: they may have been printed since. `lumenfab queue release JOB` lets one go. All beds are in doubt.
     Restore(BackupArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]

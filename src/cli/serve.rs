@@ -4,7 +4,7 @@ use super::args::queue::{BackupArgs, ServeArgs, StateArgs};
 use super::{Answer, Failure, signals};
 use crate::appliance::config::OnStop;
 use crate::appliance::guard::{self, Heaters, SeenTo};
-use crate::appliance::place::{self, Place};
+use crate::appliance::place::{self, BootClock, Place};
 use crate::appliance::{self, Error, Restored, Setup};
 use crate::printer::control::Controls;
 use jiff::Timestamp;
@@ -28,8 +28,9 @@ pub(super) fn run(args: &ServeArgs) -> Result<Answer, Failure> {
     runtime.block_on(async {
         let (stop, stopping) = watch::channel(None);
         let signals = tokio::spawn(heed_signals(first, stop));
-        let served =
-            appliance::serve(Setup { place, config, program, clock: Timestamp::now }, stopping).await;
+        let boot_clock = BootClock::of_system();
+        let setup = Setup { place, config, program, clock: Timestamp::now, boot_clock };
+        let served = appliance::serve(setup, stopping).await;
         signals.abort();
         served
     })?;
@@ -82,7 +83,7 @@ pub(super) fn restore(args: &BackupArgs) -> Result<Answer, Failure> {
     let restored = runtime.block_on(appliance::restore(&args.file, &dir, Timestamp::now()))?;
     let Restored { made_at, n_files, n_held } = &restored;
     let text = format!(
-        "restored  {n_files} files of {made_at} to {}\nheld      {n_held} queued jobs: they may have been printed since; `lumenfab queue \
+        "restored  {n_files} files of {made_at} to {}\nheld      {n_held} jobs: they may have been printed since; `lumenfab queue \
          release JOB` lets one go",
         dir.display()
     );

@@ -1,6 +1,7 @@
 //! Standing by a print: what it tells, what is asked of it, the claim, the limits.
 
 use super::outcome::{self, Begun, Cause, Facts, Heat, Manner, Outcome, Part};
+use super::port::OTHER_PROGRAM;
 use super::press::{Ended, Press};
 use super::station::{Station, next_wish};
 use super::{Held, Shown};
@@ -11,7 +12,7 @@ use crate::printer::control::Control;
 use crate::printer::driver::{PrintEvent, Printed};
 use crate::printer::journal::Ending;
 use crate::printer::protocol::{Event, Temperatures};
-use crate::printer::{Error, paper};
+use crate::printer::{Error, PortProblem, paper};
 use crate::queue::{Change, Name, Reason, Refusal};
 use crate::store::{self, Store};
 use std::path::Path;
@@ -101,6 +102,9 @@ impl<'a, S: Store> Attended<'a, S> {
                 if let Error::NeedsConsent { .. } = error {
                     self.held.needs_consent = true;
                 }
+                if let Error::Open { problem: PortProblem::Busy(_), .. } = error {
+                    self.station.doubt(OTHER_PROGRAM);
+                }
                 let said = self.station.without_paths(error, &self.held.gcode);
                 tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, code = error.code(), "print: {said}");
                 self.facts_of(Manner::of(error), said, Heat::of(error))
@@ -136,7 +140,10 @@ impl<'a, S: Store> Attended<'a, S> {
                 self.station.tell("first-layer", Some(self.held.claim.job), says);
                 self.station.board.set(Activity::Pausing, Some(says.to_owned()));
             }
-            PrintEvent::Session(Event::Temperatures(told)) => self.check_heat(*told),
+            PrintEvent::Session(Event::Temperatures(told)) => {
+                self.station.own_heaters();
+                self.check_heat(*told);
+            }
             PrintEvent::Session(Event::Paused) => self.paused().await,
             PrintEvent::Session(Event::Resumed) | PrintEvent::WentOn { .. } | PrintEvent::Progress { .. }
                 if self.held.is_paused =>

@@ -14,20 +14,28 @@
 //!
 //! - `press`: the thread that speaks to the printer;
 //! - `bed`: what is known of its bed, and the program that clears it;
+//! - `commands`: lines that somebody asks for while it does not print;
 //! - `attend`: standing by it: claim, limits, wishes;
 //! - `outcome`: what becomes of the job then (pure);
 //! - `waiting`: a print that broke off, until somebody says what becomes of it;
+//! - `port`: the port while nobody speaks to the printer, and whether its bed is watched; `identity`: which machine it is;
+//! - `heaters`: heaters that nobody owns;
 //! - `station`: all of it, for one printer.
 
 mod attend;
 mod bed;
+mod commands;
+mod heaters;
+mod identity;
 mod outcome;
+mod port;
 mod press;
 mod station;
 mod waiting;
 
+pub(super) use identity::Identities;
 pub(super) use press::Machine;
-pub(super) use station::{Station, Wishes, machine};
+pub(super) use station::{Kept, Memory, Station, machine};
 
 use crate::queue::Claim;
 use std::path::PathBuf;

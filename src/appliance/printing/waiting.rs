@@ -1,11 +1,12 @@
 //! A print that broke off, until somebody says what becomes of it.
 
-use super::station::{Station, next_wish};
+use super::station::{LOOK, Station, next_wish};
 use super::{Held, Shown};
 use crate::appliance::config::OnStop;
 use crate::appliance::heat::Hot;
 use crate::appliance::kit::ended;
 use crate::http::appliance::{Unheard, Wish, Wished};
+use crate::http::wire::Activity;
 use crate::printer::journal::path_for;
 use crate::queue::{Change, Job, Name, Reason};
 use crate::store::{self, Store};
@@ -63,9 +64,15 @@ impl<S: Store> Station<S> {
         let mut kept = std::pin::pin!(self.kit.clone().keep(held.claim.clone()));
         held.is_paused = true;
         held.shown = if is_shown { Shown::Paused } else { Shown::Unknown };
-        let mut is_recorded = false;
+        let (mut is_recorded, mut look) = (false, Instant::now());
         loop {
             tokio::select! {
+                () = sleep_until(look) => {
+                    look = Instant::now() + LOOK;
+                    // Its bed is taken, and what is wrong with its port is told.
+                    self.look_after().await.ok();
+                    self.board.set(Activity::Paused, Some(self.with_heaters(&says)));
+                }
                 Some(wished) = next_wish(&mut self.wishes) => if let Some(word) = heed(held, wished) {
                     if let Word::GiveUp { .. } = word {
                         self.switch_off().await;
@@ -92,7 +99,7 @@ impl<S: Store> Station<S> {
     }
 
     /// How long the heaters may stay on: counted from the last word of the print's journal.
-    fn hold_left(&self, gcode: &Path) -> Duration {
+    pub(super) fn hold_left(&self, gcode: &Path) -> Duration {
         let hold = self.hold();
         let written = std::fs::metadata(path_for(gcode)).and_then(|found| found.modified());
         // A clock that was set back does not tell: no time is left then.

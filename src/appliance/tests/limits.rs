@@ -108,7 +108,8 @@ async fn a_print_that_takes_too_long_is_given_up() {
     );
     let mut config = Config::parse(&text, "config.toml").unwrap();
     config.printers[0].limits.longest = Duration::from_secs(3);
-    let site = Site::of(dir, config, "/nonexistent/lumenfab".into()).await;
+    let site =
+        Site::by(dir, config, "/nonexistent/lumenfab".into(), (Timestamp::now, BootClock::of_system())).await;
     site.clear().await;
     // As a slicer has it that reckons too little.
     let id = site.add(&format!("; print_time_s 1\n{}", rings(400)), WishesBody::default()).await;
@@ -189,7 +190,8 @@ async fn a_clock_that_is_set_back_or_forward_in_a_print_prints_each_copy_once() 
     let port = dir.path().join("port");
     let config = format!("[[printer]]\nname = \"left\"\nprofile = {PROFILE:?}\nport = {port:?}\n");
     let config = Config::parse(&config, "config.toml").unwrap();
-    let site = Site::by(dir, config, "/nonexistent/lumenfab".into(), wrong_clock).await;
+    let site =
+        Site::by(dir, config, "/nonexistent/lumenfab".into(), (wrong_clock, BootClock::of_system())).await;
     let id = site.add(&rings(30), WishesBody { copies: 3, ..WishesBody::default() }).await;
     for (n_printed, ahead_s) in [(1, -3600), (2, 3600), (3, -3600)] {
         site.clear().await;
