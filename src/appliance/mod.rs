@@ -16,7 +16,7 @@
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder
 //!   whose files become jobs; `system`: the service manager;
 //! - `kit`: what they share;
-//! - [`backup()`], [`restore()`]: the directory as one file, and back.
+//! - [`backup()`], [`restore()`]: the directory as one file, and back; [`doctor`]: what is wrong with all of it.
 //!
 //! Asked to stop, the server takes no new work, gives back what is not begun, and finishes, parks or cancels its prints as
 //! the configuration says; it never drops one cold. Killed, it leaves to the next server what is in the queue, the journals and the
@@ -25,6 +25,7 @@
 mod backup;
 mod clearing;
 pub mod config;
+pub mod doctor;
 mod error;
 mod kit;
 mod live;
