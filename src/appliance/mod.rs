@@ -17,7 +17,7 @@
 //!   whose files become jobs; `system`: the service manager;
 //! - `heat`: which printers may be hot, on the disk; [`guard`]: what is done about it where no server is;
 //! - `kit`: what they share;
-//! - [`backup()`], [`restore()`]: the directory as one file, and back.
+//! - [`backup()`], [`restore()`]: the directory as one file, and back; [`doctor`]: what is wrong with all of it.
 //!
 //! Asked to stop, the server takes no new work, gives back what is not begun, and finishes, parks or cancels its prints as
 //! the configuration says; it never drops one cold. Killed, it leaves to the next server what is in the queue, the journals and the
@@ -26,6 +26,7 @@
 mod backup;
 mod clearing;
 pub mod config;
+pub mod doctor;
 mod error;
 pub mod guard;
 mod heat;

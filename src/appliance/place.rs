@@ -16,7 +16,6 @@
 use super::Error;
 use super::config::Config;
 use crate::queue::JobId;
-use rustix::time::{ClockId, clock_gettime};
 use std::ffi::OsString;
 use std::fs::{DirBuilder, File, TryLockError};
 use std::io;
@@ -24,8 +23,9 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Where Linux tells which run of the machine this is.
+/// Where Linux tells which run of the machine this is, and how long ago it began, s, sleep included.
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+const UPTIME: &str = "/proc/uptime";
 /// Rights of directories and files: their owner's alone.
 const DIR_MODE: u32 = 0o700;
 const FILE_MODE: u32 = 0o600;
@@ -97,6 +97,27 @@ impl Layout {
         self.0.join("printers.json")
     }
 
+    /// What the operator decides: the file in the directory, else the service's own in `$CONFIGURATION_DIRECTORY`, else every default.
+    ///
+    /// # Errors
+    /// [`Error::Config`], [`Error::Io`].
+    pub fn read_config(&self, env: impl Fn(&str) -> Option<OsString>) -> Result<Config, Error> {
+        let of_service = env("CONFIGURATION_DIRECTORY").map(|dir| PathBuf::from(dir).join("config.toml"));
+        for path in std::iter::once(self.config()).chain(of_service) {
+            match std::fs::read_to_string(&path) {
+                Ok(text) => return Ok(Config::parse(&text, &path.display().to_string())?),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(source) => return Err(failed(&path)(source)),
+            }
+        }
+        Ok(Config::default())
+    }
+
+    /// Held as long as a server lives.
+    pub(super) fn lock(&self) -> PathBuf {
+        self.0.join("owner.lock")
+    }
+
     fn alive(&self) -> PathBuf {
         self.0.join("alive")
     }
@@ -140,7 +161,7 @@ impl Place {
             std::fs::set_permissions(dir, PermissionsExt::from_mode(DIR_MODE)).map_err(failed(dir))?;
         }
         make(&dir.join("jobs"))?;
-        let path = dir.join("owner.lock");
+        let path = Layout::of(dir).lock();
         let lock = File::options().create(true).truncate(false).write(true).mode(FILE_MODE).open(&path);
         let lock = lock.map_err(failed(&path))?;
         match lock.try_lock() {
@@ -156,20 +177,12 @@ impl Place {
         &self.layout
     }
 
-    /// What the operator decides: the file in the directory, else the service's own in `$CONFIGURATION_DIRECTORY`, else every default.
+    /// As [`Layout::read_config`].
     ///
     /// # Errors
     /// [`Error::Config`], [`Error::Io`].
     pub fn config(&self, env: impl Fn(&str) -> Option<OsString>) -> Result<Config, Error> {
-        let of_service = env("CONFIGURATION_DIRECTORY").map(|dir| PathBuf::from(dir).join("config.toml"));
-        for path in std::iter::once(self.layout.config()).chain(of_service) {
-            match std::fs::read_to_string(&path) {
-                Ok(text) => return Ok(Config::parse(&text, &path.display().to_string())?),
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                Err(source) => return Err(failed(&path)(source)),
-            }
-        }
-        Ok(Config::default())
+        self.layout.read_config(env)
     }
 
     /// When a server was last alive here, by a clock of this run of the machine; `None` where none ever was, or in another run: nobody
@@ -208,13 +221,15 @@ impl BootClock {
     pub fn of_system() -> Self {
         let boot = std::fs::read_to_string(BOOT_ID).ok();
         let boot = boot.map(|id| id.trim().to_owned()).filter(|id| !id.is_empty() && !id.contains(' '));
-        Self { boot, now: since_boot }
+        Self { boot: boot.filter(|_| since_boot() > Duration::ZERO), now: since_boot }
     }
 }
 
+/// 0 where the system does not tell.
 fn since_boot() -> Duration {
-    // The clock counts up from 0: there is no negative time that a default could hide.
-    clock_gettime(ClockId::Boottime).try_into().unwrap_or_default()
+    let text = std::fs::read_to_string(UPTIME).unwrap_or_default();
+    let seconds = text.split(' ').next().and_then(|word| word.parse().ok());
+    seconds.and_then(|s: f64| Duration::try_from_secs_f64(s).ok()).unwrap_or_default()
 }
 
 /// Writes a small file that is its owner's alone, whole or not at all as far as other processes see; a power cut may lose it.

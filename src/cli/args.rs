@@ -133,6 +133,11 @@ pub(crate) enum Command {
     /// Into a directory that is not there yet, or empty, and only where all of the backup is as it was written. Jobs that were queued
     /// then, or taken and not begun, are held: they may have been printed since. `lumenfab queue release JOB` lets one go. All beds are in doubt.
     Restore(BackupArgs),
+    /// Find what is wrong with an installation of the appliance, and how it is mended
+    ///
+    /// Looks at the state directory, the disk, the queue with its whole history (a copy of it), keys, configuration, printers' profiles and
+    /// ports, and whether a server answers. Changes nothing, opens no port. Exit code 1 where something does not work.
+    Doctor(ServeArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),

@@ -40,6 +40,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::SafeOff(SafeOffArgs { state: Some(dir), watch, .. }) => {
             return answered(&face, serve::safe_off(&dir, watch));
         }
+        Command::Doctor(args) => return examined(&face, serve::doctor(&args)),
         command => command,
     };
     let events = |event: Event| face.event(event);
@@ -66,7 +67,11 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
-        Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
+        Command::Serve(_)
+        | Command::Queue(_)
+        | Command::Backup(_)
+        | Command::Restore(_)
+        | Command::Doctor(_) => {
             unreachable!("they have returned above")
         }
     };
@@ -81,6 +86,12 @@ fn answered(face: &Face, answer: Result<Answer, Failure>) -> u8 {
         }
         Err(Failure { text, code, exit_code }) => face.failure(&text, &code, exit_code),
     }
+}
+
+/// The same, of an answer that may be that something does not work.
+fn examined(face: &Face, examined: Result<(Answer, bool), Failure>) -> u8 {
+    let is_well = !matches!(examined, Ok((_, false)));
+    answered(face, examined.map(|(answer, _)| answer)).max(u8::from(!is_well))
 }
 
 /// `lumenfab` alone.

@@ -3,9 +3,11 @@
 use super::args::queue::{BackupArgs, ServeArgs, StateArgs};
 use super::{Answer, Failure, signals};
 use crate::appliance::config::OnStop;
+use crate::appliance::doctor::{self, Condition, Finding};
 use crate::appliance::guard::{self, Heaters, SeenTo};
-use crate::appliance::place::{self, BootClock, Place};
+use crate::appliance::place::{self, BootClock, Layout, Place};
 use crate::appliance::{self, Error, Restored, Setup};
+use crate::client::Client;
 use crate::printer::control::Controls;
 use jiff::Timestamp;
 use serde_json::json;
@@ -88,6 +90,48 @@ pub(super) fn restore(args: &BackupArgs) -> Result<Answer, Failure> {
         dir.display()
     );
     Ok(Answer { document: json!(restored), text })
+}
+
+/// Looks at an installation; whether all of it works.
+pub(super) fn doctor(args: &ServeArgs) -> Result<(Answer, bool), Failure> {
+    let layout = Layout::of(state_dir(&args.state)?);
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Error::Runtime)?;
+    let findings = runtime.block_on(async {
+        let mut findings = doctor::examine(&layout, env).await;
+        findings.push(server(&layout).await);
+        findings
+    });
+    let text = findings.iter().map(line).collect::<Vec<_>>().join("\n");
+    let is_well = !findings.iter().any(Finding::is_wrong);
+    Ok((Answer { document: json!({ "is_well": is_well, "findings": findings }), text }, is_well))
+}
+
+async fn server(layout: &Layout) -> Finding {
+    const PART: &str = "server";
+    if !doctor::is_served(layout) {
+        let fix = "`systemctl start lumenfab`, or `lumenfab serve`";
+        return Finding::doubtful(PART, "none runs here", fix);
+    }
+    match Client::over_socket(layout.socket()).health().await {
+        Ok(_) => Finding::good(PART, "runs, and answers on its socket"),
+        Err(error) => Finding::wrong(
+            PART,
+            format!("runs, but does not answer: {error}"),
+            "look into its log (`journalctl -u lumenfab`), then start it again",
+        ),
+    }
+}
+
+fn line(finding: &Finding) -> String {
+    let Finding { part, found, condition } = finding;
+    let (word, fix) = match condition {
+        Condition::Good => ("good ", None),
+        Condition::Doubtful { fix } => ("look ", Some(fix)),
+        Condition::Wrong { fix } => ("WRONG", Some(fix)),
+    };
+    let fix = fix.map_or_else(String::new, |fix| format!("\n       {fix}"));
+    format!("{word}  {part}: {found}{fix}")
 }
 
 /// The first signal ends the server as configured, each further one more strictly. A terminal that is gone ends nothing.

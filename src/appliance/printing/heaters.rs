@@ -11,8 +11,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// A printer that has not said that its heaters are off is asked again after so long.
+/// A printer that has not said that its heaters are off is asked again after so long, or after so many times what asking took: nobody
+/// is heard meanwhile.
 const AGAIN: Duration = Duration::from_secs(5);
+const LONGER: u32 = 3;
 
 /// Heaters that could not be switched off.
 #[derive(Debug, Clone)]
@@ -30,6 +32,7 @@ impl<S: Store> Station<S> {
         if self.machine.is_simulated() {
             return;
         }
+        let began = Instant::now();
         match self.off().await {
             Ok(()) => {
                 self.machine.tell_heat(None).await;
@@ -38,7 +41,7 @@ impl<S: Store> Station<S> {
                     self.tell("heaters-off", None, "the printer says that its heaters are off");
                 }
             }
-            Err(said) => self.owe_off(&said),
+            Err(said) => self.owe_off(&said, began.elapsed()),
         }
     }
 
@@ -51,7 +54,7 @@ impl<S: Store> Station<S> {
         off.await.map(drop).map_err(|error| self.without_paths(&error, Path::new("job")))
     }
 
-    fn owe_off(&mut self, said: &str) {
+    fn owe_off(&mut self, said: &str, took: Duration) {
         let says = format!(
             "its heaters could not be switched off, and may be on ({said}): it is tried again; if nobody is to wait for that, switch the \
              printer off"
@@ -66,7 +69,7 @@ impl<S: Store> Station<S> {
             };
             self.board.set(activity, Some(says.clone()));
         }
-        self.memory.owes_off = Some(Owed { says, again: Instant::now() + AGAIN });
+        self.memory.owes_off = Some(Owed { says, again: Instant::now() + AGAIN.max(LONGER * took) });
     }
 
     /// What is said of heaters that are owed.

@@ -5,7 +5,7 @@ use super::*;
 /// A server that died while a job warmed up, of which nothing was laid.
 async fn died_warm() -> (Simulator, TempDir, JobId) {
     // Slow enough that it heats for many seconds.
-    let (printer, site) = cleared(Speed::Times(8.0), "").await;
+    let (printer, site) = cleared(Speed::Times(4.0), "").await;
     let id = site.add(&rings(1), WishesBody::default()).await;
     site.is_at(id, State::Printing).await;
     until("heating", async || printer.has_done("M104 S")).await;
