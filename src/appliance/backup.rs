@@ -2,21 +2,23 @@
 //!
 //! A backup is a ZIP archive: a snapshot of the queue (taken by SQLite, while the server goes on), configuration, keys, uploaded files
 //! and what was made of jobs, and `manifest.json` with the hash of each. It is written whole or not at all, readable by its owner
-//! alone; it holds the hashes of keys, and nothing of a patient.
+//! alone; it holds the hashes of keys, and nothing of a patient. Cases are not in it, only where they lie: paths that an operator has named.
 //!
 //! Restored is into a directory that holds nothing, only when all of it is found to be as it was written, and again whole or not at all.
-//! What the queue did after the backup it cannot know: jobs that were queued then may have been printed since. They are held until
-//! somebody releases them; beds are in doubt, as after every long absence.
+//! What the queue did after the backup it cannot know: jobs that were queued then, or taken and not begun, may have been printed since. They
+//! are held until somebody releases them, and every bed is in doubt until somebody has looked. What was in print waits for a word,
+//! as after every end of a server.
 
 use super::Error;
 use super::place::Layout;
-use crate::queue::{Actor, Change, Job, Name, Reason, Request, State};
-use crate::store::{Sqlite, Store, Which};
+use crate::queue::{Actor, By, Change, Job, Name, Reason, Request, Said, State, Who};
+use crate::store::{self, Sqlite, Store, Which};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Component, Path, PathBuf};
 use tempfile::{NamedTempFile, TempDir};
 use zip::write::SimpleFileOptions;
@@ -24,13 +26,15 @@ use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
 /// What a backup's manifest is called, and the newest kind of it.
 const MANIFEST: &str = "manifest.json";
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// A larger manifest is none, bytes.
 const MOST_MANIFEST: u64 = 1 << 28;
 /// The queue's file, and what else lies beside it; what is not named (socket, lock, sign of life) belongs to a living server.
 const QUEUE: &str = "queue.db";
 const FILES: [&str; 2] = ["config.toml", "keys.toml"];
 const FOLDERS: [&str; 2] = ["files", "jobs"];
+/// What links to cases are called.
+const CASE: &str = ".case";
 /// Jobs asked for at once.
 const PAGE: u32 = 500;
 /// Bytes copied at once.
@@ -45,6 +49,16 @@ struct Manifest {
     made_by: String,
     made_at: Timestamp,
     entries: Vec<Entry>,
+    /// Since format 2.
+    #[serde(default)]
+    cases: Vec<CaseLink>,
+}
+
+/// A link to a case, which is not in the backup.
+#[derive(Debug, Serialize, Deserialize)]
+struct CaseLink {
+    name: String,
+    leads_to: String,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -70,7 +84,7 @@ pub struct Restored {
     pub made_at: Timestamp,
     /// Files in it.
     pub n_files: usize,
-    /// Queued jobs that are held now.
+    /// Jobs that are held now: they were queued, or taken and not begun.
     pub n_held: usize,
 }
 
@@ -94,19 +108,25 @@ pub fn backup(dir: &Path, to: &Path, now: Timestamp) -> Result<Saved, Error> {
     let snapshot = scratch.path().join(QUEUE);
     Sqlite::snapshot(&layout.queue(), &snapshot)?;
     archive.add(QUEUE, &snapshot)?;
-    for (name, path) in contents(dir)? {
+    let Contents { files, cases } = contents(dir)?;
+    for (name, path) in files {
         archive.add(&name, &path)?;
     }
-    archive.end(now, &target)
+    archive.end(cases, now, &target)
 }
 
-/// Files of a state directory beside the queue: name in the backup, path; sorted by name.
-fn contents(dir: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
-    let mut found: Vec<(String, PathBuf)> = FILES
-        .iter()
-        .map(|name| ((*name).to_owned(), dir.join(name)))
-        .filter(|(_, path)| path.is_file())
-        .collect();
+/// What lies in a state directory beside the queue, sorted by name.
+#[derive(Debug, Default)]
+struct Contents {
+    /// Name in the backup, path.
+    files: Vec<(String, PathBuf)>,
+    cases: Vec<CaseLink>,
+}
+
+fn contents(dir: &Path) -> Result<Contents, Error> {
+    let of_root = FILES.iter().map(|name| ((*name).to_owned(), dir.join(name)));
+    let mut found =
+        Contents { files: of_root.filter(|(_, path)| path.is_file()).collect(), cases: Vec::new() };
     let mut folders: Vec<String> =
         FOLDERS.iter().map(|name| (*name).to_owned()).filter(|name| dir.join(name).is_dir()).collect();
     while let Some(folder) = folders.pop() {
@@ -115,18 +135,34 @@ fn contents(dir: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
         for entry in entries {
             let entry = entry.map_err(failed(&path))?;
             let Some(kind) = there(entry.file_type()).map_err(failed(&path))? else { continue };
-            // A name that is no text is none of ours, and a link leads elsewhere.
+            // A name that is no text is none of ours.
             let Ok(name) = entry.file_name().into_string() else { continue };
             let name = format!("{folder}/{name}");
             if kind.is_dir() {
                 folders.push(name);
             } else if kind.is_file() {
-                found.push((name, entry.path()));
+                found.files.push((name, entry.path()));
+            } else if kind.is_symlink() && is_case(&name) {
+                found.cases.extend(case_link(name, &entry.path())?);
             }
         }
     }
-    found.sort();
+    found.files.sort();
+    found.cases.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(found)
+}
+
+/// Whether a case is linked by this name; other links are none of ours.
+fn is_case(name: &str) -> bool {
+    name.strip_prefix("files/").is_some_and(|rest| rest.ends_with(CASE) && !rest.contains('/'))
+}
+
+fn case_link(name: String, path: &Path) -> Result<Option<CaseLink>, Error> {
+    let Some(case) = there(std::fs::read_link(path)).map_err(failed(path))? else { return Ok(None) };
+    let no_text =
+        |_| refused(path, "leads to a case whose path is no text: give it another name, and add it again");
+    let leads_to = case.into_os_string().into_string().map_err(no_text)?;
+    Ok(Some(CaseLink { name, leads_to }))
 }
 
 /// What a living server has just removed is not missed.
@@ -166,10 +202,10 @@ impl Archive {
     }
 
     /// Writes the manifest and lets the file appear.
-    fn end(mut self, now: Timestamp, to: &Path) -> Result<Saved, Error> {
+    fn end(mut self, cases: Vec<CaseLink>, now: Timestamp, to: &Path) -> Result<Saved, Error> {
         let n_files = self.entries.len();
         let made_by = concat!("lumenfab ", env!("CARGO_PKG_VERSION")).to_owned();
-        let manifest = Manifest { format: FORMAT, made_by, made_at: now, entries: self.entries };
+        let manifest = Manifest { format: FORMAT, made_by, made_at: now, entries: self.entries, cases };
         let finish = || {
             self.zip.start_file(MANIFEST, Self::options())?;
             serde_json::to_writer_pretty(&mut self.zip, &manifest)?;
@@ -253,6 +289,14 @@ fn unpack(from: &Path, into: &TempDir) -> Result<Manifest, Error> {
         }
         file.sync_all().map_err(failed(&path))?;
     }
+    for CaseLink { name, leads_to } in &manifest.cases {
+        if !is_case(name) {
+            return Err(refused(from, &format!("is damaged: {name} is no name of a case")));
+        }
+        let path = into.path().join(name);
+        path.parent().map_or(Ok(()), super::place::make)?;
+        symlink(leads_to, &path).map_err(failed(&path))?;
+    }
     Ok(manifest)
 }
 
@@ -271,28 +315,52 @@ fn placed(dir: &Path, name: &str) -> Option<PathBuf> {
     (is_within && is_known).then(|| dir.join(path))
 }
 
-/// Whether the queue is sound, with all of its history; holds what waits to be printed. How many that are.
+/// Whether the queue is sound, with all of its history; holds what may have been printed since, and doubts all beds. How many are held.
 async fn check_and_hold(queue: &Path, manifest: &Manifest, now: Timestamp) -> Result<usize, Error> {
     let store = Sqlite::open(queue)?;
     let held = async {
         store.verify().await?;
-        let why = Reason::try_new(&format!(
-            "restored from the backup of {}: see whether it was printed since",
-            manifest.made_at
-        ))?;
-        let mut n_held = 0;
-        for job in all_live(&store).await? {
-            if job.state == State::Queued {
-                let actor = Actor::Policy { name: Name::try_new(RULE)?, saw: job.state };
-                store.change(job.id, Request { change: Change::Hold, actor, why: why.clone(), now }).await?;
-                n_held += 1;
-            }
+        let why =
+            format!("restored from the backup of {}: see whether it was printed since", manifest.made_at);
+        let by = By { who: Who::Policy(Name::try_new(RULE)?), why: Reason::try_new(&why)?, now };
+        // Before anything is given back: no bed is clear by that.
+        for printer in store.printers().await? {
+            store.say(printer.name, Said::BedInDoubt, by.clone()).await?;
         }
-        Ok(n_held)
+        give_back(&store, &by).await?;
+        hold(&store, &by).await
     };
     let held = held.await;
     store.close().await;
     held
+}
+
+/// What was being prepared, or warmed up, is in nobody's hand any more.
+async fn give_back(store: &Sqlite, by: &By) -> Result<(), Error> {
+    let live = all_live(store).await?;
+    let in_hand = live.into_iter().filter(|job| job.state.is_claimed() && !job.is_laid);
+    let holders: BTreeSet<Name> = in_hand.filter_map(|job| job.holder).collect();
+    for holder in holders {
+        // Whoever held it, it was in another state directory: no other process has this one's queue.
+        let adopted = store.adopt(holder, by.now).await?;
+        for store::Claimed { job, claim } in adopted.into_iter().filter(|claimed| !claimed.job.is_laid) {
+            let actor = Actor::Holder { claim, asked_by: None };
+            let change = Change::GiveBack { lost: false };
+            store.change(job.id, Request { change, actor, why: by.why.clone(), now: by.now }).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn hold(store: &Sqlite, by: &By) -> Result<usize, Error> {
+    let mut n_held = 0;
+    for job in all_live(store).await?.into_iter().filter(|job| job.state == State::Queued) {
+        let actor = Actor::Policy { name: Name::try_new(RULE)?, saw: job.state };
+        let request = Request { change: Change::Hold, actor, why: by.why.clone(), now: by.now };
+        store.change(job.id, request).await?;
+        n_held += 1;
+    }
+    Ok(n_held)
 }
 
 async fn all_live(store: &Sqlite) -> Result<Vec<Job>, Error> {

@@ -2,10 +2,11 @@
 
 use super::config::OnStop;
 use super::notify::News;
-use super::place::Layout;
+use super::place::{BootClock, Layout};
+use super::printing::Identities;
 use crate::http::events::Events;
 use crate::http::metrics::Counters;
-use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Request};
+use crate::queue::{Actor, Change, Claim, Job, Name, Reason, Refusal, Request};
 use crate::store::{Error, Store};
 use jiff::Timestamp;
 use std::io;
@@ -16,6 +17,9 @@ use tokio::sync::watch;
 
 /// Between two attempts to have something recorded, at least and at most.
 const AGAIN: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
+/// How often the queue is told that a holder is alive, and the same, where it did not hear.
+const BEAT: Duration = Duration::from_secs(20);
+const BEAT_AGAIN: Duration = Duration::from_secs(5);
 /// Attempts before the end of a server that is asked to stop.
 const LAST_ATTEMPTS: u32 = 5;
 
@@ -25,6 +29,8 @@ pub(super) struct Kit<S> {
     pub(super) store: S,
     pub(super) layout: Arc<Layout>,
     pub(super) clock: fn() -> Timestamp,
+    pub(super) boot_clock: BootClock,
+    pub(super) identities: Identities,
     /// This program, which children are started with.
     pub(super) program: PathBuf,
     /// Whether and how the server ends.
@@ -83,6 +89,33 @@ impl<S: Store> Kit<S> {
             rest = (2 * rest).min(longest);
         }
     }
+
+    /// Tells the queue that the holder of a claim is alive, again and again, until the claim is lost.
+    pub(super) async fn keep(self, claim: Claim) {
+        loop {
+            let rest = match self.store.renew(claim.clone(), self.now()).await {
+                Ok(_) => BEAT,
+                Err(Error::Refused(Refusal::ClaimLost)) => return,
+                Err(error) => {
+                    tracing::warn!(job = %claim.job, "print: the claim was not renewed: {error}");
+                    BEAT_AGAIN
+                }
+            };
+            tokio::time::sleep(rest).await;
+        }
+    }
+}
+
+/// Whether something can be tried again: the disk is full or read-only, another program keeps the queue to itself.
+pub(super) const fn can_be_mended(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::Full { .. }
+            | Error::ReadOnly { .. }
+            | Error::Locked { .. }
+            | Error::Io { .. }
+            | Error::Server { .. }
+    )
 }
 
 /// A reason, cut to what the queue takes.

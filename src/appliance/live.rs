@@ -3,7 +3,7 @@
 use crate::http::wire::{Activity, Heat, Live};
 use crate::printer::driver::PrintEvent;
 use crate::printer::protocol::{Event, Heater, Temperatures};
-use crate::queue::Name;
+use crate::queue::{JobId, Name};
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
 use std::time::Duration;
@@ -61,16 +61,24 @@ impl Board {
     }
 
     /// A print begins.
-    pub(super) fn begin(&mut self, now: Timestamp, estimated_s: u32) {
+    pub(super) fn begin(&mut self, now: Timestamp, job: JobId, estimated_s: u32) {
+        self.live.job = Some(job);
         self.course = Some(Course { began: now, estimated_s: estimated_s.into() });
         (self.live.done, self.live.printed_s) = (Some(0.0), Some(0));
         self.live.ends = Some(later(now, estimated_s.into()));
         self.set(Activity::Printing, None);
     }
 
+    /// It broke off, and waits for somebody's word.
+    pub(super) fn waits(&mut self, job: JobId, says: String) {
+        self.end(Activity::Paused, Some(says));
+        self.live.job = Some(job);
+        self.publish();
+    }
+
     /// It is over, or not begun.
     pub(super) fn end(&mut self, activity: Activity, says: Option<String>) {
-        self.course = None;
+        (self.course, self.live.job) = (None, None);
         (self.live.done, self.live.printed_s, self.live.ends) = (None, None, None);
         (self.live.activity, self.live.says) = (activity, says);
         self.publish();
@@ -166,6 +174,10 @@ mod tests {
         (Board::new(idle(name, "sim".into(), Duration::ZERO), Arc::new(lives)), seen)
     }
 
+    fn job() -> JobId {
+        JobId::at(at(0), [7; 10])
+    }
+
     fn progress(n_lines_done: u64) -> PrintEvent {
         PrintEvent::Progress { n_lines_done, n_lines: 1000 }
     }
@@ -173,7 +185,7 @@ mod tests {
     #[test]
     fn the_end_follows_the_estimate_first_and_the_pace_then() {
         let (mut board, seen) = board();
-        board.begin(at(0), 1000);
+        board.begin(at(0), job(), 1000);
         let ends = || seen.borrow()[0].ends;
         assert_eq!(ends(), Some(at(1000)));
         board.hear(&progress(10), at(5));
@@ -183,9 +195,22 @@ mod tests {
     }
 
     #[test]
+    fn the_job_in_hand_is_shown_as_long_as_it_is() {
+        let (mut board, seen) = board();
+        let shown = || seen.borrow()[0].job;
+        assert_eq!(shown(), None);
+        board.begin(at(0), job(), 10);
+        assert_eq!(shown(), Some(job()));
+        board.waits(job(), "it broke off".into());
+        assert_eq!((shown(), seen.borrow()[0].activity), (Some(job()), Activity::Paused));
+        board.end(Activity::Idle, None);
+        assert_eq!(shown(), None);
+    }
+
+    #[test]
     fn numbers_are_shown_twice_a_second_and_changes_at_once() {
         let (mut board, mut seen) = board();
-        board.begin(at(0), 10);
+        board.begin(at(0), job(), 10);
         board.hear(&progress(1), at(1));
         seen.mark_unchanged();
         for n in 2..=10 {

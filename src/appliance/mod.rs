@@ -15,8 +15,9 @@
 //! - `preparing`: jobs to G-code; `survey`: what G-code tells (pure);
 //! - `live`: what printers are doing, for the faces; `notify`: a webhook; `clearing`: the program that clears a bed; `watch`: a folder
 //!   whose files become jobs; `keeping`: what is over goes from the disk; `system`: the service manager;
+//! - `heat`: which printers may be hot, on the disk; [`guard`]: what is done about it where no server is;
 //! - `kit`: what they share;
-//! - [`backup()`], [`restore()`]: the directory as one file, and back.
+//! - [`backup()`], [`restore()`]: the directory as one file, and back; [`doctor`]: what is wrong with all of it.
 //!
 //! Asked to stop, the server takes no new work, gives back what is not begun, and finishes, parks or cancels its prints as
 //! the configuration says; it never drops one cold, and does not either where a part of it cannot be started any more: it ends then as if
@@ -26,7 +27,10 @@
 mod backup;
 mod clearing;
 pub mod config;
+pub mod doctor;
 mod error;
+pub mod guard;
+mod heat;
 mod keeping;
 mod kit;
 mod live;

@@ -7,8 +7,10 @@
 //! lumenfab.sock     the server's socket
 //! config.toml       what the operator decides, where there is one
 //! keys.toml         keys for TCP
+//! printers.json     which machine each printer was when its bed was known last
 //! owner.lock        held as long as a server lives
-//! alive             touched while a server lives: tells the next one how long nobody watched
+//! heat/             which printers may be hot: a file for each at a port, which whoever sees to its heaters has locked
+//! alive             when a server lived last, since the start of the machine: tells the next one how long nobody watched
 //! ```
 
 use super::Error;
@@ -19,7 +21,11 @@ use std::fs::{DirBuilder, File, TryLockError};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+/// Where Linux tells which run of the machine this is, and how long ago it began, s, sleep included.
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+const UPTIME: &str = "/proc/uptime";
 /// Rights of directories and files: their owner's alone.
 const DIR_MODE: u32 = 0o700;
 const FILE_MODE: u32 = 0o600;
@@ -85,6 +91,33 @@ impl Layout {
         self.job(id).join("job.gcode")
     }
 
+    /// Which machine each printer was.
+    #[must_use]
+    pub fn printers(&self) -> PathBuf {
+        self.0.join("printers.json")
+    }
+
+    /// What the operator decides: the file in the directory, else the service's own in `$CONFIGURATION_DIRECTORY`, else every default.
+    ///
+    /// # Errors
+    /// [`Error::Config`], [`Error::Io`].
+    pub fn read_config(&self, env: impl Fn(&str) -> Option<OsString>) -> Result<Config, Error> {
+        let of_service = env("CONFIGURATION_DIRECTORY").map(|dir| PathBuf::from(dir).join("config.toml"));
+        for path in std::iter::once(self.config()).chain(of_service) {
+            match std::fs::read_to_string(&path) {
+                Ok(text) => return Ok(Config::parse(&text, &path.display().to_string())?),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(source) => return Err(failed(&path)(source)),
+            }
+        }
+        Ok(Config::default())
+    }
+
+    /// Held as long as a server lives.
+    pub(super) fn lock(&self) -> PathBuf {
+        self.0.join("owner.lock")
+    }
+
     fn alive(&self) -> PathBuf {
         self.0.join("alive")
     }
@@ -128,7 +161,7 @@ impl Place {
             std::fs::set_permissions(dir, PermissionsExt::from_mode(DIR_MODE)).map_err(failed(dir))?;
         }
         make(&dir.join("jobs"))?;
-        let path = dir.join("owner.lock");
+        let path = Layout::of(dir).lock();
         let lock = File::options().create(true).truncate(false).write(true).mode(FILE_MODE).open(&path);
         let lock = lock.map_err(failed(&path))?;
         match lock.try_lock() {
@@ -144,37 +177,69 @@ impl Place {
         &self.layout
     }
 
-    /// What the operator decides: the file in the directory, else the service's own in `$CONFIGURATION_DIRECTORY`, else every default.
+    /// As [`Layout::read_config`].
     ///
     /// # Errors
     /// [`Error::Config`], [`Error::Io`].
     pub fn config(&self, env: impl Fn(&str) -> Option<OsString>) -> Result<Config, Error> {
-        let of_service = env("CONFIGURATION_DIRECTORY").map(|dir| PathBuf::from(dir).join("config.toml"));
-        for path in std::iter::once(self.layout.config()).chain(of_service) {
-            match std::fs::read_to_string(&path) {
-                Ok(text) => return Ok(Config::parse(&text, &path.display().to_string())?),
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                Err(source) => return Err(failed(&path)(source)),
-            }
-        }
-        Ok(Config::default())
+        self.layout.read_config(env)
     }
 
-    /// How long no server has lived here, s: without end where none ever did, or where the clock was set back meanwhile.
+    /// When a server was last alive here, by a clock of this run of the machine; `None` where none ever was, or in another run: nobody
+    /// knows how long ago that is.
     #[must_use]
-    pub fn unwatched_s(&self) -> f64 {
-        let touched = std::fs::metadata(self.layout.alive()).and_then(|found| found.modified());
-        touched.ok().and_then(|at| at.elapsed().ok()).map_or(f64::INFINITY, |away| away.as_secs_f64())
+    pub fn watched_at(&self, clock: &BootClock) -> Option<Duration> {
+        let text = std::fs::read_to_string(self.layout.alive()).ok()?;
+        let (boot, ms) = text.trim().split_once(' ')?;
+        let at = Duration::from_millis(ms.parse().ok()?);
+        (clock.boot.as_deref() == Some(boot) && at <= (clock.now)()).then_some(at)
     }
 
     /// This server lives.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn touch(&self) -> Result<(), Error> {
-        // What is in it does not matter; that it was written does.
-        write(&self.layout.alive(), std::process::id().to_string().as_bytes())
+    pub fn touch(&self, clock: &BootClock) -> Result<(), Error> {
+        let boot = clock.boot.as_deref().unwrap_or("?");
+        replace(&self.layout.alive(), format!("{boot} {}\n", (clock.now)().as_millis()).as_bytes())
     }
+}
+
+/// A clock that nobody sets, neither an operator nor the network: it counts from the start of the machine, sleep included. Small
+/// machines have no other one that is right after a power cut.
+#[derive(Debug, Clone)]
+pub struct BootClock {
+    /// Which run of the machine this is; `None`: the system does not tell.
+    pub boot: Option<String>,
+    /// Time since that began.
+    pub now: fn() -> Duration,
+}
+
+impl BootClock {
+    /// The system's.
+    #[must_use]
+    pub fn of_system() -> Self {
+        let boot = std::fs::read_to_string(BOOT_ID).ok();
+        let boot = boot.map(|id| id.trim().to_owned()).filter(|id| !id.is_empty() && !id.contains(' '));
+        Self { boot: boot.filter(|_| since_boot() > Duration::ZERO), now: since_boot }
+    }
+}
+
+/// 0 where the system does not tell.
+fn since_boot() -> Duration {
+    let text = std::fs::read_to_string(UPTIME).unwrap_or_default();
+    let seconds = text.split(' ').next().and_then(|word| word.parse().ok());
+    seconds.and_then(|s: f64| Duration::try_from_secs_f64(s).ok()).unwrap_or_default()
+}
+
+/// Writes a small file that is its owner's alone, whole or not at all as far as other processes see; a power cut may lose it.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let part = path.with_extension("part");
+    write(&part, bytes)?;
+    std::fs::rename(&part, path).map_err(failed(path))
 }
 
 /// Writes a small file that is its owner's alone. Not atomic: whoever reads it can do without.
@@ -253,15 +318,35 @@ mod tests {
         assert!(wrong.to_string().contains("config.toml:2: printer.names"), "{wrong}");
     }
 
+    fn clock(boot: Option<&str>, now: fn() -> Duration) -> BootClock {
+        BootClock { boot: boot.map(str::to_owned), now }
+    }
+
     #[test]
-    fn how_long_nobody_watched_is_told_from_the_last_touch() {
+    fn how_long_nobody_watched_is_told_by_a_clock_that_nobody_sets_and_within_one_run_of_the_machine() {
         let dir = tempfile::tempdir().unwrap();
         let place = Place::open(dir.path()).unwrap();
-        assert!(place.unwatched_s().is_infinite());
-        place.touch().unwrap();
-        assert!(place.unwatched_s() < 60.0);
-        let later = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1 << 40);
-        File::options().write(true).open(dir.path().join("alive")).unwrap().set_modified(later).unwrap();
-        assert!(place.unwatched_s().is_infinite(), "the clock was set back");
+        let (then, later) = (|| Duration::from_secs(100), || Duration::from_secs(160));
+        assert_eq!(place.watched_at(&clock(Some("a"), then)), None, "no server was ever here");
+        place.touch(&clock(Some("a"), then)).unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), later)), Some(Duration::from_secs(100)));
+        assert_eq!(place.watched_at(&clock(Some("b"), later)), None, "another run");
+        assert_eq!(place.watched_at(&clock(None, later)), None, "nobody tells which run it is");
+        place.touch(&clock(Some("a"), later)).unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), then)), None, "it was not written in this run");
+        place.touch(&clock(None, then)).unwrap();
+        for boot in [None, Some("a")] {
+            assert_eq!(place.watched_at(&clock(boot, later)), None, "nobody told which run it was");
+        }
+        std::fs::write(dir.path().join("alive"), "4711").unwrap();
+        assert_eq!(place.watched_at(&clock(Some("a"), later)), None, "an earlier version wrote it");
+    }
+
+    #[test]
+    fn the_system_s_clock_goes_and_knows_the_run() {
+        let clock = BootClock::of_system();
+        let first = (clock.now)();
+        assert!(first > Duration::ZERO && (clock.now)() >= first);
+        assert_eq!(clock.boot, BootClock::of_system().boot);
     }
 }

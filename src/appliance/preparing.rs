@@ -5,7 +5,7 @@
 
 use super::config::Prepare;
 use super::keeping::has_room;
-use super::kit::{Kit, ended, on_disk};
+use super::kit::{Kit, can_be_mended, ended, on_disk};
 use super::place;
 use super::survey::Survey;
 use crate::http::files::{FileSpec, Files};
@@ -25,6 +25,8 @@ use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 /// How often a worker looks for a job.
 const LOOK: Duration = Duration::from_millis(500);
+/// After a queue that could not be written.
+const AGAIN: Duration = Duration::from_secs(10);
 /// How often the queue is told that a worker lives.
 const BEAT: Duration = Duration::from_secs(20);
 /// Longest result of a child that is read, bytes.
@@ -54,7 +56,7 @@ impl<S: Store> Worker<S> {
     /// [`store::Error::Gone`] and what else of the queue cannot be mended by trying again.
     pub(super) async fn run(&self) -> Result<(), store::Error> {
         let mut stopping = self.kit.stopping.clone();
-        for claimed in self.kit.store.adopt(self.name.clone(), self.kit.now()).await? {
+        for claimed in self.adopt().await? {
             self.work(claimed).await?;
         }
         while self.kit.stopping().is_none() {
@@ -73,6 +75,23 @@ impl<S: Store> Worker<S> {
             }
         }
         Ok(())
+    }
+
+    /// What it had when a server ended, as soon as the queue can be written.
+    async fn adopt(&self) -> Result<Vec<Claimed>, store::Error> {
+        let mut stopping = self.kit.stopping.clone();
+        loop {
+            match self.kit.store.adopt(self.name.clone(), self.kit.now()).await {
+                Err(error) if can_be_mended(&error) => {
+                    tracing::error!(worker = %self.name, "queue: {error}; it is tried again");
+                }
+                done => return done,
+            }
+            tokio::select! {
+                () = sleep(AGAIN) => {}
+                () = ended(&mut stopping) => return Ok(Vec::new()),
+            }
+        }
     }
 
     async fn work(&self, claimed: Claimed) -> Result<(), store::Error> {

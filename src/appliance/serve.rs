@@ -6,9 +6,9 @@ use super::keeping::Keeper;
 use super::kit::{Kit, ended, on_disk};
 use super::live::Lives;
 use super::notify::{News, Postman};
-use super::place::Place;
+use super::place::{BootClock, Place};
 use super::preparing::Worker;
-use super::printing::{self, Station};
+use super::printing::{self, Identities, Kept, Memory, Station};
 use super::system::System;
 use super::watch;
 use super::watchman::{self, Guarded, Watchman};
@@ -49,6 +49,8 @@ pub struct Setup {
     pub program: PathBuf,
     /// The clock.
     pub clock: fn() -> Timestamp,
+    /// What tells how long nobody watched.
+    pub boot_clock: BootClock,
 }
 
 /// Serves until it is asked to stop; a second wish may be stricter than the first.
@@ -56,10 +58,10 @@ pub struct Setup {
 /// # Errors
 /// [`Error`]: it could not be started, or a part of it ended too often; its prints have ended as `on_stop` says then.
 pub async fn serve(setup: Setup, asked: channel::Receiver<Option<OnStop>>) -> Result<(), Error> {
-    let Setup { place, config, program, clock } = setup;
+    let Setup { place, config, program, clock, boot_clock } = setup;
     let layout = Arc::new(place.layout().clone());
     let machines: Result<Vec<_>, _> =
-        config.printers.iter().map(|p| printing::machine(p, &program)).collect();
+        config.printers.iter().map(|p| printing::machine(p, &program, &layout)).collect();
     let machines = machines?;
     let (max_bytes, reserve_bytes) = (config.http.max_upload_bytes, config.disk.reserve_bytes);
     let limits = Limits { max_bytes, reserve_bytes, ..Limits::default() };
@@ -86,14 +88,24 @@ pub async fn serve(setup: Setup, asked: channel::Receiver<Option<OnStop>>) -> Re
     let listeners = Listeners::bind(&listen, &app.keys).await?;
     let (news, postman) = News::new(clock, config.webhook.clone());
     let (end, stopping) = channel::channel(None);
-    let (events, counters) = (app.events.clone(), app.counters.clone());
-    let kit = Kit { store: store.clone(), layout, clock, program, stopping, events, counters, news };
+    let kit = Kit {
+        store: store.clone(),
+        identities: Identities::open(layout.printers()),
+        layout,
+        clock,
+        boot_clock,
+        program,
+        stopping,
+        events: app.events.clone(),
+        counters: app.counters.clone(),
+        news,
+    };
     let lives = Arc::new(lives);
     let turns: Vec<_> = machines.iter().map(printing::Machine::turn).collect();
     let mut parts =
         Parts { kit: kit.clone(), lives: Arc::clone(&lives), files, works: watchman::Parts::new() };
     // Before anybody can ask for them.
-    parts.begin(&config, machines, wishes, place.unwatched_s()).await?;
+    parts.begin(&config, machines, wishes, place.watched_at(&kit.boot_clock)).await?;
     let (over, is_over) = channel::channel(None);
     let mut servants = Servants { kit, is_over, servants: watchman::Parts::new() };
     servants.faces(app, listen, listeners);
@@ -152,9 +164,9 @@ impl Parts {
         config: &Config,
         machines: Vec<printing::Machine>,
         wishes: mpsc::Receiver<Wished>,
-        unwatched_s: f64,
+        watched: Option<Duration>,
     ) -> Result<(), Error> {
-        let mut desks = BTreeMap::new();
+        let (mut desks, mut free) = (BTreeMap::new(), Vec::new());
         let filament_mm = machines.first().map_or(1.75, printing::Machine::filament_mm);
         for (printer, machine) in config.printers.iter().zip(machines) {
             let (desk, wishes) = mpsc::channel(MOST_WISHES);
@@ -164,13 +176,22 @@ impl Parts {
                 machine,
                 kit: self.kit.clone(),
                 lives: Arc::clone(&self.lives),
-                wishes: Arc::new(Mutex::new(wishes)),
+                kept: Kept {
+                    wishes: Arc::new(Mutex::new(wishes)),
+                    memory: Arc::new(Mutex::new(Memory::of(watched))),
+                },
             };
-            berth.station().await.introduce(unwatched_s).await?;
-            self.works.spawn(self.guarded("a printer's part").run(move || {
-                let berth = berth.clone();
-                async move { berth.station().await.run().await }
-            }));
+            // What may be hot does not wait for anything that is written for others.
+            match berth.station().await.in_hand().await? {
+                Some(_) => self.printer(berth),
+                None => free.push(berth),
+            }
+        }
+        for berth in free {
+            if let Err(error) = berth.station().await.introduce().await {
+                tracing::error!(printer = %berth.config.name, "queue: {error}; it is tried again");
+            }
+            self.printer(berth);
         }
         self.workers(config, filament_mm);
         if let Some(watch) = config.watch.clone() {
@@ -189,6 +210,13 @@ impl Parts {
 
     fn guarded(&self, part: &'static str) -> Guarded {
         Guarded::new(part, self.kit.counters.clone(), self.kit.stopping.clone())
+    }
+
+    fn printer(&mut self, berth: Berth) {
+        self.works.spawn(self.guarded("a printer's part").run(move || {
+            let berth = berth.clone();
+            async move { berth.station().await.run().await }
+        }));
     }
 
     fn workers(&mut self, config: &Config, filament_mm: f64) {
@@ -285,8 +313,8 @@ impl Sweeper {
     }
 
     async fn sweep(&mut self) {
-        let place = Arc::clone(&self.place);
-        if let Err(error) = on_disk(move || place.touch().map_err(io::Error::other)).await {
+        let (place, clock) = (Arc::clone(&self.place), self.kit.boot_clock.clone());
+        if let Err(error) = on_disk(move || place.touch(&clock).map_err(io::Error::other)).await {
             tracing::warn!("server: {error}");
         }
         let swept = self.kit.store.sweep(self.kit.now()).await;
@@ -320,13 +348,13 @@ struct Berth {
     machine: printing::Machine,
     kit: Kit<Sqlite>,
     lives: Lives,
-    wishes: printing::Wishes,
+    kept: Kept,
 }
 
 impl Berth {
     async fn station(&self) -> Station<Sqlite> {
-        let Self { config, machine, kit, lives, wishes } = self.clone();
-        Station::new(config, machine, kit, lives, wishes).await
+        let Self { config, machine, kit, lives, kept } = self.clone();
+        Station::new(config, machine, kit, lives, kept).await
     }
 }
 
@@ -345,3 +373,6 @@ async fn pass_on(mut wishes: mpsc::Receiver<Wished>, desks: BTreeMap<Name, mpsc:
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -28,7 +28,9 @@ pub(super) struct Survey {
     pub(super) hotend_c: f64,
     /// Hottest that the bed is set to, °C.
     pub(super) bed_c: f64,
-    /// Commands before the second layer, where layers are marked.
+    /// Layers that are marked.
+    pub(super) n_layers: usize,
+    /// Commands before the second of them.
     pub(super) n_first_layer: Option<u64>,
 }
 
@@ -58,7 +60,6 @@ struct Reading {
     survey: Survey,
     head: String,
     n_lines: usize,
-    n_layers: usize,
     told_s: Option<f64>,
     told_mm: Option<f64>,
     meter: Meter,
@@ -87,8 +88,8 @@ impl Reading {
 
     fn comment(&mut self, comment: &str) {
         if LAYER.iter().any(|mark| comment.starts_with(mark)) {
-            self.n_layers += 1;
-            if self.n_layers == 2 {
+            self.survey.n_layers += 1;
+            if self.survey.n_layers == 2 {
                 self.survey.n_first_layer = Some(self.survey.n_commands);
             }
         }
@@ -256,7 +257,8 @@ mod tests {
             "M140 S60\nM104 S200\nM109 R215\nM190 S55\n;LAYER:0\nG1 X1 E1 F60\n;LAYER:1\nG1 X2 E1\nM104 S0\n",
         );
         assert_eq!((job.hotend_c, job.bed_c, job.n_first_layer, job.n_commands), (215.0, 60.0, Some(5), 7));
-        assert_eq!(of("G1 X1 E1\n").n_first_layer, None);
+        let layers = |text: &str| (of(text).n_layers, of(text).n_first_layer);
+        assert_eq!((layers("G1 X1 E1\n"), layers(";LAYER:0\nG1 X1 E1\n")), ((0, None), (1, None)));
     }
 
     #[test]

@@ -1,10 +1,15 @@
 //! The whole server: a real socket, a real queue, real pseudo-terminals with the simulated printer behind them.
 
+mod beds;
+mod broken;
+mod heat;
+mod heaters;
+mod limits;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
 
 use super::config::{Config, OnStop};
-use super::place::Place;
+use super::place::{BootClock, Place};
 use super::{Error, Setup, serve};
 use crate::client::Client;
 use crate::http::wire::{Activity, Added, Anew, BedClear, BedView, JobView, Turn, WishesBody};
@@ -105,12 +110,21 @@ impl Site {
     }
 
     async fn with(dir: TempDir, config: &str, program: PathBuf) -> Self {
+        let config = Config::parse(config, "config.toml").unwrap();
+        Self::by(dir, config, program, (Timestamp::now, BootClock::of_system())).await
+    }
+
+    async fn by(
+        dir: TempDir,
+        config: Config,
+        program: PathBuf,
+        (clock, boot_clock): (fn() -> Timestamp, BootClock),
+    ) -> Self {
         let state = dir.path().join("state");
         let place = Place::open(&state).unwrap();
         let client = Client::over_socket(place.layout().socket());
-        let config = Config::parse(config, "config.toml").unwrap();
         let (stop, stopping) = watch::channel(None);
-        let setup = Setup { place, config, program, clock: Timestamp::now };
+        let setup = Setup { place, config, program, clock, boot_clock };
         let served = tokio::spawn(serve(setup, stopping));
         until("the server", async || client.health().await.is_ok() || served.is_finished()).await;
         Self { dir, stop, served, client }
@@ -156,6 +170,10 @@ impl Site {
         };
         let word = BedClear { on_bed, name: None, why: Reason::default() };
         self.client.clear_bed(&printer.name, &word).await.unwrap();
+    }
+
+    async fn bed(&self) -> BedView {
+        self.client.printer(&name("left")).await.unwrap().bed
     }
 
     async fn says(&self) -> (Activity, String) {
@@ -382,6 +400,7 @@ async fn a_printing_part_that_dies_leaves_no_heater_on_and_nothing_is_printed_ag
     site.is_at(id, State::Failed).await;
     let told = site.told(id).await;
     assert!(told.last().unwrap().contains("the server ended in the middle of the print"), "{told:?}");
+    until("the heaters", async || printer.has_done("M104 S0")).await;
     assert_eq!(site.client.printer(&name("left")).await.unwrap().bed, BedView::Taken(id));
     tokio::time::sleep(Duration::from_secs(1)).await;
     let n_before = printer.beads().len();
@@ -433,45 +452,6 @@ async fn the_first_layer_is_held_for_a_look_and_a_program_clears_the_bed() {
     assert!(changes.ends_with("lay pause go-on printed complete"), "{changes}");
     let _dir = site.end(OnStop::Finish).await;
     assert_eq!(printer.end().len(), n_beads(20));
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_bed_that_nobody_has_watched_is_doubted() {
-    let (printer, site) = cleared(Speed::Max, "").await;
-    let dir = site.end(OnStop::Finish).await;
-    let site = Site::open(dir, "").await;
-    assert_eq!(site.client.printer(&name("left")).await.unwrap().bed, BedView::Clear, "only for a moment");
-    let dir = site.end(OnStop::Finish).await;
-    let long_ago = std::time::SystemTime::UNIX_EPOCH;
-    let alive = std::fs::File::options().write(true).open(dir.path().join("state/alive")).unwrap();
-    alive.set_modified(long_ago).unwrap();
-    let site = Site::open(dir, "").await;
-    until("the doubt", async || site.client.printer(&name("left")).await.unwrap().bed == BedView::Unknown)
-        .await;
-    let _dir = site.end(OnStop::Finish).await;
-    printer.end();
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn no_other_program_gets_the_port_and_one_that_has_it_makes_the_bed_doubtful() {
-    let dir = tempfile::tempdir().unwrap();
-    let printer = Simulator::start(dir.path(), Speed::Max).await;
-    let port = dir.path().join("port").display().to_string();
-    let other = || tokio_serial::SerialStream::open(&tokio_serial::new(&port, 115_200));
-    let site = Site::open(dir, "").await;
-    site.clear().await;
-    until("the server to take the port", async || other().is_err()).await;
-    let dir = site.end(OnStop::Finish).await;
-    let taken = other().unwrap();
-    let site = Site::open(dir, "").await;
-    let bed = async || site.client.printer(&name("left")).await.unwrap().bed;
-    until("the doubt", async || bed().await == BedView::Unknown).await;
-    until("its reason", async || site.says().await.1.contains("in use by another program")).await;
-    drop(taken);
-    until("the port", async || site.says().await.0 == Activity::Idle).await;
-    assert_eq!(bed().await, BedView::Unknown, "somebody has to look");
-    let _dir = site.end(OnStop::Finish).await;
-    printer.end();
 }
 
 /// A program that stands in for this one when it is asked to slice.

@@ -131,8 +131,13 @@ pub(crate) enum Command {
     /// Make a state directory from a backup
     ///
     /// Into a directory that is not there yet, or empty, and only where all of the backup is as it was written. Jobs that were queued
-    /// then are held: they may have been printed since. `lumenfab queue release JOB` lets one go.
+    /// then, or taken and not begun, are held: they may have been printed since. `lumenfab queue release JOB` lets one go. All beds are in doubt.
     Restore(BackupArgs),
+    /// Find what is wrong with an installation of the appliance, and how it is mended
+    ///
+    /// Looks at the state directory, the disk, the queue with its whole history (a copy of it), keys, configuration, printers' profiles and
+    /// ports, and whether a server answers. Changes nothing, opens no port. Exit code 1 where something does not work.
+    Doctor(ServeArgs),
     /// Firmware and machine profiles
     #[command(subcommand)]
     Profiles(ProfilesCommand),
@@ -383,10 +388,17 @@ pub(crate) struct ResumeArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("which").required(true).args(["port", "state"]))]
 pub(crate) struct SafeOffArgs {
     /// Port of the printer: a path, or usb:VENDOR:PRODUCT[:SERIAL]
     #[arg(long, value_name = "PATH")]
-    pub(crate) port: String,
+    pub(crate) port: Option<String>,
+    /// All printers that a server with this state directory has left hot and that no next one takes up; none while a server lives
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["profile", "baud", "after_s"])]
+    pub(crate) state: Option<PathBuf>,
+    /// Keep watching until stopped: a print that waits for the next server goes cold after firmware.orphan_hold_s of its profile
+    #[arg(long, requires = "state")]
+    pub(crate) watch: bool,
     /// Profile of the printer: a name or a file
     #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_PROFILE)]
     pub(crate) profile: String,

@@ -38,6 +38,10 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Queue(args) => return answered(&face, queue::run(&args)),
         Command::Backup(args) => return answered(&face, serve::backup(&args)),
         Command::Restore(args) => return answered(&face, serve::restore(&args)),
+        Command::SafeOff(SafeOffArgs { state: Some(dir), watch, .. }) => {
+            return answered(&face, serve::safe_off(&dir, watch));
+        }
+        Command::Doctor(args) => return examined(&face, serve::doctor(&args)),
         command => command,
     };
     let events = |event: Event| face.event(event);
@@ -65,7 +69,11 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
         Command::Errand => return errand(&face, &context),
-        Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
+        Command::Serve(_)
+        | Command::Queue(_)
+        | Command::Backup(_)
+        | Command::Restore(_)
+        | Command::Doctor(_) => {
             unreachable!("they have returned above")
         }
     };
@@ -80,6 +88,12 @@ fn answered(face: &Face, answer: Result<Answer, Failure>) -> u8 {
         }
         Err(Failure { text, code, exit_code }) => face.failure(&text, &code, exit_code),
     }
+}
+
+/// The same, of an answer that may be that something does not work.
+fn examined(face: &Face, examined: Result<(Answer, bool), Failure>) -> u8 {
+    let is_well = !matches!(examined, Ok((_, false)));
+    answered(face, examined.map(|(answer, _)| answer)).max(u8::from(!is_well))
 }
 
 /// `lumenfab` alone.
@@ -493,9 +507,11 @@ fn resume(args: &ResumeArgs, face: &Face, context: Context<'_>) -> Result<u8, Er
 }
 
 fn safe_off(args: &SafeOffArgs, face: &Face, context: &Context<'_>) -> Result<u8, Error> {
-    let printer = app::Printer { profile_name: &args.profile, port: Some(&args.port), baud: args.baud };
+    // One of port and state is given, and the state directory is not for here.
+    let named = args.port.as_deref().unwrap_or_default();
+    let printer = app::Printer { profile_name: &args.profile, port: Some(named), baud: args.baud };
     let after = std::time::Duration::from_secs(args.after_s.into());
-    let port = port_kept(&args.port);
+    let port = port_kept(named);
     face.line(&match args.after_s {
         0 => format!("switches the heaters of the printer on {port} off; it may take half a minute to say so"),
         after_s => format!("switches the heaters of the printer on {port} off in {after_s} s, unless another program has it then"),

@@ -88,15 +88,17 @@ const NEVER_LOGGED: [&str; 7] = [
 /// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise. What
 /// reads patients' files logs nothing, whatever is asked for.
 fn start_log(args: &[OsString]) {
-    // A server's log is all that tells afterwards what it did.
-    let usual = if args.iter().any(|arg| arg == "serve") { "info" } else { "warn" };
+    // A server's log is all that tells afterwards what it did, and so is that of whoever watches its heaters.
+    let usual = if args.iter().any(|arg| arg == "serve" || arg == "safe-off") { "info" } else { "warn" };
     let filter = tracing_subscriber::EnvFilter::try_from_env("LUMENFAB_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(usual));
     let filter = NEVER_LOGGED.iter().fold(filter, |filter, name| match format!("{name}=off").parse() {
         Ok(directive) => filter.add_directive(directive),
         Err(_) => filter,
     });
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A log that cannot be written (a full disk) is no reason to fall: saying so on stderr would be one.
+    let log = tracing_subscriber::fmt().log_internal_errors(false);
+    let log = log.with_env_filter(filter).with_writer(std::io::stderr);
     // A second start in one process (a test) keeps the first log.
     drop(log.try_init());
 }

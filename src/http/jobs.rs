@@ -187,14 +187,17 @@ fn check_seen(saw: Option<State>, job: &Job) -> Result<(), Problem> {
     }
 }
 
-/// What has to be asked of a printer. `Cancel` of a job whose printer is not heard of any more is for the queue.
+/// What has to be asked of a printer. `Cancel` of a job whose printer is not heard of any more is for the queue; one that a printer of
+/// this server has in hand is never, whatever the clock says of its claim.
 fn for_printer<S: Store>(
     turn: Turn,
     job: &Job,
     claim: Option<&Claim>,
     app: &Appliance<S>,
 ) -> Option<Result<Wish, Problem>> {
-    let is_in_hand = job.state.is_at_printer() && claim.is_some_and(|claim| !claim.has_lapsed(app.now()));
+    let is_heard_of = claim.is_some_and(|claim| !claim.has_lapsed(app.now()))
+        || job.holder.as_ref().and_then(|holder| app.printers.find(holder)?.job) == Some(job.id);
+    let is_in_hand = job.state.is_at_printer() && is_heard_of;
     let wish = match turn {
         Turn::Pause => Wish::Pause,
         Turn::GoOn => Wish::GoOn,

@@ -105,7 +105,9 @@ pub(super) async fn clear_bed<S: Store>(
     let printer = found.ok_or_else(|| Refusal::NoPrinter { printer: name.clone() })?;
     check_bed(&printer, said.on_bed)?;
     let who = caller.named(said.name.as_ref())?;
-    say(&app, name, Word::BedClear(Evidence::Word), who, said.why).await
+    let word =
+        said.on_bed.map_or(Word::BedClear(Evidence::Word), |job| Word::BedClearOf(job, Evidence::Word));
+    say(&app, name, word, who, said.why).await
 }
 
 fn check_bed(printer: &Printer, said: Option<JobId>) -> Result<(), Problem> {

@@ -116,7 +116,7 @@ impl Profile {
     }
 
     /// What makes the firmware itself switch the heaters off when nothing has moved, and this was not said, for `orphan_hold_s`;
-    /// nothing where it has no such time-out.
+    /// nothing where it has no such time-out: there a watch beside the host has to (`lumenfab safe-off`).
     #[must_use]
     pub fn orphan_gcode(&self) -> Option<String> {
         let hold_s = self.firmware.orphan_hold_s.ceil();

@@ -1,5 +1,6 @@
 use super::*;
-use crate::queue::tests::{at, operator, ticket};
+use crate::queue::tests::{at, loaded, name, operator, ticket};
+use crate::queue::{Bed, Claimant, Evidence, Said, Ticket};
 use std::os::unix::fs::MetadataExt;
 
 /// A state directory with two queued jobs and a draft, as a server leaves it, its store still open.
@@ -111,7 +112,7 @@ async fn a_name_that_leads_out_of_the_directory_is_refused() {
     }
     zip.start_file(MANIFEST, SimpleFileOptions::default()).unwrap();
     let entries = vec![entry("../evil"), entry(QUEUE)];
-    let manifest = Manifest { format: 1, made_by: String::new(), made_at: at(0), entries };
+    let manifest = Manifest { format: 1, made_by: String::new(), made_at: at(0), entries, cases: Vec::new() };
     serde_json::to_writer(&mut zip, &manifest).unwrap();
     zip.finish().unwrap();
     let refused = restore(&file, &root.path().join("new/state"), at(0)).await.unwrap_err().to_string();
@@ -129,4 +130,79 @@ async fn a_backup_needs_a_queue_and_a_place_of_its_own() {
     let refused = backup(&dir, &dir.join("b.zip"), at(0)).unwrap_err().to_string();
     assert!(refused.contains("belongs on another disk"), "{refused}");
     assert!(matches!(backup(&dir, &root.path().join("nowhere/b.zip"), at(0)), Err(Error::Io { .. })));
+}
+
+#[tokio::test]
+async fn what_was_in_hand_is_held_and_no_bed_is_believed() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    let store = state(&dir).await;
+    for printer in ["left", "right", "spare"] {
+        store.say(name(printer), Said::Loaded(loaded()), operator(1)).await.unwrap();
+        store.say(name(printer), Said::BedClear(Evidence::Word), operator(1)).await.unwrap();
+    }
+    store.add(Ticket { made: None, ..ticket(4) }, true, operator(1)).await.unwrap();
+    let claim = async |claimant| store.claim(claimant, at(5)).await.unwrap().unwrap();
+    let prepared = claim(Claimant::Worker(name("worker"))).await.job.id;
+    let warming = claim(Claimant::Printer(name("left"))).await.job.id;
+    let laid = claim(Claimant::Printer(name("right"))).await;
+    let actor = Actor::Holder { claim: laid.claim, asked_by: None };
+    let lay = Request { change: Change::Lay, actor, why: Reason::default(), now: at(6) };
+    store.change(laid.job.id, lay).await.unwrap();
+    store.close().await;
+    backup(&dir, &file, at(7)).unwrap();
+    // Claims of then are good still.
+    let restored = restore(&file, &new, at(8)).await.unwrap();
+    assert_eq!(restored.n_held, 2);
+    let store = Sqlite::open(&new.join("queue.db")).unwrap();
+    for (id, state) in [(prepared, State::Held), (warming, State::Held), (laid.job.id, State::Printing)] {
+        assert_eq!(store.job(id).await.unwrap().0.state, state);
+    }
+    let beds: Vec<_> = store.printers().await.unwrap().into_iter().map(|p| (p.bed, p.is_doubted)).collect();
+    assert_eq!(beds, [(Bed::Unknown, true), (Bed::Taken(laid.job.id), true), (Bed::Unknown, true)]);
+    store.verify().await.unwrap();
+    store.close().await;
+}
+
+#[tokio::test]
+async fn cases_are_found_again_where_they_lie() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    state(&dir).await.close().await;
+    std::os::unix::fs::symlink("/srv/cases/one", dir.join("files/one.case")).unwrap();
+    backup(&dir, &file, at(10)).unwrap();
+    restore(&file, &new, at(20)).await.unwrap();
+    assert_eq!(std::fs::read_link(new.join("files/one.case")).unwrap(), Path::new("/srv/cases/one"));
+}
+
+#[tokio::test]
+async fn a_backup_links_nothing_but_cases() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    state(&dir).await.close().await;
+    for name in ["jobs/a.case", "files/../a.case", "files/a.gcode", "../a.case"] {
+        let mut archive = Archive::new(NamedTempFile::new_in(root.path()).unwrap());
+        archive.add(QUEUE, &dir.join(QUEUE)).unwrap();
+        let link = CaseLink { name: name.to_owned(), leads_to: "/etc".to_owned() };
+        archive.end(vec![link], at(0), &file).unwrap();
+        let refused = restore(&file, &new, at(0)).await.unwrap_err().to_string();
+        assert!(refused.contains("is no name of a case"), "{refused}");
+        assert!(!new.exists());
+    }
+}
+
+#[tokio::test]
+async fn a_backup_of_the_first_format_is_read() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    state(&dir).await.close().await;
+    let mut archive = Archive::new(NamedTempFile::new_in(root.path()).unwrap());
+    archive.add(QUEUE, &dir.join(QUEUE)).unwrap();
+    let Archive { mut zip, entries } = archive;
+    zip.start_file(MANIFEST, Archive::options()).unwrap();
+    let manifest =
+        serde_json::json!({ "format": 1, "made_by": "lumenfab 0.1.0", "made_at": at(0), "entries": entries });
+    serde_json::to_writer(&mut zip, &manifest).unwrap();
+    zip.finish().unwrap().persist(&file).unwrap();
+    assert_eq!(restore(&file, &new, at(20)).await.unwrap().n_held, 2);
 }

@@ -1,9 +1,10 @@
 //! Standing by a print: what it tells, what is asked of it, the claim, the limits.
 
-use super::Held;
-use super::outcome::{self, Cause, Facts, Manner, Outcome};
+use super::outcome::{self, Begun, Cause, Facts, Heat, Manner, Outcome, Part};
+use super::port::OTHER_PROGRAM;
 use super::press::{Ended, Press};
-use super::station::Station;
+use super::station::{Station, next_wish};
+use super::{Held, Shown};
 use crate::appliance::config::OnStop;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
@@ -11,19 +12,15 @@ use crate::printer::control::Control;
 use crate::printer::driver::{PrintEvent, Printed};
 use crate::printer::journal::Ending;
 use crate::printer::protocol::{Event, Temperatures};
-use crate::printer::{Error, paper};
+use crate::printer::{Error, PortProblem, paper};
 use crate::queue::{Change, Name, Reason, Refusal};
 use crate::store::{self, Store};
 use std::path::Path;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// How often the queue is told that the print is alive.
-const BEAT: Duration = Duration::from_secs(20);
-/// The same, where it did not hear.
-const BEAT_AGAIN: Duration = Duration::from_secs(5);
 /// How long a warm printer waits for the queue to record that material is laid, and between two attempts.
-const LAY_PATIENCE: Duration = Duration::from_secs(60);
+const LAY_PATIENCE: Duration = Duration::from_secs(if cfg!(test) { 20 } else { 60 });
 const LAY_AGAIN: Duration = Duration::from_secs(2);
 /// A heater may be so much hotter than it is set to, °C.
 const OVERSHOOT_C: f64 = 20.0;
@@ -33,40 +30,46 @@ pub(super) struct Attended<'a, S> {
     pub(super) station: &'a mut Station<S>,
     pub(super) held: &'a mut Held,
     press: Press,
+    begun: Begun,
     cause: Option<Cause>,
     /// Who has asked for the pause, or for going on.
     asked_by: Option<Name>,
     /// When laying is asked for again, and until when.
     lay: Option<[Instant; 2]>,
-    beat: Instant,
     longest: Instant,
     /// Where it pauses for a look.
     look_at: Option<u64>,
     is_parked: bool,
+    /// The job's last word leaves heaters on.
+    is_left_hot: bool,
 }
 
 impl<'a, S: Store> Attended<'a, S> {
-    pub(super) fn new(station: &'a mut Station<S>, held: &'a mut Held, press: Press) -> Self {
-        let now = Instant::now();
-        let longest = now + station.config.limits.longest;
+    pub(super) fn new(station: &'a mut Station<S>, held: &'a mut Held, press: Press, begun: Begun) -> Self {
+        let longest = Instant::now() + station.config.limits.longest;
         let look_at = held.n_first_layer.filter(|_| station.config.first_layer_hold && !held.is_laid);
-        let (cause, asked_by, lay, is_parked) = (None, None, None, false);
-        Self { station, held, press, cause, asked_by, lay, beat: now + BEAT, longest, look_at, is_parked }
+        let (cause, asked_by, lay, is_parked, is_left_hot) = (None, None, None, false, false);
+        Self { station, held, press, begun, cause, asked_by, lay, longest, look_at, is_parked, is_left_hot }
     }
 
     /// Until it has ended; `None`: it is left as it is, paused, for the next server.
     pub(super) async fn outcome(mut self) -> Option<Outcome> {
         let mut stopping = self.station.kit.stopping.clone();
+        let mut kept = std::pin::pin!(self.station.kit.clone().keep(self.held.claim.clone()));
+        let mut is_kept = true;
         self.heed_stop();
         loop {
-            let lay_at = self.lay.map_or(self.beat, |[at, _]| at);
+            let lay_at = self.lay.map_or(self.longest, |[at, _]| at);
             tokio::select! {
                 event = self.press.events.recv() => match event {
                     Some(event) => self.hear(&event).await,
                     None => break,
                 },
-                Some(wished) = self.station.wishes.recv() => self.heed(wished),
-                () = sleep_until(self.beat) => self.beat().await,
+                Some(wished) = next_wish(&mut self.station.wishes) => self.heed(wished),
+                () = &mut kept, if is_kept => {
+                    is_kept = false;
+                    self.stop(Cause::ClaimLost);
+                }
                 () = sleep_until(lay_at), if self.lay.is_some() => self.lay().await,
                 () = sleep_until(self.longest), if self.cause.is_none() => {
                     let hours = self.station.config.limits.longest.as_secs_f64() / 3600.0;
@@ -82,33 +85,41 @@ impl<'a, S: Store> Attended<'a, S> {
         let facts = match self.press.end().await {
             Ended::With(result) => self.facts(&result),
             Ended::Panicked => {
-                self.held.may_be_hot = true;
                 let said = "its thread has ended: this is a fault of lumenfab".to_owned();
-                self.facts_of(Manner::Failed, said)
+                self.facts_of(Manner::Failed, said, Heat::Unknown)
             }
         };
         Some(outcome::outcome(facts))
     }
 
     fn facts(&mut self, result: &Result<Printed, Error>) -> Facts {
-        self.held.may_be_hot = result.as_ref().is_err_and(may_be_hot);
         match result {
-            Ok(_) => self.facts_of(Manner::Finished, String::new()),
+            Ok(_) => {
+                let heat = if self.is_left_hot { Heat::Unknown } else { Heat::Off };
+                self.facts_of(Manner::Finished, String::new(), heat)
+            }
             Err(error) => {
                 if let Error::NeedsConsent { .. } = error {
                     self.held.needs_consent = true;
                 }
+                if let Error::Open { problem: PortProblem::Busy(_), .. } = error {
+                    self.station.doubt(OTHER_PROGRAM);
+                }
                 let said = self.station.without_paths(error, &self.held.gcode);
                 tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, code = error.code(), "print: {said}");
-                self.facts_of(Manner::of(error), said)
+                self.facts_of(Manner::of(error), said, Heat::of(error))
             }
         }
     }
 
-    fn facts_of(&mut self, manner: Manner, said: String) -> Facts {
-        let is_resumable =
-            !self.station.machine.is_simulated() && journal_of(&self.held.gcode) == Told::BrokeOff;
-        Facts { manner, said, cause: self.cause.take(), is_laid: self.held.is_laid, is_resumable }
+    fn facts_of(&mut self, manner: Manner, said: String, heat: Heat) -> Facts {
+        let is_simulated = self.station.machine.is_simulated();
+        let part = match self.held.is_laid {
+            false => Part::Nothing,
+            true if !is_simulated && journal_of(&self.held.gcode) == Told::BrokeOff => Part::Unfinished,
+            true => Part::Dead,
+        };
+        Facts { manner, said, cause: self.cause.take(), part, begun: self.begun, heat }
     }
 
     async fn hear(&mut self, event: &PrintEvent) {
@@ -129,7 +140,10 @@ impl<'a, S: Store> Attended<'a, S> {
                 self.station.tell("first-layer", Some(self.held.claim.job), says);
                 self.station.board.set(Activity::Pausing, Some(says.to_owned()));
             }
-            PrintEvent::Session(Event::Temperatures(told)) => self.check_heat(*told),
+            PrintEvent::Session(Event::Temperatures(told)) => {
+                self.station.own_heaters();
+                self.check_heat(*told);
+            }
             PrintEvent::Session(Event::Paused) => self.paused().await,
             PrintEvent::Session(Event::Resumed) | PrintEvent::WentOn { .. } | PrintEvent::Progress { .. }
                 if self.held.is_paused =>
@@ -137,6 +151,7 @@ impl<'a, S: Store> Attended<'a, S> {
                 self.held.is_paused = false;
                 self.record(Change::GoOn).await;
             }
+            PrintEvent::LeftHot { .. } => self.is_left_hot = true,
             PrintEvent::PortLost { .. } => {
                 self.station.tell(
                     "port-lost",
@@ -183,25 +198,14 @@ impl<'a, S: Store> Attended<'a, S> {
     /// What the printer does is recorded; where that fails, it is so all the same.
     async fn record(&mut self, change: Change) {
         let by = self.asked_by.take();
-        if let Err(error) = self.station.kit.change(&self.held.claim, change, by.as_ref(), "").await {
-            tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, "print: {error}");
-        }
-    }
-
-    async fn beat(&mut self) {
-        let now = self.station.kit.now();
-        let renewed = self.station.kit.store.renew(self.held.claim.clone(), now).await;
-        self.beat = Instant::now() + if renewed.is_ok() { BEAT } else { BEAT_AGAIN };
-        match renewed {
-            Ok(claim) => self.held.claim = claim,
-            Err(store::Error::Refused(Refusal::ClaimLost)) if !self.held.is_laid => {
-                self.stop(Cause::ClaimLost)
-            }
-            // What is on the bed is finished: nobody else can go on with it.
+        let shown = if self.held.is_paused { Shown::Paused } else { Shown::Printing };
+        self.held.shown = match self.station.kit.change(&self.held.claim, change, by.as_ref(), "").await {
+            Ok(_) => shown,
             Err(error) => {
-                tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, "print: the claim was not renewed: {error}");
+                tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, "print: {error}");
+                Shown::Unknown
             }
-        }
+        };
     }
 
     fn check_heat(&mut self, told: Temperatures) {
@@ -283,19 +287,6 @@ impl<'a, S: Store> Attended<'a, S> {
             Some(OnStop::Park) => self.press.controls.ask(Control::Pause),
             Some(OnStop::Cancel) => self.stop(Cause::Stopping),
         }
-    }
-}
-
-/// Whether an error leaves open that the heaters are on.
-fn may_be_hot(error: &Error) -> bool {
-    match error {
-        Error::Cancelled { heat } | Error::Fault { heat, .. } | Error::Refused { heat, .. } => {
-            !heat.is_safe()
-        }
-        Error::JobLost(lost) => !lost.heat.is_safe(),
-        // Nothing was sent.
-        Error::Job(_) | Error::Open { .. } | Error::Left { .. } | Error::NeedsConsent { .. } => false,
-        _ => true,
     }
 }
 

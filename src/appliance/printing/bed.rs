@@ -7,8 +7,8 @@ use crate::queue::{Bed, Evidence, JobId, Loaded, Material, Name, Said, State};
 use crate::store::{self, Store};
 
 impl<S: Store> Station<S> {
-    /// Makes the printer known to the queue; `unwatched_s`: for so long no server lived.
-    pub(in crate::appliance) async fn introduce(&self, unwatched_s: f64) -> Result<(), store::Error> {
+    /// Makes the printer known to the queue, and doubts its bed where it was not watched, or was another machine's.
+    pub(in crate::appliance) async fn introduce(&mut self) -> Result<(), store::Error> {
         let known = self.find().await?;
         let loaded = self.loaded(known.as_ref().and_then(|printer| printer.loaded.as_ref()));
         if known.as_ref().and_then(|printer| printer.loaded.as_ref()) != Some(&loaded) {
@@ -18,21 +18,17 @@ impl<S: Store> Station<S> {
             // Its bed is made anew with each print.
             None if self.machine.is_simulated() => {
                 self.say(Said::BedClear(Evidence::Sensor), "a simulated printer begins with an empty bed")
-                    .await
+                    .await?;
             }
-            Some(printer) if printer.bed == Bed::Clear && !self.machine.is_simulated() => {
-                if unwatched_s <= self.config.bed_trusted.as_secs_f64() {
-                    return Ok(());
-                }
-                self.tell(
-                    "bed-in-doubt",
-                    None,
-                    "no server has watched the printer for a while: look at its bed",
-                );
-                self.say(Said::BedInDoubt, "no server has watched it for a while").await
+            None => {}
+            Some(_) => {
+                self.doubt_at_start();
+                self.settle_doubt().await?;
             }
-            _ => Ok(()),
         }
+        self.mark_watched();
+        self.know();
+        Ok(())
     }
 
     /// What it has loaded: as configured, with what the queue knows of the spool.
@@ -76,6 +72,8 @@ impl<S: Store> Station<S> {
         let Some(hook) = self.config.bed_clear.clone() else { return Ok(()) };
         let mut stopping = self.kit.stopping.clone();
         let printer = self.name().to_string();
+        // It may have to move the printer.
+        self.port = None;
         let mut clearing = std::pin::pin!(clearing::run(&hook, &printer, job));
         let cleared = loop {
             tokio::select! {

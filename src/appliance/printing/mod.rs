@@ -14,20 +14,28 @@
 //!
 //! - `press`: the thread that speaks to the printer;
 //! - `bed`: what is known of its bed, and the program that clears it;
+//! - `commands`: lines that somebody asks for while it does not print;
 //! - `attend`: standing by it: claim, limits, wishes;
 //! - `outcome`: what becomes of the job then (pure);
 //! - `waiting`: a print that broke off, until somebody says what becomes of it;
+//! - `port`: the port while nobody speaks to the printer, and whether its bed is watched; `identity`: which machine it is;
+//! - `heaters`: heaters that nobody owns;
 //! - `station`: all of it, for one printer.
 
 mod attend;
 mod bed;
+mod commands;
+mod heaters;
+mod identity;
 mod outcome;
+mod port;
 mod press;
 mod station;
 mod waiting;
 
+pub(super) use identity::Identities;
 pub(super) use press::Machine;
-pub(super) use station::{Station, Wishes, machine};
+pub(super) use station::{Kept, Memory, Station, machine};
 
 use crate::queue::Claim;
 use std::path::PathBuf;
@@ -39,12 +47,20 @@ struct Held {
     gcode: PathBuf,
     /// Whether the queue knows that material was laid.
     is_laid: bool,
-    /// Whether the queue knows it as paused.
+    /// Whether the printer stands.
     is_paused: bool,
+    shown: Shown,
     /// The printer could go on, but not exactly, and somebody has been told so.
     needs_consent: bool,
-    /// Its last print has ended, and nobody knows that the heaters are off.
-    may_be_hot: bool,
     print_s: u32,
     n_first_layer: Option<u64>,
+}
+
+/// What the queue has a job down as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    Printing,
+    Paused,
+    /// One of them: the last change may or may not have been recorded.
+    Unknown,
 }

@@ -1,4 +1,10 @@
-//! What becomes of a job when its print has ended: pure.
+//! What becomes of a job, and of the heaters, when its print has ended: pure.
+//!
+#![doc = include_str!("outcome.md")]
+//!
+//! [`outcome`] is the table, exhaustive; a test keeps the text above the same. Three things hold in all of it: what somebody has said, or
+//! a limit, ends the print for good, however it ended in fact; what can be gone on with is kept as long as nobody has; no
+//! heater is left on but that of a print that waits, which has a deadline.
 
 use crate::printer::Error;
 use crate::queue::{Change, Name, Reason};
@@ -45,9 +51,7 @@ pub(super) enum Manner {
     GivenUp,
     /// The job cannot be printed as it is.
     BadJob,
-    /// The port could not be opened.
-    NoPort,
-    /// Port or printer failed.
+    /// Port, journal or printer failed.
     Failed,
 }
 
@@ -56,9 +60,61 @@ impl Manner {
         match error {
             Error::Cancelled { .. } | Error::Left { .. } => Self::GivenUp,
             Error::Job(_) | Error::JobLost(_) => Self::BadJob,
-            Error::Open { .. } => Self::NoPort,
             _ => Self::Failed,
         }
+    }
+}
+
+/// What lies on the bed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// Nothing, as the queue knows.
+    Nothing,
+    /// A part that its journal knows how to go on with.
+    Unfinished,
+    /// A part that nobody can go on with.
+    Dead,
+}
+
+/// Whether the print began, or went on with one that had broken off: then the printer was warm before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Begun {
+    Anew,
+    Again,
+}
+
+/// What is known of the heaters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Heat {
+    /// They are off.
+    Off,
+    /// Nothing was sent: they are as they were before the print.
+    Untouched,
+    /// They may be on.
+    Unknown,
+}
+
+impl Heat {
+    pub(super) const fn of(error: &Error) -> Self {
+        let told = match error {
+            Error::Cancelled { heat } | Error::Fault { heat, .. } | Error::Refused { heat, .. } => heat,
+            Error::JobLost(lost) => &lost.heat,
+            Error::Job(_)
+            | Error::Open { .. }
+            | Error::Journal(_)
+            | Error::BeingPrinted { .. }
+            | Error::OtherJob { .. }
+            | Error::NeedsConsent { .. }
+            | Error::NotResumable(_)
+            | Error::Unfinished { .. }
+            | Error::Left { .. }
+            | Error::OtherMachine { .. } => return Self::Untouched,
+            Error::PortVanished { .. }
+            | Error::Nobody { .. }
+            | Error::StillHeating { .. }
+            | Error::Simulator { .. } => return Self::Unknown,
+        };
+        if told.is_safe() { Self::Off } else { Self::Unknown }
     }
 }
 
@@ -70,15 +126,28 @@ pub(super) struct Facts {
     pub(super) said: String,
     /// Why it was asked to stop.
     pub(super) cause: Option<Cause>,
-    /// Whether the queue knows that material was laid.
-    pub(super) is_laid: bool,
-    /// Whether its journal knows how to go on.
-    pub(super) is_resumable: bool,
+    pub(super) part: Part,
+    pub(super) begun: Begun,
+    pub(super) heat: Heat,
 }
 
-/// What becomes of its job.
+/// What is to be done.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(super) struct Outcome {
+    pub(super) job: Job,
+    pub(super) heaters: Heaters,
+}
+
+impl Outcome {
+    /// The print waits, warm, for this reason.
+    pub(super) const fn waits(why: String) -> Self {
+        Self { job: Job::Waits(why), heaters: Heaters::Keep }
+    }
+}
+
+/// What becomes of the job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Job {
     /// This is recorded.
     Change { change: Change, by: Option<Name>, why: String },
     /// It waits for an operator's word, for this reason.
@@ -87,125 +156,56 @@ pub(super) enum Outcome {
     Lost,
 }
 
+/// What is done about the heaters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Heaters {
+    /// Nothing: they are off.
+    Off,
+    /// Nothing yet: a print waits, and has a deadline.
+    Keep,
+    /// They are switched off, at once.
+    SwitchOff,
+}
+
 /// Decides.
 pub(super) fn outcome(facts: Facts) -> Outcome {
-    let Facts { manner, said, cause, is_laid, is_resumable } = facts;
-    let used_mm3 = if is_laid { None } else { Some(0) };
-    let record = |change, why| Outcome::Change { change, by: None, why };
-    let failed = |why| record(Change::Fail { used_mm3 }, why);
-    let given_back = |why| record(Change::GiveBack { lost: false }, why);
-    match (manner, cause) {
-        (Manner::Finished, _) if is_laid => record(Change::Printed { used_mm3: None }, String::new()),
-        (Manner::Finished, _) => failed("the job has ended without laying material".to_owned()),
-        (_, Some(Cause::ClaimLost)) if !is_laid => Outcome::Lost,
-        (Manner::Failed, _) if is_laid && is_resumable => Outcome::Waits(said),
-        (_, Some(Cause::Asked { by, why })) => Outcome::Change {
-            change: Change::Cancel { used_mm3 },
-            by: Some(by),
-            why: why.as_str().to_owned(),
-        },
-        (Manner::BadJob, _) => failed(said),
-        (_, Some(Cause::Limit(why))) => failed(why),
-        (_, Some(Cause::NotLet(why))) if !is_laid => given_back(why),
-        (_, Some(Cause::Stopping)) if !is_laid => given_back("the server ends".to_owned()),
-        (_, Some(Cause::NotLet(why))) => failed(why),
-        (_, Some(Cause::Stopping)) => failed("the server was asked to stop".to_owned()),
-        (Manner::GivenUp, _) => failed("it was stopped at the printer".to_owned()),
-        _ if is_laid => failed(said),
-        _ => given_back(said),
+    let (heat, begun) = (facts.heat, facts.begun);
+    let job = job(facts);
+    let heaters = match (heat, begun) {
+        (Heat::Off, _) | (Heat::Untouched, Begun::Anew) => Heaters::Off,
+        _ if matches!(job, Job::Waits(_)) => Heaters::Keep,
+        (Heat::Untouched, Begun::Again) | (Heat::Unknown, _) => Heaters::SwitchOff,
+    };
+    Outcome { job, heaters }
+}
+
+fn job(facts: Facts) -> Job {
+    let Facts { manner, said, cause, part, .. } = facts;
+    let used_mm3 = if part == Part::Nothing { Some(0) } else { None };
+    let record = |change, by, why| Job::Change { change, by, why };
+    let failed = |why| record(Change::Fail { used_mm3 }, None, why);
+    let given_back = |why| record(Change::GiveBack { lost: false }, None, why);
+    match (manner, part, cause) {
+        (_, _, Some(Cause::ClaimLost)) => Job::Lost,
+        (Manner::Finished, Part::Nothing, _) => {
+            failed("the job has ended without laying material".to_owned())
+        }
+        (Manner::Finished, _, _) => record(Change::Printed { used_mm3: None }, None, String::new()),
+        (_, _, Some(Cause::Asked { by, why })) => {
+            record(Change::Cancel { used_mm3 }, Some(by), why.as_str().to_owned())
+        }
+        (_, _, Some(Cause::Limit(why))) => failed(why),
+        (Manner::BadJob, _, _) => failed(said),
+        (_, Part::Nothing, Some(Cause::NotLet(why))) => given_back(why),
+        (_, _, Some(Cause::NotLet(why))) => failed(why),
+        (_, Part::Nothing, Some(Cause::Stopping)) => given_back("the server ends".to_owned()),
+        (Manner::GivenUp, _, Some(Cause::Stopping)) => failed("the server was asked to stop".to_owned()),
+        (Manner::GivenUp, _, None) => failed("it was stopped at the printer".to_owned()),
+        (Manner::Failed, Part::Nothing, None) => given_back(said),
+        (Manner::Failed, Part::Unfinished, _) => Job::Waits(said),
+        (Manner::Failed, Part::Dead, _) => failed(said),
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::queue::state::Kind;
-
-    const MANNERS: [Manner; 5] =
-        [Manner::Finished, Manner::GivenUp, Manner::BadJob, Manner::NoPort, Manner::Failed];
-
-    fn causes() -> Vec<Option<Cause>> {
-        let by = Name::try_new("Ada").unwrap();
-        let asked = Cause::Asked { by, why: Reason::try_new("wrong part").unwrap() };
-        let other =
-            [Cause::Stopping, Cause::Limit("hot".into()), Cause::NotLet("doubt".into()), Cause::ClaimLost];
-        [None, Some(asked)].into_iter().chain(other.map(Some)).collect()
-    }
-
-    fn all() -> impl Iterator<Item = (Facts, Outcome)> {
-        MANNERS.into_iter().flat_map(|manner| {
-            causes().into_iter().flat_map(move |cause| {
-                [(false, false), (true, false), (true, true)].map(|(is_laid, is_resumable)| {
-                    let said = "said".to_owned();
-                    let facts = Facts { manner, said, cause: cause.clone(), is_laid, is_resumable };
-                    (facts.clone(), outcome(facts))
-                })
-            })
-        })
-    }
-
-    fn kind(outcome: &Outcome) -> Option<Kind> {
-        match outcome {
-            Outcome::Change { change, .. } => Some(change.kind()),
-            Outcome::Waits(_) | Outcome::Lost => None,
-        }
-    }
-
-    #[test]
-    fn what_was_laid_never_goes_back_and_nothing_is_printed_that_was_not_laid() {
-        for (facts, outcome) in all() {
-            match kind(&outcome) {
-                Some(Kind::GiveBack) => assert!(!facts.is_laid, "{facts:?}"),
-                Some(Kind::Printed) => {
-                    assert!(facts.is_laid && facts.manner == Manner::Finished, "{facts:?}")
-                }
-                Some(Kind::Fail | Kind::Cancel) => {}
-                Some(other) => panic!("{other} for {facts:?}"),
-                None => {}
-            }
-        }
-    }
-
-    #[test]
-    fn filament_is_reckoned_with_where_some_was_laid() {
-        for (facts, outcome) in all() {
-            if let Outcome::Change {
-                change: Change::Fail { used_mm3 } | Change::Cancel { used_mm3 }, ..
-            } = outcome
-            {
-                assert_eq!(used_mm3.is_none(), facts.is_laid, "{facts:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_print_that_can_go_on_waits_and_nothing_else_does() {
-        for (facts, outcome) in all() {
-            let can_go_on = facts.is_laid && facts.is_resumable && facts.manner == Manner::Failed;
-            assert_eq!(matches!(outcome, Outcome::Waits(_)), can_go_on, "{facts:?}");
-        }
-    }
-
-    #[test]
-    fn a_job_of_which_nothing_was_laid_is_not_failed_by_the_end_of_the_server_or_a_lost_port() {
-        for (facts, outcome) in all().filter(|(facts, _)| !facts.is_laid) {
-            let is_innocent = facts.cause == Some(Cause::Stopping) && facts.manner != Manner::BadJob
-                || facts.cause.is_none() && matches!(facts.manner, Manner::NoPort | Manner::Failed);
-            if is_innocent && facts.manner != Manner::Finished {
-                assert_eq!(kind(&outcome), Some(Kind::GiveBack), "{facts:?}");
-            }
-            if facts.cause == Some(Cause::ClaimLost) && facts.manner != Manner::Finished {
-                assert_eq!(outcome, Outcome::Lost, "{facts:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn who_cancelled_it_and_why_is_kept() {
-        let asked = causes().remove(1);
-        let said = "said".to_owned();
-        let facts = Facts { manner: Manner::GivenUp, said, cause: asked, is_laid: true, is_resumable: false };
-        let Outcome::Change { change, by, why } = outcome(facts) else { panic!() };
-        assert_eq!((change.kind(), by.unwrap().as_str(), &*why), (Kind::Cancel, "Ada", "wrong part"));
-    }
-}
+mod tests;

@@ -1,6 +1,7 @@
 //! A print on a thread of its own: whatever the rest of the server does, the planner of the printer does not run dry (IO).
 
 use crate::appliance::config::Port;
+use crate::appliance::heat::{HeatFile, Hot};
 use crate::printer::control::Controls;
 use crate::printer::driver::{PrintEvent, Printed};
 use crate::printer::link::Link;
@@ -30,6 +31,8 @@ pub(in crate::appliance) struct Machine {
     pub(super) program: PathBuf,
     /// Whoever has this speaks to it.
     pub(super) turn: Arc<Mutex<()>>,
+    /// Where it is kept that it may be hot; nowhere for the simulated one. Its thread has a clone: it sees to the heaters to its end.
+    pub(super) heat: Option<HeatFile>,
 }
 
 /// What is done.
@@ -60,6 +63,25 @@ impl Machine {
     /// Held by whoever speaks to it.
     pub(in crate::appliance) fn turn(&self) -> Arc<Mutex<()>> {
         Arc::clone(&self.turn)
+    }
+
+    /// Writes down whether it may be hot.
+    pub(super) async fn tell_heat(&self, hot: Option<Hot>) {
+        if let Some(heat) = &self.heat {
+            heat.tell(hot).await;
+        }
+    }
+
+    /// Waits until nobody else sees to its heaters.
+    pub(super) async fn own_heat(&self) {
+        if let Some(heat) = &self.heat {
+            heat.own().await;
+        }
+    }
+
+    /// Whether that was written down last.
+    pub(super) fn may_be_hot(&self) -> bool {
+        self.heat.as_ref().and_then(HeatFile::hot).is_some()
     }
 
     pub(super) const fn is_simulated(&self) -> bool {

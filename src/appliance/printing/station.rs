@@ -1,37 +1,41 @@
 //! One printer of a server.
 
-use super::Held;
-use super::attend::{Attended, Told, journal_of};
-use super::outcome::Outcome;
-use super::press::{Ended, Machine, Press, Work};
+use super::attend::{Attended, Told};
+use super::heaters::Owed;
+use super::outcome::{self, Begun, Heaters, Outcome};
+use super::port::TAKEN_OFF;
+use super::press::{Machine, Press, Work};
 use super::waiting::Word;
+use super::{Held, Shown};
 use crate::appliance::Error as ServerError;
 use crate::appliance::config::{Port, PrinterConfig};
-use crate::appliance::kit::{Kit, ended};
+use crate::appliance::heat::{HeatFile, Hot};
+use crate::appliance::kit::{Kit, can_be_mended, ended};
 use crate::appliance::live::{Board, Lives, idle};
+use crate::appliance::place::Layout;
 use crate::appliance::preparing;
 use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
 use crate::motion;
-use crate::printer::driver::PrintEvent;
-use crate::printer::laying::may_lay;
-use crate::printer::{Error, PortProblem, ask};
+use crate::printer::Error;
 use crate::profile;
 use crate::queue::state::Kind;
 use crate::queue::{Bed, By, Change, Claimant, Job, JobId, Name, Refusal, Said, Who};
 use crate::store::{self, Claimed, Store};
 use std::fs::File;
 use std::io::{self, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{Mutex, mpsc};
+use tokio::sync::{Mutex, OwnedMutexGuard, mpsc};
 use tokio::time::{Instant, sleep, sleep_until};
 use tokio_serial::SerialStream;
 
 /// How often a printer looks for a job.
-const LOOK: Duration = Duration::from_millis(500);
+pub(super) const LOOK: Duration = Duration::from_millis(500);
+/// Between two attempts to take up what a server left, at first and at most.
+const AGAIN: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
 /// After a port that could not be opened, at first and at most.
 const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 
@@ -39,7 +43,11 @@ const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 ///
 /// # Errors
 /// Where its profile cannot be used.
-pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> Result<Machine, ServerError> {
+pub(in crate::appliance) fn machine(
+    config: &PrinterConfig,
+    program: &Path,
+    layout: &Layout,
+) -> Result<Machine, ServerError> {
     let failed = |source| ServerError::Profile { printer: config.name.to_string(), source: Box::new(source) };
     let profile = profile::load::by_name(&config.profile).map_err(failed)?;
     Ok(Machine {
@@ -49,6 +57,7 @@ pub(in crate::appliance) fn machine(config: &PrinterConfig, program: &Path) -> R
         baud: config.baud,
         program: program.to_owned(),
         turn: Arc::default(),
+        heat: HeatFile::of(config, layout),
     })
 }
 
@@ -58,19 +67,47 @@ pub(in crate::appliance) struct Station<S> {
     pub(super) machine: Machine,
     pub(super) kit: Kit<S>,
     pub(super) board: Board,
-    pub(super) wishes: tokio::sync::OwnedMutexGuard<mpsc::Receiver<Wished>>,
+    pub(super) wishes: OwnedMutexGuard<mpsc::Receiver<Wished>>,
     /// Why it takes no job until somebody says so.
     halted: Option<String>,
     /// When it may look again, and how long it rests then.
     rests: Option<(Instant, Duration)>,
     /// The port, while nobody speaks to the printer: no other program gets it behind the queue's back.
-    port: Option<SerialStream>,
-    /// When heaters that somebody's commands have left on are switched off.
-    hot_until: Option<Instant>,
+    pub(super) port: Option<SerialStream>,
+    /// Why it could not be opened, as it was told last.
+    pub(super) port_trouble: Option<String>,
+    /// An operator has taken the printer off: its port is anybody's.
+    pub(super) is_taken_off: bool,
+    /// When heaters that somebody's commands, or a server that died, have left on are switched off.
+    pub(super) hot_until: Option<Instant>,
+    pub(super) memory: OwnedMutexGuard<Memory>,
 }
 
-/// What wishes come over, kept while a station is started again.
-pub(in crate::appliance) type Wishes = Arc<Mutex<mpsc::Receiver<Wished>>>;
+/// What is known of a printer whatever becomes of its station.
+#[derive(Debug, Default)]
+pub(in crate::appliance) struct Memory {
+    /// When its bed was watched last, since the start of the machine; `None`: nobody knows.
+    pub(super) watched: Option<Duration>,
+    /// Why its bed is in doubt, where the queue has not recorded that yet.
+    pub(super) doubt: Option<&'static str>,
+    /// Heaters that could not be switched off.
+    pub(super) owes_off: Option<Owed>,
+}
+
+impl Memory {
+    /// Of a printer whose bed was watched last then, since the start of the machine; `None`: nobody knows.
+    pub(in crate::appliance) fn of(watched: Option<Duration>) -> Self {
+        Self { watched, ..Self::default() }
+    }
+}
+
+/// What is kept while a station is started again. Clones are the same.
+#[derive(Debug, Clone)]
+pub(in crate::appliance) struct Kept {
+    /// What wishes come over.
+    pub(in crate::appliance) wishes: Arc<Mutex<mpsc::Receiver<Wished>>>,
+    pub(in crate::appliance) memory: Arc<Mutex<Memory>>,
+}
 
 impl<S: Store> Station<S> {
     pub(in crate::appliance) async fn new(
@@ -78,12 +115,25 @@ impl<S: Store> Station<S> {
         machine: Machine,
         kit: Kit<S>,
         lives: Lives,
-        wishes: Wishes,
+        kept: Kept,
     ) -> Self {
         let live = idle(config.name.clone(), machine.port_name(), config.clearing);
         let board = Board::new(live, lives);
-        let wishes = wishes.lock_owned().await;
-        Self { config, machine, kit, board, wishes, halted: None, rests: None, port: None, hot_until: None }
+        let (wishes, memory) = (kept.wishes.lock_owned().await, kept.memory.lock_owned().await);
+        Self {
+            config,
+            machine,
+            kit,
+            board,
+            wishes,
+            halted: None,
+            rests: None,
+            port: None,
+            port_trouble: None,
+            is_taken_off: false,
+            hot_until: None,
+            memory,
+        }
     }
 
     pub(super) const fn name(&self) -> &Name {
@@ -121,38 +171,44 @@ impl<S: Store> Station<S> {
     /// # Errors
     /// [`store::Error::Gone`] and what else of the queue cannot be mended by trying again.
     pub(in crate::appliance) async fn run(&mut self) -> Result<(), store::Error> {
+        self.machine.own_heat().await;
         self.take_up().await?;
+        // Left by a server that died, and no print's that could go on.
+        let is_seen_to = self.heaters_unknown().is_some() || self.kit.stopping().is_some();
+        if self.machine.may_be_hot() && !is_seen_to {
+            self.switch_off().await;
+        }
         self.clear_what_lies_there().await?;
+        self.mark_watched();
         let mut stopping = self.kit.stopping.clone();
         while self.kit.stopping().is_none() {
             let hot_until = self.hot_until.unwrap_or_else(Instant::now);
             tokio::select! {
-                Some(wished) = self.wishes.recv() => self.heed_idle(wished).await,
+                Some(wished) = next_wish(&mut self.wishes) => self.heed_idle(wished).await,
                 () = sleep_until(hot_until), if self.hot_until.is_some() => self.switch_off().await,
                 () = sleep(LOOK) => {
                     if let Some(claimed) = self.draw().await? {
                         self.print(claimed).await?;
+                        self.mark_watched();
                     }
                 }
                 () = ended(&mut stopping) => {}
             }
         }
+        if self.hot_until.is_some() {
+            self.switch_off().await;
+        }
         Ok(())
     }
 
-    /// What a server had in hand that died.
+    /// What a server had in hand that died: its heaters first.
     async fn take_up(&mut self) -> Result<(), store::Error> {
-        let adopted = self.kit.store.adopt(self.name().clone(), self.kit.now()).await?;
-        self.kit.events.look();
-        if let Some(first) = adopted.iter().find(|claimed| !claimed.job.is_laid) {
-            tracing::info!(printer = %self.name(), job = %first.job.id, "print: nothing was laid yet: back into the queue");
-            self.switch_off().await;
-        }
-        for claimed in adopted {
+        self.secure().await?;
+        for claimed in self.adopt().await? {
             let held = self.held(&claimed);
-            let told = if self.machine.is_simulated() { Told::Nothing } else { journal_of(&held.gcode) };
-            match told {
+            match self.told(claimed.job.is_laid, &held.gcode) {
                 _ if !claimed.job.is_laid => {
+                    tracing::info!(printer = %self.name(), job = %claimed.job.id, "print: nothing was laid yet: back into the queue");
                     let why = "the server ended before anything was laid";
                     let given =
                         self.kit.insist(&held.claim, Change::GiveBack { lost: false }, None, why).await;
@@ -164,10 +220,10 @@ impl<S: Store> Station<S> {
                 }
                 Told::BrokeOff => {
                     let why = "the server ended in the middle of the print".to_owned();
-                    self.go_on(held, Outcome::Waits(why)).await?;
+                    self.hot_until = None;
+                    self.go_on(held, Outcome::waits(why)).await?;
                 }
                 Told::Nothing => {
-                    self.switch_off().await;
                     let why = "the server ended in the middle of the print, which cannot be gone on with";
                     self.settle(&held, Change::Fail { used_mm3: None }, None, why).await?;
                 }
@@ -176,15 +232,51 @@ impl<S: Store> Station<S> {
         Ok(())
     }
 
+    /// Takes it up in the queue, as soon as that can be written; heaters are seen to meanwhile.
+    async fn adopt(&mut self) -> Result<Vec<Claimed>, store::Error> {
+        let [mut rest, longest] = AGAIN;
+        let mut stopping = self.kit.stopping.clone();
+        loop {
+            let error = match self.enter().await {
+                Err(error) if can_be_mended(&error) => error,
+                done => return done,
+            };
+            tracing::error!(printer = %self.name(), "queue: {error}; it is tried again");
+            let says = format!("nothing can be printed: the queue cannot be written ({})", error.code());
+            self.board.set(Activity::Faulted, Some(self.with_heaters(&says)));
+            let hot_until = self.hot_until.unwrap_or_else(Instant::now);
+            tokio::select! {
+                () = sleep(rest) => {}
+                () = sleep_until(hot_until), if self.hot_until.is_some() => self.switch_off().await,
+                () = ended(&mut stopping) => {
+                    // What could go on stays warm for the next server.
+                    self.hot_until = None;
+                    return Ok(Vec::new());
+                }
+            }
+            // What is owed stands on the board.
+            self.pay_off().await.ok();
+            rest = (2 * rest).min(longest);
+        }
+    }
+
+    async fn enter(&mut self) -> Result<Vec<Claimed>, store::Error> {
+        self.introduce().await?;
+        let adopted = self.kit.store.adopt(self.name().clone(), self.kit.now()).await?;
+        self.kit.events.look();
+        Ok(adopted)
+    }
+
     fn held(&self, claimed: &Claimed) -> Held {
         let Claimed { job, claim } = claimed;
+        let is_paused = job.state == crate::queue::State::Paused;
         Held {
             claim: claim.clone(),
             gcode: self.kit.layout.gcode(job.id),
             is_laid: job.is_laid,
-            is_paused: job.state == crate::queue::State::Paused,
+            is_paused,
+            shown: if is_paused { Shown::Paused } else { Shown::Printing },
             needs_consent: false,
-            may_be_hot: false,
             print_s: job.estimate().map_or(0, |estimate| estimate.print_s),
             n_first_layer: None,
         }
@@ -192,14 +284,17 @@ impl<S: Store> Station<S> {
 
     /// A job, where there is one for this printer and nothing stands in the way.
     async fn draw(&mut self) -> Result<Option<Claimed>, store::Error> {
-        if self.halted.is_some() || self.rests.is_some_and(|(until, _)| Instant::now() < until) {
+        let tended = self.look_after().await;
+        if let Some(why) = self.halted.clone() {
+            let activity = if self.is_taken_off { Activity::Offline } else { Activity::Faulted };
+            self.board.set(activity, Some(self.with_heaters(&why)));
             return Ok(None);
         }
-        if !self.machine.is_there() {
-            self.board.set(Activity::Offline, Some("there is nothing at its port".to_owned()));
+        if self.rests.is_some_and(|(until, _)| Instant::now() < until) {
             return Ok(None);
         }
-        if !self.has_port().await {
+        if let Err((activity, says)) = tended {
+            self.board.set(activity, Some(says));
             return Ok(None);
         }
         if self.board.activity() != Activity::Idle {
@@ -218,33 +313,6 @@ impl<S: Store> Station<S> {
                 Ok(None)
             }
         }
-    }
-
-    /// Keeps the port from other programs. One that has it may lay something: the bed is not known any more.
-    async fn has_port(&mut self) -> bool {
-        if self.port.is_some() || self.machine.is_simulated() {
-            return true;
-        }
-        let problem = match self.machine.stream().await {
-            Ok(stream) => {
-                self.port = Some(stream);
-                return true;
-            }
-            Err(Error::Open { problem, .. }) => problem,
-            Err(_) => return false,
-        };
-        let says = format!("its port {problem}");
-        if self.board.activity() != Activity::Offline {
-            self.tell("port-not-opened", None, &says);
-        }
-        let is_clear =
-            self.find().await.is_ok_and(|found| found.is_some_and(|printer| printer.bed == Bed::Clear));
-        if is_clear && matches!(problem, PortProblem::Busy(_)) {
-            let doubted = self.say(Said::BedInDoubt, "another program had its port").await;
-            doubted.unwrap_or_else(|error| tracing::error!(printer = %self.name(), "bed: {error}"));
-        }
-        self.board.set(Activity::Offline, Some(says));
-        false
     }
 
     async fn print(&mut self, claimed: Claimed) -> Result<(), store::Error> {
@@ -285,6 +353,13 @@ impl<S: Store> Station<S> {
                 survey.hotend_c, survey.bed_c, limits.hotend_c, limits.bed_c
             ));
         }
+        if self.config.first_layer_hold && survey.n_layers == 0 {
+            return Err(
+                "it does not mark its layers, so that first_layer_hold cannot pause behind the first one: \
+                        have the slicer write layer comments, or take first_layer_hold out"
+                    .to_owned(),
+            );
+        }
         let hours = |s: f64| s / 3600.0;
         if survey.print_s > limits.longest.as_secs_f64() {
             let (found, most) = (hours(survey.print_s), hours(limits.longest.as_secs_f64()));
@@ -296,15 +371,24 @@ impl<S: Store> Station<S> {
     /// Prints, or goes on; `None`: it is left paused for the next server.
     pub(super) async fn attempt(&mut self, held: &mut Held, work: Work) -> Option<Outcome> {
         self.port = None;
+        self.machine.tell_heat(Some(Hot::PRINT)).await;
+        let begun = if matches!(work, Work::Resume { .. }) { Begun::Again } else { Begun::Anew };
         let press = match Press::start(&self.machine, work, !held.is_laid).await {
             Ok(press) => press,
             Err(error) => return Some(no_thread(held, &error)),
         };
-        self.board.begin(self.kit.now(), held.print_s);
-        let outcome = Attended::new(self, held, press).outcome().await;
-        let is_left_warm = matches!(outcome, None | Some(Outcome::Waits(_)));
-        if held.may_be_hot && !is_left_warm {
-            self.switch_off().await;
+        self.board.begin(self.kit.now(), held.claim.job, held.print_s);
+        let outcome = Attended::new(self, held, press, begun).outcome().await;
+        match outcome.as_ref().map(|outcome| outcome.heaters) {
+            Some(Heaters::SwitchOff) => self.switch_off().await,
+            Some(Heaters::Off) => self.machine.tell_heat(None).await,
+            Some(Heaters::Keep) => {}
+            None => self.machine.tell_heat(Some(Hot::waits(self.kit.now(), self.hold()))).await,
+        }
+        self.mark_watched();
+        if outcome.is_some() {
+            // Where it cannot be had, the next look tells.
+            self.hold_port().await.ok();
         }
         outcome
     }
@@ -312,15 +396,15 @@ impl<S: Store> Station<S> {
     /// What follows from a print that has ended, until nothing is left to do for it.
     async fn go_on(&mut self, mut held: Held, mut outcome: Outcome) -> Result<(), store::Error> {
         loop {
-            match outcome {
-                Outcome::Change { change, by, why } => {
+            match outcome.job {
+                outcome::Job::Change { change, by, why } => {
                     return self.settle(&held, change, by.as_ref(), &why).await;
                 }
-                Outcome::Lost => {
-                    self.board.end(Activity::Idle, None);
+                outcome::Job::Lost => {
+                    self.lose(&held);
                     return Ok(());
                 }
-                Outcome::Waits(why) => match self.wait_for_word(&mut held, &why).await {
+                outcome::Job::Waits(why) => match self.wait_for_word(&mut held, &why).await {
                     Word::GoOn { after_reset } => {
                         let work = Work::Resume { job: held.gcode.clone(), after_reset };
                         match self.attempt(&mut held, work).await {
@@ -332,6 +416,10 @@ impl<S: Store> Station<S> {
                         return self
                             .settle(&held, Change::Cancel { used_mm3: None }, Some(&by), why.as_str())
                             .await;
+                    }
+                    Word::Lost => {
+                        self.lose(&held);
+                        return Ok(());
                     }
                     Word::Nothing => return Ok(()),
                 },
@@ -351,11 +439,22 @@ impl<S: Store> Station<S> {
         // What people write may name somebody, and stays in the queue.
         let told = if by.is_some() { "somebody has asked for it" } else { why };
         tracing::info!(printer = %self.name(), %job, end = %kind, why = told, "print: ended");
-        if held.is_paused && matches!(change, Change::Printed { .. }) {
+        if held.shown != Shown::Printing && matches!(change, Change::Printed { .. }) {
             self.kit.insist(&held.claim, Change::GoOn, None, "").await.map_or_else(refused, |_| Ok(()))?;
         }
-        let is_given_back = matches!(change, Change::GiveBack { .. });
-        self.kit.insist(&held.claim, change, by, why).await.map_or_else(refused, |_| Ok(()))?;
+        let mut kind = kind;
+        let mut recorded = self.kit.insist(&held.claim, change, by, why).await;
+        if kind == Kind::GiveBack && matches!(recorded, Err(store::Error::Refused(Refusal::MaterialLaid))) {
+            // That it may lay was recorded after all, and the answer was lost: it has not.
+            let failed = Change::Fail { used_mm3: Some(0) };
+            (kind, recorded) = (Kind::Fail, self.kit.insist(&held.claim, failed, by, why).await);
+        }
+        if matches!(recorded, Err(store::Error::Refused(Refusal::ClaimLost))) {
+            self.lose(held);
+            return Ok(());
+        }
+        recorded.map_or_else(refused, |_| Ok(()))?;
+        let is_given_back = kind == Kind::GiveBack;
         self.kit.counters.count_print(kind);
         match kind {
             Kind::Printed => {
@@ -379,6 +478,22 @@ impl<S: Store> Station<S> {
         Ok(())
     }
 
+    /// The job is not this printer's any more. What was laid of it lies there, whatever was said of the bed meanwhile.
+    fn lose(&mut self, held: &Held) {
+        let job = held.claim.job;
+        tracing::warn!(printer = %self.name(), %job, "print: the job is not this printer's any more");
+        self.board.end(Activity::Idle, None);
+        if !held.is_laid {
+            return;
+        }
+        self.tell(
+            "claim-lost",
+            Some(job),
+            "the job was ended elsewhere in the middle of its print: look at the bed",
+        );
+        self.doubt("its print was ended elsewhere");
+    }
+
     /// A job that came back by itself: the printer is looked after before it takes the next one.
     fn rest(&mut self, why: &str) {
         let [first, most] = REST;
@@ -396,13 +511,14 @@ impl<S: Store> Station<S> {
             _ if wished.job.is_some() => Err(not_now("the printer does not have this job")),
             Wish::Pause | Wish::GoOn | Wish::Cancel => Err(not_now("it is not printing")),
             Wish::Connect => {
-                (self.halted, self.rests) = (None, None);
+                (self.halted, self.rests, self.is_taken_off) = (None, None, false);
                 if self.machine.is_there() { Ok(()) } else { Err(not_now("there is nothing at its port")) }
             }
             Wish::Disconnect => {
                 let why = "taken off by an operator: connect it again".to_owned();
                 self.board.set(Activity::Offline, Some(why.clone()));
-                self.port = None;
+                (self.port, self.is_taken_off) = (None, true);
+                self.doubt(TAKEN_OFF);
                 self.halted = Some(why);
                 Ok(())
             }
@@ -410,8 +526,8 @@ impl<S: Store> Station<S> {
                 // Answered first: commands may take minutes.
                 let begun = self.check_commands(&lines).await;
                 let is_good = begun.is_ok();
-                wished.answer.send(begun).ok();
-                if is_good {
+                // Whoever has left believes that nothing is done, and may ask again.
+                if wished.answer.send(begun).is_ok() && is_good {
                     self.command(lines).await;
                 }
                 return;
@@ -420,67 +536,30 @@ impl<S: Store> Station<S> {
         wished.answer.send(answer).ok();
     }
 
-    async fn check_commands(&self, lines: &[String]) -> Result<(), Unheard> {
-        if self.machine.is_simulated() {
-            return Err(not_now("the simulated printer lives as long as its print"));
-        }
-        if lines.iter().any(|line| may_lay(line)) {
-            self.say(Said::BedInDoubt, "commands that may lay material")
-                .await
-                .map_err(|e| not_now(&e.to_string()))?;
-        }
-        Ok(())
-    }
-
-    /// Does what somebody has asked for at a printer that is not printing.
-    async fn command(&mut self, lines: Vec<String>) {
-        self.port = None;
-        let mut press = match Press::start(&self.machine, Work::Commands(lines.join("\n")), false).await {
-            Ok(press) => press,
-            Err(error) => return tracing::error!(printer = %self.name(), "commands: {error}"),
-        };
-        while let Some(event) = press.events.recv().await {
-            self.board.hear(&event, self.kit.now());
-            if let PrintEvent::LeftHot { .. } = event {
-                let hold = Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s);
-                self.hot_until = Some(Instant::now() + hold);
-            }
-        }
-        if let Ended::With(result) = press.end().await
-            && let Err(error) = *result
-        {
-            let said = self.without_paths(&error, &PathBuf::from("commands"));
-            tracing::warn!(printer = %self.name(), "commands: {said}");
-            self.board.set(Activity::Idle, Some(said));
-        }
-    }
-
-    /// Switches heaters off that nobody owns.
-    pub(super) async fn switch_off(&mut self) {
-        (self.hot_until, self.port) = (None, None);
-        if self.machine.is_simulated() || !self.machine.is_there() {
-            return;
-        }
-        let _turn = Arc::clone(&self.machine.turn).lock_owned().await;
-        let off = async { ask::safe_off(self.machine.open().await?, &self.machine.profile).await };
-        match off.await {
-            Ok(_) => tracing::info!(printer = %self.name(), "heaters are off"),
-            Err(error) => {
-                let said = self.without_paths(&error, Path::new("job"));
-                tracing::error!(printer = %self.name(), "heaters: {said}");
-                self.tell("heaters-unknown", None, &said);
-                self.board.set(self.board.activity(), Some(said));
-            }
-        }
+    /// How long heaters may be on that nobody needs.
+    pub(super) fn hold(&self) -> Duration {
+        Duration::from_secs_f64(self.machine.profile.firmware.orphan_hold_s)
     }
 }
 
 fn no_thread(held: &Held, error: &io::Error) -> Outcome {
     let why = format!("the system gives no thread for the print: {error}");
     if held.is_laid {
-        return Outcome::Waits(why);
+        return Outcome::waits(why);
     }
-    Outcome::Change { change: Change::GiveBack { lost: false }, by: None, why }
+    let job = outcome::Job::Change { change: Change::GiveBack { lost: false }, by: None, why };
+    Outcome { job, heaters: Heaters::Off }
+}
+
+/// The next wish whose answer is still awaited: whoever has left believes that nothing is done, and may ask again.
+pub(super) async fn next_wish(wishes: &mut mpsc::Receiver<Wished>) -> Option<Wished> {
+    loop {
+        let wished = wishes.recv().await?;
+        if !wished.answer.is_closed() {
+            return Some(wished);
+        }
+        tracing::warn!(printer = %wished.printer, "a wish was passed over: nobody waits for it any more");
+    }
 }
 
 pub(super) fn not_now(text: &str) -> Unheard {
@@ -490,10 +569,6 @@ pub(super) fn not_now(text: &str) -> Unheard {
 /// What the queue refuses is settled: somebody else has decided. What cannot be recorded at all ends the part.
 fn refused(error: store::Error) -> Result<(), store::Error> {
     match error {
-        store::Error::Refused(refusal @ Refusal::ClaimLost) => {
-            tracing::warn!("print: {refusal}");
-            Ok(())
-        }
         store::Error::Refused(refusal) => {
             tracing::error!("print: {refusal}");
             Ok(())

@@ -62,12 +62,15 @@ fn the_sample_services_run_commands_that_there_are() {
         .filter_map(|line| line.split_once("/usr/bin/lumenfab "))
         .map(|(_, command)| command.trim_end_matches('\'').replace("\"$$after\"", "1800"))
         .collect();
-    assert_eq!(commands.len(), 4);
+    assert_eq!(commands.len(), 5);
     for command in commands {
         let args: Vec<_> = command.split_ascii_whitespace().collect();
         match parse(&args) {
             Command::Print(print) => assert_eq!(print.what, PathBuf::from("%i.gcode")),
-            Command::SafeOff(safe_off) => assert_eq!(safe_off.after_s, 1800),
+            Command::SafeOff(safe_off) => {
+                let of_server = safe_off.state == Some(PathBuf::from("%S/lumenfab"));
+                assert!(of_server || safe_off.after_s == 1800, "{safe_off:?}");
+            }
             Command::Serve(serve) => assert_eq!(serve.state.state, None),
             other => panic!("{other:?}"),
         }

@@ -170,6 +170,23 @@ async fn a_printer_that_has_a_job_in_hand_is_asked_to_stop_it() {
 }
 
 #[tokio::test]
+async fn a_printer_of_this_server_is_asked_whatever_the_clock_says_of_its_claim() {
+    let site = Site::open().await;
+    let (id, _claimed) = site.in_print().await;
+    let db = rusqlite::Connection::open(site.dir.path().join("queue.db")).unwrap();
+    assert_eq!(db.execute("UPDATE claims SET until_ms = 0", []).unwrap(), 1);
+    assert_eq!(turn(&site, id, json!({ "turn": "pause" })).await.refusal(), no(409, "http.not_printing"));
+    site.lives.send_replace(vec![wire::Live { job: Some(id), ..idle() }]);
+    for asked in ["pause", "cancel"] {
+        let done = turn(&site, id, json!({ "turn": asked })).await;
+        assert_eq!((done.status, &done.json()["state"]), (202, &json!("printing")));
+    }
+    site.lives.send_replace(vec![idle()]);
+    assert_eq!(turn(&site, id, json!({ "turn": "cancel" })).await.json()["state"], "cancelled");
+    site.end().await;
+}
+
+#[tokio::test]
 async fn a_bed_is_cleared_only_by_naming_what_lies_on_it() {
     let site = Site::open().await;
     let (id, claimed) = site.in_print().await;

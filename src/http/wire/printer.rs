@@ -42,6 +42,10 @@ pub struct Live {
     pub name: Name,
     /// What it is doing.
     pub activity: Activity,
+    /// The job that it has in hand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    pub job: Option<JobId>,
     /// Where it is connected.
     pub port: Option<String>,
     /// Speed of the wire, baud.
@@ -70,6 +74,7 @@ impl Live {
         Self {
             name,
             activity: Activity::Offline,
+            job: None,
             port: None,
             baud: None,
             done: None,

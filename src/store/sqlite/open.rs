@@ -151,9 +151,11 @@ impl Db {
         ask()
     }
 
-    /// Brings it to the newest version, step by step.
+    /// Brings it to the newest version, step by step. Where that is done nothing is locked: what another program keeps to itself, and
+    /// what is on a full disk, can be opened and read all the same.
     fn migrate(&mut self, steps: &[&str]) -> Result<(), Error> {
-        for (idx, step) in steps.iter().enumerate() {
+        let (_, found, _) = self.marks().map_err(|e| told(&self.path, &e))?;
+        for (idx, step) in steps.iter().enumerate().filter(|(idx, _)| version(*idx) >= found) {
             self.step(version(idx), step).map_err(|e| told(&self.path, &e))?;
         }
         Ok(())

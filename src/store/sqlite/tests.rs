@@ -196,6 +196,19 @@ fn a_damaged_file_is_refused() {
 }
 
 #[test]
+fn what_another_program_keeps_to_itself_can_be_opened_and_read() {
+    let folder = Folder::with_jobs(3);
+    let other = rusqlite::Connection::open(folder.db()).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let store = Folder::open(folder.dir());
+    assert_eq!(run(store.list(Which::Live, None, 10)).unwrap().len(), 3);
+    let refused = run(store.add(ticket(4), true, operator(0))).unwrap_err();
+    assert_eq!(refused.code(), "store.locked");
+    other.execute_batch("COMMIT").unwrap();
+    run(store.add(ticket(4), true, operator(0))).unwrap();
+}
+
+#[test]
 fn each_step_is_done_once_and_whole() {
     let folder = Folder::with_jobs(2);
     let version = |db: &Db| -> (i64, i64) {
