@@ -6,7 +6,7 @@ use super::args::{
 };
 use super::face::{Face, error_document};
 use super::keys::{self, Keys};
-use super::{Answer, Failure, queue, serve, signals};
+use super::{Answer, Failure, queue, serve, signals, tui};
 use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
 use crate::app::{self, Context, Deflection, Error, Event, Export, ModelJob, Outcome, Session, case};
@@ -35,6 +35,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         // A server has signals of its own.
         Command::Serve(args) => return answered(&face, serve::run(&args)),
         Command::Queue(args) => return answered(&face, queue::run(&args)),
+        Command::Tui(args) => return answered(&face, tui::run(&args, cli.json)),
         Command::Backup(args) => return answered(&face, serve::backup(&args)),
         Command::Restore(args) => return answered(&face, serve::restore(&args)),
         command => command,
@@ -63,7 +64,11 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Export(args) => export(&args, &face, context),
         Command::Profiles(command) => profiles(&command, &face),
         Command::HilSim { args } => return simulate(args),
-        Command::Serve(_) | Command::Queue(_) | Command::Backup(_) | Command::Restore(_) => {
+        Command::Serve(_)
+        | Command::Queue(_)
+        | Command::Tui(_)
+        | Command::Backup(_)
+        | Command::Restore(_) => {
             unreachable!("they have returned above")
         }
     };
