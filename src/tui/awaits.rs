@@ -78,12 +78,15 @@ fn bed(state: &State, printer: &PrinterView) -> Option<Awaited> {
             format!("{name}: look whether its bed is clear: nothing starts before you say so")
         }
         BedView::Taken(id) => {
-            let what = match state.job(id).map(|job| job.state) {
+            let job = state.job(id);
+            let copy = job.map(words::copies).filter(|copy| !copy.is_empty());
+            let copy = copy.map(|copy| format!(", {copy},")).unwrap_or_default();
+            let what = match job.map(|job| job.state) {
                 Some(JobState::AwaitingBedClear) => "is printed",
                 Some(JobState::Failed | JobState::Cancelled) => "broke off",
                 _ => "lies there",
             };
-            format!("{name}: job {} {what}: take it off the bed, then say so", words::short(id))
+            format!("{name}: job {}{copy} {what}: take it off the bed, then say so", words::short(id))
         }
     };
     Some(Awaited { text, command: Some(Command::ClearBed), is_bad: false })

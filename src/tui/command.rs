@@ -146,7 +146,7 @@ pub(super) const TABLE: &[Entry] = &[
         C::ClearBed,
         &[Char('b')],
         "bed is clear",
-        "Says that a bed is clear, once you have looked and taken off what lay there",
+        "Says that a bed is clear, once you have looked at it",
     ),
     entry(
         ANY,
@@ -168,41 +168,17 @@ pub(super) const TABLE: &[Entry] = &[
     entry(LIST, C::Submit, &[Char('u')], "submit", "Puts a draft into the queue"),
     entry(LIST, C::Hold, &[Char('h')], "hold", "Keeps the job back"),
     entry(LIST, C::Release, &[Char('r')], "release", "Lets a job go that was kept back"),
-    entry(
-        LIST,
-        C::MoveUp,
-        &[Char('K')],
-        "earlier",
-        "Moves the job before the one above, within its priority",
-    ),
-    entry(
-        LIST,
-        C::MoveDown,
-        &[Char('J')],
-        "later",
-        "Moves the job behind the one below, within its priority",
-    ),
+    entry(LIST, C::MoveUp, &[Char('K')], "earlier", "Moves the job before the one above, of its priority"),
+    entry(LIST, C::MoveDown, &[Char('J')], "later", "Moves the job behind the one below, of its priority"),
     entry(LIST, C::MoveFirst, &[Char('H')], "first", "Moves the job before all others of its priority"),
     entry(LIST, C::MoveLast, &[Char('L')], "last", "Moves the job behind all others of its priority"),
     entry(LIST, C::Copies, &[Char('o')], "copies", "Says how often the job is printed"),
     entry(LIST, C::Priority, &[Char('i')], "priority", "Higher goes first, -128 to 127"),
-    entry(
-        LIST,
-        C::Cancel,
-        &[Char('x')],
-        "cancel",
-        "Calls the job off; what is in print is stopped, heaters off",
-    ),
+    entry(LIST, C::Cancel, &[Char('x')], "cancel", "Calls the job off; a print is stopped, heaters off"),
     entry(LIST, C::Retry, &[Char('R')], "retry", "Prints a job again that failed or was called off"),
-    entry(LIST, C::Undo, &[Char('z')], "undo", "Takes the last hold, release, move, copies or priority back"),
+    entry(LIST, C::Undo, &[Char('z')], "undo", "Takes back the last hold, release, move, copies, priority"),
     entry(LIST, C::Over, &[Char('v')], "over or not", "Shows the jobs that are over, or those that are not"),
-    entry(
-        LIST,
-        C::Search,
-        &[Char('/')],
-        "search",
-        "Looks for jobs by name, state, kind, printer or material",
-    ),
+    entry(LIST, C::Search, &[Char('/')], "search", "Looks for jobs: name, state, kind, printer, material"),
     entry(LIST, C::NextMatch, &[Char('n')], "next match", "The next job that was looked for"),
     entry(LIST, C::PreviousMatch, &[Char('N')], "previous match", "The one before"),
     entry(LIST, C::Up, &[Char('k'), Code(KeyCode::Up)], "up", "One row up"),
@@ -263,6 +239,7 @@ mod tests {
     #[test]
     fn every_command_has_a_key_a_name_and_words() {
         for entry in TABLE {
+            assert!(entry.words.chars().count() <= 58, "{}: the help has 80 columns", entry.words);
             assert!(!entry.keys.is_empty() && !entry.name.is_empty() && !entry.words.is_empty());
             assert_eq!(TABLE.iter().filter(|other| other.command == entry.command).count(), 1);
             assert!(entry.keys.iter().all(|key| key.to_string() != "?" || entry.command == C::Help));

@@ -1,6 +1,6 @@
 //! Temperatures of the last minutes, for the chart.
 
-use crate::http::wire::{Heat, Live};
+use crate::http::wire::{Activity, Heat, Live};
 use crate::queue::Name;
 use jiff::{SignedDuration, Timestamp};
 use std::collections::{BTreeMap, VecDeque};
@@ -38,7 +38,7 @@ impl Heats {
             samples.clear();
         }
         let is_soon = samples.back().is_some_and(|last| now.duration_since(last.at) < APART);
-        if is_soon || (live.hotend.is_none() && live.bed.is_none()) {
+        if is_soon || !is_heard(live) || (live.hotend.is_none() && live.bed.is_none()) {
             return;
         }
         samples.push_back(Sample { at: now, hotend: live.hotend, bed: live.bed });
@@ -61,6 +61,14 @@ impl Heats {
     }
 }
 
+/// Whether somebody speaks with the printer, so that its temperatures are those of now.
+pub(super) const fn is_heard(live: &Live) -> bool {
+    match live.activity {
+        Activity::Printing | Activity::Pausing | Activity::Paused | Activity::Cancelling => true,
+        Activity::Offline | Activity::Idle | Activity::Faulted => false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -69,7 +77,7 @@ mod tests {
     fn ten_minutes_are_kept_one_a_second() {
         let name = Name::try_new("a").unwrap();
         let heat = Some(Heat { actual_c: 200.0, target_c: 210.0 });
-        let live = Live { hotend: heat, ..Live::offline(name.clone()) };
+        let live = Live { activity: Activity::Printing, hotend: heat, ..Live::offline(name.clone()) };
         let mut heats = Heats::default();
         let at = |ms: i64| Timestamp::from_millisecond(ms).unwrap();
         (0..2000).for_each(|n| heats.take(&live, at(n * 500)));

@@ -21,6 +21,8 @@ mod heats;
 mod link;
 mod message;
 mod state;
+#[cfg(test)]
+mod tests;
 mod theme;
 mod update;
 mod view;

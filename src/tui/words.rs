@@ -4,8 +4,8 @@ use crate::http::wire::{Activity, HistoryView, JobView};
 use crate::queue::fact::What;
 use crate::queue::printer::PrinterChange;
 use crate::queue::{JobId, SpecKind, State};
-use jiff::Timestamp;
 use jiff::tz::TimeZone;
+use jiff::{Timestamp, Zoned};
 
 /// Letters of a job's name that are shown: its end, which is chance; the beginning is the time at which it was added.
 const SHORT: usize = 8;
@@ -35,15 +35,27 @@ pub(super) fn seconds_to(from: Timestamp, to: Timestamp) -> u64 {
 /// A time on the clock: `14:05`, `tomorrow 03:10`, `Tue 03:10`, `24 Dec 03:10`.
 pub(super) fn clock(at: Timestamp, now: Timestamp, zone: &TimeZone) -> String {
     let (at, now) = (at.to_zoned(zone.clone()), now.to_zoned(zone.clone()));
-    let time = at.strftime("%H:%M");
-    let days = now.date().until(at.date()).map_or(i32::MAX, |span| span.get_days());
-    match days {
-        0 => time.to_string(),
-        1 => format!("tomorrow {time}"),
-        -1 => format!("yesterday {time}"),
-        2..7 => at.strftime("%a %H:%M").to_string(),
-        _ => at.strftime("%-d %b %H:%M").to_string(),
+    match now.date().until(at.date()).map_or(i32::MAX, |span| span.get_days()) {
+        1 => at.strftime("tomorrow %H:%M").to_string(),
+        -1 => at.strftime("yesterday %H:%M").to_string(),
+        days => on_day(&at, days),
     }
+}
+
+/// The same in twelve letters at most, for tables.
+pub(super) fn short_clock(at: Timestamp, now: Timestamp, zone: &TimeZone) -> String {
+    let (at, now) = (at.to_zoned(zone.clone()), now.to_zoned(zone.clone()));
+    let days = now.date().until(at.date()).map_or(i32::MAX, |span| span.get_days());
+    on_day(&at, days)
+}
+
+fn on_day(at: &Zoned, days: i32) -> String {
+    at.strftime(match days {
+        0 => "%H:%M",
+        -6..7 => "%a %H:%M",
+        _ => "%-d %b %H:%M",
+    })
+    .to_string()
 }
 
 /// What a printer is doing.
@@ -76,11 +88,13 @@ pub(super) const fn kind(kind: SpecKind) -> &'static str {
     }
 }
 
-/// `copy 2 of 3` of the one that is printed or comes next; nothing where there is only one.
+/// `copy 2 of 3` of the one that is on the bed or comes next; nothing where there is only one.
 pub(super) fn copies(job: &JobView) -> String {
+    let is_printed =
+        matches!(job.state, State::AwaitingBedClear | State::AwaitingSignOff) || job.state.is_over();
     match job.copies {
         1 => String::new(),
-        copies => format!("copy {} of {copies}", (job.n_printed + 1).min(copies)),
+        copies => format!("copy {} of {copies}", (job.n_printed + u16::from(!is_printed)).min(copies)),
     }
 }
 
@@ -144,6 +158,10 @@ mod tests {
         assert_eq!(said("2026-11-27T08:00:00Z"), "yesterday 08:00");
         assert_eq!(said("2026-12-01T08:00:00Z"), "Tue 08:00");
         assert_eq!(said("2026-12-24T08:00:00Z"), "24 Dec 08:00");
+        let short = |text| short_clock(at(text), now, &TimeZone::UTC);
+        assert_eq!(short("2026-11-29T00:01:00Z"), "Sun 00:01");
+        assert_eq!(short("2026-11-27T23:59:00Z"), "Fri 23:59");
+        assert_eq!(short("2025-12-24T08:00:00Z").len(), 12);
     }
 
     #[test]

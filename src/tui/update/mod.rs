@@ -3,9 +3,10 @@
 mod does;
 mod overlay;
 
+use super::command::{self, Command};
 use super::message::{Effect, LinkNews, Message, News, Request, Target};
 use super::state::{Jobs, Link, Overlay, State, Undo};
-use super::{awaits, command};
+use super::{awaits, view};
 use crate::http::wire::BedView;
 use crate::store::Which;
 use jiff::Timestamp;
@@ -47,10 +48,15 @@ pub(super) fn update(state: &mut State, message: Message) -> Vec<Effect> {
 }
 
 fn press(state: &mut State, key: KeyEvent) -> Vec<Effect> {
-    if state.overlay.is_some() {
+    if state.overlay.is_some() && view::fits(state.size) {
         return overlay::press(state, key);
     }
-    command::meant(key, state.screen).map_or_else(Vec::new, |command| does::it(state, command))
+    match command::meant(key, state.screen) {
+        // What nobody sees is not done.
+        Some(command) if !view::fits(state.size) && command != Command::Quit => Vec::new(),
+        Some(command) => does::it(state, command),
+        None => Vec::new(),
+    }
 }
 
 fn click(state: &mut State, target: Target) -> Vec<Effect> {

@@ -52,7 +52,7 @@ pub(in crate::tui) fn matching(text: &str) -> Vec<&'static Entry> {
     };
     let mut found: Vec<_> = command::TABLE.iter().filter(fits).collect();
     // What is called so comes before what is only told with these words.
-    found.sort_by_key(|entry| !entry.name.starts_with(&text));
+    found.sort_by_key(|entry| !entry.name.contains(&text));
     found
 }
 

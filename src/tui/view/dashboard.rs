@@ -3,7 +3,7 @@
 use super::canvas::{Canvas, below, row};
 use crate::http::wire::{Activity, BedView, Heat, JobView, Live, PrinterView, Schedule};
 use crate::queue::{JobId, Name};
-use crate::tui::heats::{Heater, SPAN_S};
+use crate::tui::heats::{Heater, SPAN_S, is_heard};
 use crate::tui::message::Target;
 use crate::tui::state::{Listing, State};
 use crate::tui::theme::Role;
@@ -68,9 +68,17 @@ fn printer(canvas: &mut Canvas<'_, '_>, area: Rect) {
         return;
     };
     doing(canvas, inner, printer, live);
-    heat(canvas, row(inner, 2), "nozzle", live.hotend, Role::Hotend);
-    heat(canvas, row(inner, 3), "bed", live.bed, Role::Bed);
-    progress(canvas, below(inner, 4), printer, live);
+    let is_heard = is_heard(live);
+    heat(canvas, row(inner, 2), ("nozzle", Role::Hotend), live.hotend, is_heard);
+    heat(canvas, row(inner, 3), ("bed", Role::Bed), live.bed, is_heard);
+    match &live.says {
+        // In full, where it does not fit into its line and nothing is printed.
+        Some(says) if live.done.is_none() && says.chars().count() > usize::from(inner.width) => {
+            let text = vec![Line::from(canvas.span(says.clone(), Role::Warn))];
+            canvas.lines(Rect { height: inner.height.min(4), ..below(inner, 4) }, text);
+        }
+        _ => progress(canvas, below(inner, 4), printer, live),
+    }
     fitted(canvas, row(inner, 8), printer);
 }
 
@@ -118,17 +126,27 @@ fn why_idle(state: &State, printer: &PrinterView) -> (String, Role) {
     (why.unwrap_or_else(|| "its bed is clear".to_owned()), Role::Dim)
 }
 
-fn heat(canvas: &mut Canvas<'_, '_>, area: Rect, what: &str, heat: Option<Heat>, role: Role) {
+/// A printer tells its temperatures while somebody speaks with it: what it told before may be long past.
+fn heat(
+    canvas: &mut Canvas<'_, '_>,
+    area: Rect,
+    (what, role): (&str, Role),
+    heat: Option<Heat>,
+    is_heard: bool,
+) {
     let (measured, target) = match heat {
+        Some(Heat { actual_c, .. }) if !is_heard => {
+            (format!("{actual_c:6.1} °C"), "  when it was heard last".to_owned())
+        }
         Some(Heat { actual_c, target_c }) if target_c > 0.0 => {
             (format!("{actual_c:6.1} °C"), format!(" → {target_c:.0} °C"))
         }
         Some(Heat { actual_c, .. }) => (format!("{actual_c:6.1} °C"), "   off".to_owned()),
-        None => ("     – ".to_owned(), String::new()),
+        None => ("     –".to_owned(), String::new()),
     };
     let line = vec![
         canvas.span(format!("{what:<8}"), role),
-        canvas.span(measured, Role::Strong),
+        canvas.span(measured, if is_heard { Role::Strong } else { Role::Dim }),
         canvas.span(target, Role::Dim),
     ];
     canvas.line(area, Line::from(line));
@@ -141,12 +159,14 @@ fn progress(canvas: &mut Canvas<'_, '_>, area: Rect, printer: &PrinterView, live
     let gauge = LineGauge::default()
         .ratio(done.clamp(0.0, 1.0))
         .label(canvas.span(format!("{:3.0} %  ", 100.0 * done), Role::Strong))
+        .filled_symbol("█")
+        .unfilled_symbol("░")
         .filled_style(canvas.style(Role::Good))
         .unfilled_style(canvas.style(Role::Border));
     canvas.draw(gauge, row(area, 0));
     let left_s = live.ends.map(|ends| words::seconds_to(state.now, ends));
     let left = left_s.map(|left| format!(", {} left", words::span(left))).unwrap_or_default();
-    fact(canvas, row(area, 1), "time", &format!("{} printed{left}", words::span(printed_s)));
+    fact(canvas, row(area, 1), "time", &format!("{}{left}", words::span(printed_s)));
     if let Some(ends) = live.ends {
         fact(canvas, row(area, 2), "ends", &words::clock(ends, state.now, &state.zone));
     }
@@ -166,12 +186,8 @@ fn fitted(canvas: &mut Canvas<'_, '_>, area: Rect, printer: &PrinterView) {
     let Some(loaded) = &printer.loaded else { return };
     let left = loaded.left_mm3.map(|mm3| format!(", {} left", words::filament(mm3 as f64)));
     let nozzle_mm = f64::from(loaded.nozzle_um) / 1000.0;
-    let text = format!(
-        "{}, {nozzle_mm:.2} mm nozzle{}, {}",
-        loaded.material,
-        left.unwrap_or_default(),
-        loaded.profile
-    );
+    let text =
+        format!("{}, {nozzle_mm:.2} mm{}, {}", loaded.material, left.unwrap_or_default(), loaded.profile);
     let text = words::cut(&text, usize::from(area.width).saturating_sub(9));
     fact(canvas, area, "fitted", &text);
 }
@@ -189,7 +205,8 @@ fn temperatures(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.line(inner, line);
         return;
     }
-    let targets = [state.doing().and_then(|live| live.hotend), state.doing().and_then(|live| live.bed)];
+    let heard = state.doing().filter(|live| is_heard(live));
+    let targets = [heard.and_then(|live| live.hotend), heard.and_then(|live| live.bed)];
     let targets = targets.into_iter().flatten().map(|heat| heat.target_c);
     let highest = hotend.iter().chain(&bed).map(|(_, c)| *c).chain(targets.clone()).fold(50.0, f64::max);
     let top = (highest / 50.0).ceil() * 50.0;
@@ -236,7 +253,7 @@ fn queue(canvas: &mut Canvas<'_, '_>, area: Rect) {
             canvas.span(format!("{:<18}", words::cut(words::state(job), 18)), role),
         ];
         canvas.line(place, Line::from(line));
-        let when = ends(state, job.id).map(|ends| words::clock(ends, state.now, &state.zone));
+        let when = ends(state, job.id).map(|ends| words::short_clock(ends, state.now, &state.zone));
         let when = canvas.span(when.unwrap_or_default(), Role::Dim);
         canvas.line_right(super::canvas::behind(place, 29), Line::from(when));
         if is_live {

@@ -39,7 +39,7 @@ impl Hits {
 pub(super) fn draw(state: &State, frame: &mut Frame<'_>) -> Hits {
     let mut canvas = Canvas::new(state, frame);
     let area = canvas.area();
-    if area.width < LEAST.width || area.height < LEAST.height {
+    if !fits(area.as_size()) {
         frame::small(&mut canvas);
         return canvas.hits();
     }
@@ -53,6 +53,11 @@ pub(super) fn draw(state: &State, frame: &mut Frame<'_>) -> Hits {
     frame::foot(&mut canvas, &places);
     overlay::draw(&mut canvas, places.body);
     canvas.hits()
+}
+
+/// Whether everything has its place.
+pub(super) const fn fits(size: Size) -> bool {
+    size.width >= LEAST.width && size.height >= LEAST.height
 }
 
 /// Rows of the list of jobs that are seen at once.

@@ -1,6 +1,6 @@
 //! The queue: a list of which only what is seen is drawn, and all that is known of the chosen job.
 
-use super::canvas::{Canvas, below, row};
+use super::canvas::{Canvas, behind, below, row};
 use super::{WIDE, dashboard};
 use crate::http::wire::JobView;
 use crate::queue::State as JobState;
@@ -11,17 +11,26 @@ use crate::tui::words;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::Line;
 
+/// From this width on facts stand in two columns.
+const TWO_COLUMNS: u16 = 76;
 /// Rows of the border and of the columns' names.
 const FRAME_ROWS: u16 = 3;
+
+/// Columns of details beside the list.
+const BESIDE: u16 = 42;
+/// Rows of the list above details, at most.
+const ABOVE: u16 = 8;
 
 /// Where list and details are.
 fn places(state: &State, body: Rect) -> (Rect, Option<Rect>) {
     if body.width >= WIDE {
-        let [list, details] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(body);
+        let beside = BESIDE.max(body.width * 2 / 5).min(body.width - 78);
+        let [list, details] =
+            Layout::horizontal([Constraint::Fill(1), Constraint::Length(beside)]).areas(body);
         return (list, Some(details));
     }
     if state.browsing.details {
-        let [list, details] = Layout::vertical([Constraint::Fill(2), Constraint::Fill(3)]).areas(body);
+        let [list, details] = Layout::vertical([Constraint::Length(ABOVE), Constraint::Fill(1)]).areas(body);
         return (list, Some(details));
     }
     (body, None)
@@ -62,7 +71,7 @@ fn list(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.lines(inner, text);
         return;
     }
-    let head = columns(inner.width, &["job", "state", "of", "copies", "prio", "printer", "takes", "ends"]);
+    let head = columns(inner.width, &["job", "state", "of", "done", "prio", "printer", "takes", "ends"]);
     let head = canvas.span(head, Role::Dim);
     canvas.line(inner, head);
     let rows = below(inner, 1);
@@ -93,7 +102,7 @@ const fn role_of(state: JobState) -> Role {
 /// Cells under each other, as many as there is room for.
 fn columns(width: u16, cells: &[&str; 8]) -> String {
     /// Widths; the last one takes what is left.
-    const WIDTHS: [usize; 8] = [9, 19, 7, 7, 5, 13, 12, 16];
+    const WIDTHS: [usize; 8] = [9, 19, 7, 6, 5, 8, 12, 16];
     let mut text = String::new();
     let mut left = usize::from(width);
     for (cell, wide) in cells.iter().zip(WIDTHS) {
@@ -101,7 +110,9 @@ fn columns(width: u16, cells: &[&str; 8]) -> String {
             break;
         }
         let wide = wide.min(left);
-        text += &format!("{:<wide$}", words::cut(cell, wide.saturating_sub(1)));
+        // Between two cells there is a gap.
+        let room = if wide == left { wide } else { wide - 1 };
+        text += &format!("{:<wide$}", words::cut(cell, room));
         left -= wide;
     }
     text
@@ -111,7 +122,7 @@ fn cells(state: &State, job: &JobView, width: u16) -> String {
     let holder = job.holder.as_ref().map(ToString::to_string).unwrap_or_default();
     let takes = job.estimate.map(|estimate| words::span(estimate.print_s.into())).unwrap_or_default();
     let when = if job.state.is_over() { Some(job.changed) } else { dashboard::ends(state, job.id) };
-    let when = when.map(|at| words::clock(at, state.now, &state.zone)).unwrap_or_default();
+    let when = when.map(|at| words::short_clock(at, state.now, &state.zone)).unwrap_or_default();
     columns(
         width,
         &[
@@ -133,32 +144,35 @@ fn details(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.panel(area, "details");
         return;
     };
-    let inner = canvas.panel(area, &format!("job {}", words::short(job.id)));
+    let inner = canvas.panel(area, &job.id.to_string());
     let facts = facts(state, job);
-    let n_facts = u16::try_from(facts.len()).unwrap_or(u16::MAX);
+    let n_columns = if inner.width >= TWO_COLUMNS { 2 } else { 1 };
+    let width = inner.width / n_columns;
+    let mut n_rows = 0;
     for (n, (what, text)) in (0u16..).zip(facts) {
+        let place = behind(row(inner, n / n_columns), n % n_columns * width);
         let line = vec![
             canvas.span(format!("{what:<9}"), Role::Dim),
-            canvas.span(words::cut(&text, usize::from(inner.width).saturating_sub(9)), Role::Text),
+            canvas.span(words::cut(&text, usize::from(width).saturating_sub(10)), Role::Text),
         ];
-        canvas.line(row(inner, n), Line::from(line));
+        canvas.line(place, Line::from(line));
+        n_rows = n / n_columns + 1;
     }
-    history(canvas, below(inner, n_facts.saturating_add(1)), job);
+    history(canvas, below(inner, n_rows + 1), job);
 }
 
 fn facts(state: &State, job: &JobView) -> Vec<(&'static str, String)> {
     let clock = |at| words::clock(at, state.now, &state.zone);
-    let mut facts = vec![("name", job.id.to_string())];
-    let sign = if job.sign_off { ", to be signed off" } else { "" };
-    facts.push(("state", format!("{}{sign}", words::state(job))));
+    let sign = if job.sign_off { ", then sign-off" } else { "" };
+    let mut facts = vec![("state", format!("{}{sign}", words::state(job)))];
     facts.push(("copies", format!("{} of {} printed", job.n_printed, job.copies)));
     if let Some(estimate) = job.estimate {
         let (span, filament) =
             (words::span(estimate.print_s.into()), words::filament(estimate.filament_mm3 as f64));
-        facts.push(("takes", format!("{span} and {filament} of filament a copy")));
+        facts.push(("takes", format!("{span}, {filament} a copy")));
     }
     let needs = &job.needs;
-    let nozzle = needs.nozzle_um.map(|um| format!("{:.2} mm nozzle", f64::from(um) / 1000.0));
+    let nozzle = needs.nozzle_um.map(|um| format!("{:.2} mm", f64::from(um) / 1000.0));
     let needs = [
         needs.profile.as_ref().map(ToString::to_string),
         needs.material.as_ref().map(ToString::to_string),
