@@ -15,7 +15,7 @@ use utoipa::{Modify, openapi};
     paths(
         jobs::list, jobs::add, jobs::upload, jobs::show, jobs::change, jobs::history_of, jobs::history,
         printers::list, printers::show, printers::history, printers::load, printers::clear_bed, printers::doubt_bed,
-        printers::plan,
+        printers::order, printers::plan,
         status::status, status::health, status::whoami, status::events, status::keys, status::add_key, status::remove_key,
         document,
     )

@@ -248,7 +248,7 @@ impl<'a, S: Store> Attended<'a, S> {
 
     fn obey(&mut self, wish: Wish, by: Name, why: Reason) -> Result<(), Unheard> {
         let not_now = |text: &str| Err(Unheard::NotNow(text.to_owned()));
-        if self.cause.is_some() {
+        if self.cause.is_some() && wish != Wish::EmergencyStop {
             return not_now("the print is being given up");
         }
         match wish {
@@ -265,6 +265,11 @@ impl<'a, S: Store> Attended<'a, S> {
             }
             Wish::Cancel => {
                 self.stop(Cause::Asked { by, why });
+                Ok(())
+            }
+            Wish::EmergencyStop => {
+                self.stop(Cause::Asked { by, why });
+                self.press.controls.ask(Control::EmergencyStop);
                 Ok(())
             }
             Wish::Connect => Ok(()),

@@ -1,7 +1,7 @@
 //! A print that broke off, until somebody says what becomes of it.
 
 use super::Held;
-use super::station::Station;
+use super::station::{NOTHING_SENT, Station};
 use crate::appliance::kit::ended;
 use crate::http::appliance::{Unheard, Wish, Wished};
 use crate::http::wire::Activity;
@@ -101,6 +101,7 @@ fn heed(held: &mut Held, wished: Wished) -> Option<Word> {
         }
         Wish::Cancel => (Ok(()), Some(Word::GiveUp { by, why })),
         Wish::Pause => (not_now("it is paused"), None),
+        Wish::EmergencyStop => (not_now(NOTHING_SENT), None),
         Wish::Connect => (Ok(()), None),
         Wish::Disconnect => (not_now("a print waits on it: let it go on, or cancel it"), None),
         Wish::Commands(_) => (not_now("a print waits on it: let it go on, or cancel it"), None),
