@@ -126,12 +126,16 @@ struct Bench {
 impl Bench {
     /// With a simulated printer that is so fast.
     fn new(speed: &str) -> Self {
+        Self::with(|_dir| format!("port = \"sim\"\nsim_speed = {speed:?}"))
+    }
+
+    /// With a printer of this configuration, in its directory.
+    fn with(printer: impl Fn(&Path) -> String) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let state = dir.path().join("state");
         fs::create_dir(&state).unwrap();
-        let config = format!(
-            "[[printer]]\nname = \"left\"\nprofile = \"reference\"\nport = \"sim\"\nsim_speed = {speed:?}\n"
-        );
+        let printer = printer(dir.path());
+        let config = format!("[[printer]]\nname = \"left\"\nprofile = \"reference\"\n{printer}\n");
         fs::write(state.join("config.toml"), config).unwrap();
         Self { dir, server: None }
     }
@@ -275,4 +279,139 @@ fn a_terminal_of_any_size_is_served_and_given_back_on_a_signal() {
     let pid = screen.child.process_id().unwrap().to_string();
     assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
     assert_eq!(screen.ended(), 0);
+}
+
+/// All that simulated printers have recorded below a directory.
+fn recorded(dir: &Path) -> String {
+    let mut text = String::new();
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            text += &recorded(&path);
+        } else if path.ends_with("events.jsonl") {
+            text += &fs::read_to_string(path).unwrap();
+        }
+    }
+    text
+}
+
+fn until(what: &str, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < PATIENCE, "{what}");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn one_key_stops_a_print_at_once_and_the_printer_has_the_last_word() {
+    let mut bench = Bench::new("60");
+    bench.gcode(400);
+    bench.serve();
+    bench.add(&[]);
+    let mut screen = Screen::open(bench.path(), (80, 24), &[]);
+    screen.sees("Printing");
+    screen.press("2");
+    until("the first beads", || recorded(bench.path()).contains("G1 X"));
+    // Even while something else is being written.
+    screen.press("x!");
+    screen.sees("does not work any more (emergency stop");
+    assert!(recorded(bench.path()).contains("M112"));
+    screen.press("\u{1b}\u{1b}");
+    screen.sees("broke off: take it off the bed");
+    screen.press("q");
+    assert_eq!(screen.ended(), 0);
+}
+
+#[test]
+fn a_printer_is_moved_by_hand() {
+    let mut bench = Bench::with(|dir| format!("port = {:?}", dir.join("port")));
+    let mut printer = Command::new(PROGRAM)
+        .args(["hil-sim", "--profile", "reference", "--speed", "max", "--link", "port", "--record", "record"])
+        .current_dir(bench.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    until("the printer's port", || bench.path().join("port").exists());
+    bench.serve();
+    let mut screen = Screen::open(bench.path(), (100, 30), &[]);
+    screen.sees("Idle");
+    screen.press("3H");
+    screen.sees("G28  taken");
+    until("homing", || recorded(bench.path()).contains("G28"));
+    screen.press("gM106 S128\r\u{1b}");
+    screen.sees("M106 S128  taken");
+    until("the fan", || recorded(bench.path()).contains("M106 S128"));
+    // Nothing is printing: there is nothing to be stopped, and that is said.
+    screen.press("!");
+    screen.sees("was NOT done");
+    screen.press("q");
+    assert_eq!(screen.ended(), 0);
+    printer.kill().unwrap();
+    printer.wait().unwrap();
+}
+
+/// Time that a process has had, s.
+fn cpu_s(pid: u32) -> f64 {
+    /// Ticks a second of every Linux that is met.
+    const TICKS: f64 = 100.0;
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<_> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / TICKS
+}
+
+#[test]
+#[ignore = "measures, and adds ten thousand jobs for it: minutes"]
+fn what_the_screen_costs() {
+    let mut bench = Bench::new("60");
+    bench.gcode(2000);
+    bench.serve();
+    bench.add(&[]);
+    let mut screen = Screen::open(bench.path(), (200, 60), &[]);
+    screen.sees("Printing");
+    let pid = screen.child.process_id().unwrap();
+    let mut measured = |what: &str, keys: &str| {
+        const SPAN: Duration = Duration::from_secs(20);
+        let (bytes, cpu, start) = (screen.n_bytes.load(Ordering::Relaxed), cpu_s(pid), Instant::now());
+        let mut n_keys = 0;
+        while start.elapsed() < SPAN {
+            if let Some(key) = keys.chars().nth(n_keys % keys.len().max(1)) {
+                screen.press(&key.to_string());
+                n_keys += 1;
+            }
+            thread::sleep(Duration::from_millis(33));
+        }
+        let span_s = start.elapsed().as_secs_f64();
+        let bytes = (screen.n_bytes.load(Ordering::Relaxed) - bytes) as f64;
+        println!(
+            "{what}: {:.2} kB/s, {:.1} % of a core, {:.1} keys/s",
+            bytes / span_s / 1000.0,
+            100.0 * (cpu_s(pid) - cpu) / span_s,
+            n_keys as f64 / span_s
+        );
+    };
+    measured("dashboard, a print running", "");
+    measured("queue, a key 30 times a second", "2jjjjkkkk");
+    let client = lumenfab::client::Client::over_socket(bench.path().join("state/lumenfab.sock"));
+    let path = bench.path().join("job.gcode").to_str().unwrap().to_owned();
+    fs::write(&path, "G28\nG1 X1 E1\n").unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let start = Instant::now();
+    runtime.block_on(async {
+        for _ in 0..10_000 {
+            let added = lumenfab::http::wire::Added {
+                path: path.clone(),
+                id: None,
+                wishes: Default::default(),
+                submit: false,
+                why: Default::default(),
+            };
+            client.add(&added).await.unwrap();
+        }
+    });
+    println!("ten thousand jobs added in {:.0} s", start.elapsed().as_secs_f64());
+    measured("queue of 10 000, a key 30 times a second", "2jjjjGgkkkk");
+    measured("queue of 10 000, nothing pressed", "");
+    screen.sees("10001 jobs");
 }

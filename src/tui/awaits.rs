@@ -1,7 +1,8 @@
 //! What awaits the operator, the most urgent first, in plain words and with the command that does it.
 
 use super::command::Command;
-use super::state::{Link, State};
+use super::heats::is_heard;
+use super::state::{Came, Link, State, Stop};
 use super::words;
 use crate::http::wire::{Activity, BedView, JobView, PrinterView};
 use crate::queue::State as JobState;
@@ -31,7 +32,43 @@ pub(super) fn awaited(state: &State) -> Vec<Awaited> {
         command: Some(Command::SignOff),
         is_bad: false,
     });
-    connection(state).into_iter().chain(faults).chain(paused).chain(beds).chain(reports).collect()
+    stop(state)
+        .into_iter()
+        .chain(connection(state))
+        .chain(faults)
+        .chain(paused)
+        .chain(beds)
+        .chain(reports)
+        .collect()
+}
+
+fn stop(state: &State) -> Option<Awaited> {
+    let Stop { printer, asked, came } = state.stop.as_ref()?;
+    let asked = words::clock(*asked, state.now, &state.zone);
+    let (text, command) = match came {
+        Came::Nothing | Came::Sent => (
+            format!(
+                "EMERGENCY STOP of {printer}, {asked}: no word from the printer yet; be ready at its switch"
+            ),
+            None,
+        ),
+        Came::Stopped(says) => (
+            format!(
+                "{printer} does not work any more (emergency stop, {asked}): {says}: look at it, reset it"
+            ),
+            Some(Command::Seen),
+        ),
+        Came::Refused(why) => {
+            (format!("EMERGENCY STOP of {printer} was NOT done, {asked}: {why}"), Some(Command::Seen))
+        }
+    };
+    Some(Awaited { text, command, is_bad: true })
+}
+
+/// The printer that an emergency stop means: the one that is shown, where it works or no other does.
+pub(super) fn to_stop(state: &State) -> Option<&PrinterView> {
+    let works = |printer: &&PrinterView| printer.live.as_ref().is_some_and(is_heard);
+    state.printer().filter(works).or_else(|| state.printers.iter().find(works)).or_else(|| state.printer())
 }
 
 fn connection(state: &State) -> Option<Awaited> {

@@ -10,6 +10,9 @@ pub(super) enum Command {
     /// See [`TABLE`]; and so for each.
     Dashboard,
     Queue,
+    Printer,
+    EmergencyStop,
+    Seen,
     NextScreen,
     PreviousScreen,
     NextPrinter,
@@ -44,20 +47,29 @@ pub(super) enum Command {
     NextMatch,
     PreviousMatch,
     Undo,
+    Home,
+    Left,
+    Right,
+    Back,
+    Forth,
+    Raise,
+    Lower,
+    LongerStep,
+    ShorterStep,
+    Heat,
+    HeatersOff,
+    Extrude,
+    Console,
+    Connect,
+    Disconnect,
     Theme,
     Palette,
     Help,
     Quit,
 }
 
-/// Where a command means something.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Scope {
-    /// On every screen.
-    Everywhere,
-    /// On one.
-    On(Screen),
-}
+/// The screens on which a command means something.
+pub(super) type Scope = &'static [Screen];
 
 /// A key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,6 +105,9 @@ impl std::fmt::Display for Key {
             Self::Code(code) => f.write_str(match code {
                 KeyCode::Up => "↑",
                 KeyCode::Down => "↓",
+                KeyCode::Left => "←",
+                KeyCode::Right => "→",
+                KeyCode::Esc => "Esc",
                 KeyCode::PageUp => "PgUp",
                 KeyCode::PageDown => "PgDn",
                 KeyCode::BackTab => "Shift-Tab",
@@ -131,15 +146,25 @@ const fn entry(
     Entry { command, scope, keys, name, words }
 }
 
-const ANY: Scope = Scope::Everywhere;
-const LIST: Scope = Scope::On(Screen::Queue);
-const DASH: Scope = Scope::On(Screen::Dashboard);
+/// Every screen.
+pub(super) const ANY: Scope = &Screen::ALL;
+const LIST: Scope = &[Screen::Queue];
+const PRINTER: Scope = &[Screen::Printer];
+const PRINTING: Scope = &[Screen::Dashboard, Screen::Printer];
 
 use Command as C;
 use Key::{Char, Code, Ctrl};
 
 /// All commands, in the order in which they are shown.
 pub(super) const TABLE: &[Entry] = &[
+    entry(
+        ANY,
+        C::EmergencyStop,
+        &[Char('!')],
+        "EMERGENCY STOP",
+        "Stops the printer at once (M112); it has to be reset then",
+    ),
+    entry(ANY, C::Seen, &[Code(KeyCode::Esc)], "seen", "Takes the word on an emergency stop off the screen"),
     entry(ANY, C::Start, &[Char('S')], "start the server", "Starts a server here, where none runs"),
     entry(
         ANY,
@@ -157,7 +182,7 @@ pub(super) const TABLE: &[Entry] = &[
     ),
     entry(ANY, C::GoOn, &[Char('c')], "go on", "Lets a paused print go on, or one that broke off"),
     entry(ANY, C::Pause, &[Char('p')], "pause", "Pauses the print, heaters on"),
-    entry(DASH, C::CancelPrint, &[Char('x')], "give up the print", "Stops what is printed, heaters off"),
+    entry(PRINTING, C::CancelPrint, &[Char('x')], "give up the print", "Stops what is printed, heaters off"),
     entry(
         LIST,
         C::Details,
@@ -187,6 +212,51 @@ pub(super) const TABLE: &[Entry] = &[
     entry(LIST, C::PageDown, &[Code(KeyCode::PageDown), Ctrl('f'), Ctrl('d')], "page down", "One page down"),
     entry(LIST, C::First, &[Char('g'), Code(KeyCode::Home)], "top", "The first row"),
     entry(LIST, C::Last, &[Char('G'), Code(KeyCode::End)], "bottom", "The last row"),
+    entry(PRINTER, C::Home, &[Char('H')], "home", "Moves all axes to their ends (G28)"),
+    entry(
+        PRINTER,
+        C::Left,
+        &[Char('h'), Code(KeyCode::Left)],
+        "X -",
+        "Moves the nozzle by a step towards smaller X",
+    ),
+    entry(PRINTER, C::Right, &[Char('l'), Code(KeyCode::Right)], "X +", "The same towards larger X"),
+    entry(PRINTER, C::Forth, &[Char('j'), Code(KeyCode::Down)], "Y -", "The same towards smaller Y"),
+    entry(PRINTER, C::Back, &[Char('k'), Code(KeyCode::Up)], "Y +", "The same towards larger Y"),
+    entry(
+        PRINTER,
+        C::Lower,
+        &[Char('d'), Code(KeyCode::PageDown)],
+        "Z -",
+        "Brings the nozzle nearer to the bed by a step",
+    ),
+    entry(
+        PRINTER,
+        C::Raise,
+        &[Char('u'), Code(KeyCode::PageUp)],
+        "Z +",
+        "Takes it away from the bed by a step",
+    ),
+    entry(PRINTER, C::LongerStep, &[Char('+')], "longer step", "0.1, 1, 10, 50 mm"),
+    entry(PRINTER, C::ShorterStep, &[Char('-')], "shorter step", "The other way"),
+    entry(PRINTER, C::Heat, &[Char('e')], "heat", "Sets nozzle and bed to temperatures, within limits"),
+    entry(PRINTER, C::HeatersOff, &[Char('O')], "heaters off", "Sets both to 0"),
+    entry(
+        PRINTER,
+        C::Extrude,
+        &[Char('f')],
+        "extrude",
+        "Heats the nozzle, then moves filament by so many mm",
+    ),
+    entry(PRINTER, C::Console, &[Char('g')], "G-code", "Sends a line as it is; Up brings earlier ones"),
+    entry(PRINTER, C::Connect, &[Char('C')], "connect", "Opens the printer's port, and takes jobs again"),
+    entry(
+        PRINTER,
+        C::Disconnect,
+        &[Char('D')],
+        "disconnect",
+        "Closes the port: nothing is printed until it is open",
+    ),
     entry(
         ANY,
         C::DoubtBed,
@@ -198,6 +268,7 @@ pub(super) const TABLE: &[Entry] = &[
     entry(ANY, C::PreviousPrinter, &[Char('[')], "previous printer", "Shows the one before"),
     entry(ANY, C::Dashboard, &[Char('1')], "dashboard", "The printer, and what is next"),
     entry(ANY, C::Queue, &[Char('2')], "queue", "All jobs"),
+    entry(ANY, C::Printer, &[Char('3')], "printer", "The printer by hand: home, heat, move, extrude, G-code"),
     entry(ANY, C::NextScreen, &[Code(KeyCode::Tab)], "next screen", "The next screen"),
     entry(ANY, C::PreviousScreen, &[Code(KeyCode::BackTab)], "previous screen", "The one before"),
     entry(ANY, C::Theme, &[Char('t')], "theme", "Dark, light, no colour, high contrast"),
@@ -215,7 +286,7 @@ pub(super) fn entry_of(command: Command) -> &'static Entry {
 /// What a key means on a screen.
 #[must_use]
 pub(super) fn meant(event: KeyEvent, screen: Screen) -> Option<Command> {
-    let is_here = |entry: &&Entry| entry.scope == ANY || entry.scope == Scope::On(screen);
+    let is_here = |entry: &&Entry| entry.scope.contains(&screen);
     TABLE.iter().filter(is_here).find(|entry| entry.keys.iter().any(|key| key.is(event))).map(|e| e.command)
 }
 
@@ -227,7 +298,7 @@ mod tests {
     fn on_every_screen_a_key_means_one_thing() {
         for screen in Screen::ALL {
             let mut seen = Vec::new();
-            for entry in TABLE.iter().filter(|e| e.scope == ANY || e.scope == Scope::On(screen)) {
+            for entry in TABLE.iter().filter(|e| e.scope.contains(&screen)) {
                 for key in entry.keys {
                     assert!(!seen.contains(key), "{screen:?}: {key} is {} too", entry.name);
                     seen.push(*key);

@@ -1,7 +1,7 @@
 //! A question to the operator, with fields to fill in; what it is about, and what is asked of the server once all is filled in.
 
 use super::message::Request;
-use crate::http::wire::{Anew, BedClear, Said, Turn};
+use crate::http::wire::{Anew, BedClear, Order, Ordered, Said, Turn};
 use crate::queue::{JobId, Name, Reason, State};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
@@ -19,6 +19,8 @@ pub(super) enum Takes {
     OneOf(&'static [&'static str]),
     /// A whole number.
     Number(i32, i32),
+    /// A whole number, or nothing.
+    NumberOrNone(i32, i32),
 }
 
 /// A line to be filled in.
@@ -43,7 +45,8 @@ impl Field {
             Takes::Needed => None,
             Takes::OneOf(words) if words.contains(&value) => None,
             Takes::OneOf(words) => Some(format!("type the word {}", words.join(" or "))),
-            Takes::Number(least, most) => match value.parse::<i32>() {
+            Takes::NumberOrNone(..) if value.is_empty() => None,
+            Takes::Number(least, most) | Takes::NumberOrNone(least, most) => match value.parse::<i32>() {
                 Ok(number) if (least..=most).contains(&number) => None,
                 _ => Some(format!("{label}: a whole number from {least} to {most}")),
             },
@@ -58,6 +61,10 @@ pub(super) enum About {
     ClearBed(Name, Option<JobId>),
     /// Whether it may not be.
     DoubtBed(Name),
+    /// Heaters of a printer.
+    Heat(Name),
+    /// Filament of a printer.
+    Extrude(Name),
     /// A job's change, seen in this state.
     Job(JobId, State, Ask),
 }
@@ -159,6 +166,23 @@ impl Form {
             About::ClearBed(printer, on_bed) => {
                 Request::ClearBed(printer.clone(), BedClear { on_bed: *on_bed, name, why })
             }
+            About::Heat(printer) => {
+                let of = |gcode: &str, label| match self.value(label) {
+                    "" => None,
+                    c => Some(format!("{gcode} S{c}")),
+                };
+                let lines: Vec<_> = [of("M104", NOZZLE), of("M140", BED)].into_iter().flatten().collect();
+                if lines.is_empty() {
+                    return Err("give a temperature for one of them".to_owned());
+                }
+                order(printer, lines)
+            }
+            About::Extrude(printer) => {
+                let (c, mm) = (self.value(NOZZLE), self.value(LENGTH));
+                let lines =
+                    [format!("M109 S{c}"), "M83".to_owned(), format!("G1 E{mm} F150"), "M82".to_owned()];
+                order(printer, lines.to_vec())
+            }
             About::DoubtBed(printer) => Request::DoubtBed(printer.clone(), Said { name, why }),
             About::Job(job, saw, ask) => {
                 let (turn, back) = self.turn(*ask);
@@ -186,7 +210,16 @@ impl Form {
     }
 }
 
+/// Lines of G-code for a printer.
+pub(super) fn order(printer: &Name, lines: Vec<String>) -> Request {
+    let ordered = Ordered { order: Order::Commands(lines), name: None, why: Reason::default() };
+    Request::Order(printer.clone(), ordered)
+}
+
 /// Labels of fields.
+pub(super) const NOZZLE: &str = "nozzle, °C";
+pub(super) const BED: &str = "bed, °C";
+pub(super) const LENGTH: &str = "filament, mm";
 pub(super) const REASON: &str = "why";
 pub(super) const NAME: &str = "your name";
 pub(super) const DECISION: &str = "accept or reject";

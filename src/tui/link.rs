@@ -251,6 +251,7 @@ pub(super) async fn perform(client: &Client, starter: &Starter, request: &Reques
         Request::Change(job, anew, _) => client.change(*job, anew).await.map(|_| Answer::Done),
         Request::ClearBed(printer, word) => client.clear_bed(printer, word).await.map(done),
         Request::DoubtBed(printer, said) => client.doubt_bed(printer, said).await.map(done),
+        Request::Order(printer, ordered) => client.order(printer, ordered).await.map(done),
         Request::History(job) => client.history_of(*job, 0, MOST_OF_JOB).await.map(Answer::History),
         Request::Start => return starter.start().await,
     };

@@ -2,7 +2,8 @@
 
 use super::command::Command;
 use crate::http::wire::{
-    Anew, BedClear, HistoryPage, HistoryView, JobView, Live, PrinterView, Said, Schedule, Status, Whoami,
+    Anew, BedClear, HistoryPage, HistoryView, JobView, Live, Ordered, PrinterView, Said, Schedule, Status,
+    Whoami,
 };
 use crate::queue::{JobId, Name};
 use crate::store::Which;
@@ -70,6 +71,8 @@ pub(super) enum Request {
     ClearBed(Name, BedClear),
     /// The word that a bed may not be clear.
     DoubtBed(Name, Said),
+    /// An order to a printer itself.
+    Order(Name, Ordered),
     /// What happened to a job.
     History(JobId),
     /// To be started: there is none.

@@ -5,7 +5,8 @@ use super::form::Form;
 use super::heats::Heats;
 use super::message::{Answer, Request};
 use super::theme::Theme;
-use crate::http::wire::{BedView, HistoryView, JobView, Live, PrinterView, Schedule, Turn, Whoami};
+use super::words;
+use crate::http::wire::{Activity, BedView, HistoryView, JobView, Live, PrinterView, Schedule, Turn, Whoami};
 use crate::queue::{JobId, Name, State as JobState};
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
@@ -16,20 +17,22 @@ use std::collections::VecDeque;
 const MOST_NEWS: usize = 50;
 
 /// A screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Screen {
     Dashboard,
     Queue,
+    Printer,
 }
 
 impl Screen {
     /// All of them, in the order of their tabs.
-    pub(super) const ALL: [Self; 2] = [Self::Dashboard, Self::Queue];
+    pub(super) const ALL: [Self; 3] = [Self::Dashboard, Self::Queue, Self::Printer];
 
     pub(super) const fn command(self) -> Command {
         match self {
             Self::Dashboard => Command::Dashboard,
             Self::Queue => Command::Queue,
+            Self::Printer => Command::Printer,
         }
     }
 
@@ -103,6 +106,8 @@ pub(super) enum Overlay {
     Palette(String, usize),
     /// What is being looked for.
     Search(String),
+    /// A line of G-code that is written; how many lines back in those that were sent.
+    Console(String, usize),
     /// A question.
     Form(Box<Form>),
 }
@@ -121,6 +126,48 @@ pub(super) struct Undo {
     pub(super) job: JobId,
     pub(super) turn: Turn,
 }
+
+/// An emergency stop, until somebody has seen what came of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Stop {
+    pub(super) printer: Name,
+    pub(super) asked: Timestamp,
+    pub(super) came: Came,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Came {
+    /// It is on its way to the server.
+    Nothing,
+    /// The server sends it; the printer has not said anything yet.
+    Sent,
+    /// The printer does not work any more; what it says.
+    Stopped(String),
+    /// It was not done: why.
+    Refused(String),
+}
+
+/// Lines that were sent to a printer, and what the server said.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Sent {
+    pub(super) at: Timestamp,
+    pub(super) lines: Vec<String>,
+    /// `None`: no answer yet.
+    pub(super) answer: Option<Result<(), String>>,
+}
+
+/// Moving by hand.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct ByHand {
+    /// Which of [`STEPS_MM`].
+    pub(super) step: usize,
+    /// The newest first.
+    pub(super) sent: VecDeque<Sent>,
+}
+
+/// Steps of a move by hand, mm.
+pub(super) const STEPS_MM: [&str; 4] = ["0.1", "1", "10", "50"];
 
 /// See the module.
 #[derive(Debug, Clone)]
@@ -147,6 +194,8 @@ pub(super) struct State {
     pub(super) overlay: Option<Overlay>,
     pub(super) notice: Option<Notice>,
     pub(super) undo: Option<Undo>,
+    pub(super) stop: Option<Stop>,
+    pub(super) by_hand: ByHand,
 }
 
 /// How it begins.
@@ -189,6 +238,8 @@ impl State {
             overlay: None,
             notice: None,
             undo: None,
+            stop: None,
+            by_hand: ByHand { step: 1, ..ByHand::default() },
         }
     }
 
@@ -271,6 +322,18 @@ impl State {
             if let Some(printer) = self.printers.iter_mut().find(|printer| printer.name == live.name) {
                 printer.live = Some(live);
             }
+        }
+        self.look_after_stop();
+    }
+
+    /// An emergency stop that was sent is done once the printer does not work any more; what it says then is its word.
+    pub(super) fn look_after_stop(&mut self) {
+        let Some(stop) = self.stop.as_mut().filter(|stop| stop.came == Came::Sent) else { return };
+        let printer = self.printers.iter().find(|printer| printer.name == stop.printer);
+        let Some(live) = printer.and_then(|printer| printer.live.as_ref()) else { return };
+        if !matches!(live.activity, Activity::Printing | Activity::Pausing | Activity::Cancelling) {
+            let says = live.says.clone().unwrap_or_else(|| words::activity(live.activity).to_owned());
+            stop.came = Came::Stopped(says);
         }
     }
 

@@ -1,7 +1,7 @@
 //! What follows from keys, clicks and news.
 
 use super::*;
-use crate::http::wire::{Anew, BedClear, Move, Turn};
+use crate::http::wire::{Anew, BedClear, Move, Order, Turn};
 use crate::tui::command::Command;
 use crate::tui::message::{Answer, Request, Target};
 use crate::tui::state::{Link, Listing, Overlay, Screen};
@@ -213,7 +213,7 @@ fn on_a_screen_that_is_not_seen_nothing_is_done() {
 
 #[test]
 fn every_size_is_drawn() {
-    for keys in ["", "2\r", "?", ":", "x", "/"] {
+    for keys in ["", "2\r", "3", "?", ":", "x", "2/", "!"] {
         for width in [1, 19, 20, 79, 80, 81, 119, 120, 149, 150, 200, 300] {
             for height in [1, 2, 5, 23, 24, 25, 40, 100] {
                 let mut desk = Desk::new(width, height, Theme::Dark);
@@ -334,4 +334,127 @@ fn a_notice_goes_by_itself() {
     assert!(desk.text().contains("theme: light"));
     desk.hear(Message::Tick(later(9)));
     assert!(!desk.text().contains("theme: light"));
+}
+
+fn order(desk: &mut Desk) -> (Name, Order) {
+    match request(desk) {
+        Request::Order(printer, ordered) => (printer, ordered.order),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn one_key_stops_the_printer_from_everywhere() {
+    for keys in ["!", "2!", "3!", "?!", ":!", "2/a!", "x!", "2jx!", "2jo!"] {
+        let mut desk = desk();
+        desk.press(keys);
+        assert_eq!(order(&mut desk), (name("left"), Order::EmergencyStop), "{keys}");
+    }
+    let mut desk = desk();
+    desk.hear(Message::Resize(Size { width: 20, height: 5 }));
+    desk.press("!");
+    assert_eq!(order(&mut desk), (name("left"), Order::EmergencyStop));
+    assert!(desk.text().contains("EMERGENCY STOP"), "{}", desk.text());
+}
+
+#[test]
+fn an_emergency_stop_is_done_once_the_printer_says_so() {
+    let mut desk = desk();
+    desk.press("!");
+    let asked = request(&mut desk);
+    assert!(desk.text().contains("no word from the printer yet"));
+    desk.hear(Message::Answered(asked, Ok(Answer::Done)));
+    let live = |activity, says: Option<&str>| {
+        vec![Live { activity, says: says.map(str::to_owned), done: None, ..printing() }]
+    };
+    desk.hear(Message::News(News::Lives(live(Activity::Cancelling, None))));
+    assert!(desk.text().contains("no word from the printer yet"), "{}", desk.text());
+    desk.hear(Message::News(News::Lives(live(Activity::Paused, Some("the printer has halted")))));
+    assert!(desk.text().contains("does not work any more"), "{}", desk.text());
+    assert!(desk.text().contains("the printer has halted"));
+    desk.press("\u{1b}");
+    assert!(!desk.text().contains("does not work any more"));
+}
+
+#[test]
+fn an_emergency_stop_that_is_not_done_says_so() {
+    let mut desk = desk();
+    desk.press("!");
+    let asked = request(&mut desk);
+    desk.hear(Message::Answered(asked, Err("it is not printing".to_owned())));
+    assert!(desk.text().contains("was NOT done"), "{}", desk.text());
+    desk.press("\u{1b}");
+    desk.hear(Message::Link(LinkNews::Lost("the connection broke".to_owned())));
+    desk.press("!");
+    assert_eq!(desk.asked(), []);
+    assert!(desk.text().contains("was NOT done"), "{}", desk.text());
+}
+
+/// With a real printer that does nothing.
+fn at_hand() -> Desk {
+    let mut desk = desk();
+    let port = Some("/dev/ttyACM0".to_owned());
+    let live = Live { activity: Activity::Idle, port, done: None, ends: None, ..printing() };
+    desk.hear(Message::News(News::Printers(vec![printer(BedView::Clear, live)])));
+    desk.asked();
+    desk
+}
+
+#[test]
+fn the_printer_is_moved_and_heated_by_hand_within_limits() {
+    let cases = [
+        ("3H", "G28"),
+        ("3h", "G91|G0 X-1 F3000|G90"),
+        ("3+k", "G91|G0 Y10 F3000|G90"),
+        ("3--u", "G91|G0 Z0.1 F300|G90"),
+        ("3++++l", "G91|G0 X50 F3000|G90"),
+        ("3O", "M104 S0|M140 S0"),
+        ("3e200\r\r", "M104 S200"),
+        ("3e\r60\r", "M140 S60"),
+        ("3f210\r-5\r", "M109 S210|M83|G1 E-5 F150|M82"),
+        ("3gM115\r", "M115"),
+    ];
+    for (keys, lines) in cases {
+        let mut desk = at_hand();
+        desk.press(keys);
+        let lines = lines.split('|').map(str::to_owned).collect();
+        assert_eq!(order(&mut desk), (name("left"), Order::Commands(lines)), "{keys}");
+    }
+    for keys in ["3e281\r\r", "3e\r121\r", "3e\r\r", "3f169\r5\r", "3f210\r101\r", "3f\r\r", "3g\r"] {
+        let mut desk = at_hand();
+        desk.press(keys);
+        assert_eq!(desk.asked(), [], "{keys}");
+    }
+}
+
+#[test]
+fn while_it_prints_nothing_is_moved_by_hand() {
+    let mut desk = desk();
+    desk.press("3HhjkludeOfgCD");
+    assert_eq!((desk.asked(), &desk.state.overlay), (vec![], &None));
+}
+
+#[test]
+fn lines_that_were_sent_come_back_and_show_what_became_of_them() {
+    let mut desk = at_hand();
+    desk.press("3gM115\r");
+    let asked = request(&mut desk);
+    desk.hear(Message::Answered(asked, Ok(Answer::Done)));
+    desk.press("G28 X\r");
+    let asked = request(&mut desk);
+    desk.hear(Message::Answered(asked, Err("it is printing".to_owned())));
+    desk.hear(Message::Key(KeyEvent::new(KeyCode::Up, KeyModifiers::NONE)));
+    desk.hear(Message::Key(KeyEvent::new(KeyCode::Up, KeyModifiers::NONE)));
+    assert_eq!(desk.state.overlay, Some(Overlay::Console("M115".to_owned(), 2)));
+    desk.press("\u{1b}");
+    let text = desk.text();
+    assert!(text.contains("M115  taken") && text.contains("G28 X  it is printing"), "{text}");
+}
+
+#[test]
+fn a_print_that_begins_takes_a_question_of_the_hand_away() {
+    let mut desk = at_hand();
+    desk.press("3e200");
+    desk.hear(Message::News(News::Lives(vec![printing()])));
+    assert_eq!(desk.state.overlay, None);
 }

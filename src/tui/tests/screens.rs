@@ -94,6 +94,23 @@ fn the_question_whether_a_bed_is_clear() {
 }
 
 #[test]
+fn the_printer_by_hand() {
+    check_all("printer", |desk| {
+        let port = Some("/dev/ttyACM0".to_owned());
+        let live = Live { activity: Activity::Idle, port, done: None, ends: None, ..printing() };
+        desk.hear(Message::News(News::Printers(vec![printer(BedView::Clear, live)])));
+        desk.press("3H+l");
+        let Some(Effect::Ask(request)) = desk.asked().pop() else { panic!("nothing is asked for") };
+        desk.hear(Message::Answered(request, Ok(crate::tui::message::Answer::Done)));
+    });
+}
+
+#[test]
+fn an_emergency_stop() {
+    check_all("emergency-stop", |desk| desk.press("2!"));
+}
+
+#[test]
 fn all_keys() {
     check_all("help", |desk| desk.press("?"));
 }

@@ -1,6 +1,6 @@
 //! What each command does, and why it cannot be done now.
 
-use super::overlay;
+use super::{hand, overlay};
 use crate::http::wire::{Activity, Anew, BedView, JobView, Move, PrinterView, Turn};
 use crate::queue::{JobId, Reason, State as JobState, state::Kind, state::next};
 use crate::tui::awaits::{bed_to_clear, paused_job};
@@ -20,6 +20,27 @@ pub(super) fn it(state: &mut State, command: Command) -> Vec<Effect> {
     match command {
         Command::Dashboard => show(state, Screen::Dashboard),
         Command::Queue => show(state, Screen::Queue),
+        Command::Printer => show(state, Screen::Printer),
+        Command::EmergencyStop => hand::emergency_stop(state),
+        Command::Seen => {
+            state.stop = None;
+            Vec::new()
+        }
+        Command::Home
+        | Command::Left
+        | Command::Right
+        | Command::Back
+        | Command::Forth
+        | Command::Raise
+        | Command::Lower
+        | Command::LongerStep
+        | Command::ShorterStep
+        | Command::Heat
+        | Command::HeatersOff
+        | Command::Extrude
+        | Command::Console
+        | Command::Connect
+        | Command::Disconnect => hand::it(state, command),
         Command::NextScreen => show(state, state.screen.further(1)),
         Command::PreviousScreen => show(state, state.screen.further(Screen::ALL.len() - 1)),
         Command::NextPrinter => {
@@ -119,6 +140,20 @@ pub(in crate::tui) fn why_not(state: &State, command: Command) -> Option<String>
         Command::MoveDown => of_job(state, Kind::Edit).and_then(|()| neighbour(state, 1).map(drop)),
         Command::Undo => connected(state)
             .and_then(|()| state.undo.as_ref().map(drop).ok_or_else(|| "nothing to take back".to_owned())),
+        Command::EmergencyStop => Ok(()),
+        Command::Seen if state.stop.is_none() => Err("there was no emergency stop".to_owned()),
+        Command::Home
+        | Command::Left
+        | Command::Right
+        | Command::Back
+        | Command::Forth
+        | Command::Raise
+        | Command::Lower
+        | Command::Heat
+        | Command::HeatersOff
+        | Command::Extrude
+        | Command::Console => hand::may_move(state),
+        Command::Connect | Command::Disconnect => hand::may_connect(state, command),
         Command::NextMatch | Command::PreviousMatch if state.browsing.sought.trim().is_empty() => {
             Err("nothing was looked for: / first".to_owned())
         }
@@ -130,7 +165,7 @@ pub(in crate::tui) fn why_not(state: &State, command: Command) -> Option<String>
     why.err()
 }
 
-fn connected(state: &State) -> Result<(), String> {
+pub(super) fn connected(state: &State) -> Result<(), String> {
     match state.link {
         Link::Up => Ok(()),
         _ => Err("there is no connection to the server".to_owned()),
@@ -162,6 +197,8 @@ fn turn_to_printer(state: &mut State, by: usize) {
     let next = (at.unwrap_or(0) + by) % state.printers.len().max(1);
     state.shown = state.printers.get(next).map(|printer| printer.name.clone());
 }
+
+pub(super) use hand::{command_lines, ordered};
 
 /// Asks the server.
 pub(super) fn ask(state: &mut State, request: Request) -> Vec<Effect> {

@@ -1,6 +1,7 @@
 //! What follows from a message: another state, and what is to be done outside.
 
 mod does;
+mod hand;
 mod overlay;
 
 use super::command::{self, Command};
@@ -48,6 +49,10 @@ pub(super) fn update(state: &mut State, message: Message) -> Vec<Effect> {
 }
 
 fn press(state: &mut State, key: KeyEvent) -> Vec<Effect> {
+    // From everywhere, whatever is open, however small the screen is.
+    if command::entry_of(Command::EmergencyStop).keys.iter().any(|stop| stop.is(key)) {
+        return does::it(state, Command::EmergencyStop);
+    }
     if state.overlay.is_some() && view::fits(state.size) {
         return overlay::press(state, key);
     }
@@ -149,6 +154,7 @@ fn answered(state: &mut State, request: &Request, answer: super::message::Answer
             state.undo = Some(Undo { job: *job, turn: *back });
         }
         Request::ClearBed(printer, _) => state.say(format!("the bed of {printer} is clear"), false),
+        Request::Order(_, ordered) => does::ordered(state, &ordered.order, Ok(())),
         Request::DoubtBed(printer, _) => {
             state.say(format!("nothing starts on {printer} before its bed is said to be clear"), false);
         }
@@ -158,8 +164,10 @@ fn answered(state: &mut State, request: &Request, answer: super::message::Answer
 }
 
 fn refused(state: &mut State, request: &Request, problem: String) {
-    if *request == Request::Start {
-        state.link = Link::NoServer { is_starting: false };
+    match request {
+        Request::Start => state.link = Link::NoServer { is_starting: false },
+        Request::Order(_, ordered) => does::ordered(state, &ordered.order, Err(problem.clone())),
+        _ => {}
     }
     state.say(problem, true);
 }

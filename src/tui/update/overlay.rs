@@ -1,11 +1,11 @@
 //! Keys while something lies over the screen: help, palette, search, a question.
 
-use super::{bed_is, does};
+use super::{bed_is, does, hand};
 use crate::queue::State as JobState;
-use crate::tui::command::{self, Command, Entry, Scope};
+use crate::tui::command::{self, Command, Entry};
 use crate::tui::form::{About, Ask, Outcome};
 use crate::tui::message::Effect;
-use crate::tui::state::{Overlay, Screen, State};
+use crate::tui::state::{Overlay, State};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 /// Rows of a page of the help.
@@ -16,10 +16,14 @@ pub(super) fn press(state: &mut State, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Help(from)) => help(state, key, from),
         Some(Overlay::Palette(text, at)) => return palette(state, key, text, at),
         Some(Overlay::Search(text)) => search(state, key, text),
+        Some(Overlay::Console(text, back)) => return console(state, key, text, back),
         Some(Overlay::Form(mut form)) => match form.press(key) {
             Outcome::Open => state.overlay = Some(Overlay::Form(form)),
             Outcome::Left => {}
-            Outcome::Asks(request) => return does::ask(state, request),
+            Outcome::Asks(request) => {
+                hand::note(state, &request);
+                return does::ask(state, request);
+            }
         },
         None => {}
     }
@@ -88,8 +92,8 @@ pub(super) fn choose(state: &mut State, at: usize) -> Vec<Effect> {
         state.overlay = Some(Overlay::Palette(text, 0));
         return Vec::new();
     };
-    if let Scope::On(screen) = entry.scope {
-        state.screen = screen;
+    if !entry.scope.contains(&state.screen) {
+        state.screen = entry.scope[0];
     }
     does::it(state, entry.command)
 }
@@ -115,6 +119,7 @@ pub(super) fn look_again(state: &mut State) {
     let is_past = match &form.about {
         About::ClearBed(printer, on_bed) => !bed_is(state, printer, *on_bed),
         About::DoubtBed(_) => false,
+        About::Heat(_) | About::Extrude(_) => does::why_not(state, Command::Heat).is_some(),
         About::Job(id, saw, ask) => state.job(*id).is_none_or(|job| match ask {
             Ask::Cancel | Ask::Copies(_) | Ask::Priority(_) => job.state.is_over(),
             Ask::Retry => !matches!(job.state, JobState::Failed | JobState::Cancelled),
@@ -132,12 +137,29 @@ pub(super) fn open_palette(state: &mut State) {
     state.overlay = Some(Overlay::Palette(String::new(), 0));
 }
 
-/// Whether the palette would do something on this screen.
-pub(in crate::tui) const fn is_elsewhere(entry: &Entry, screen: Screen) -> bool {
-    match entry.scope {
-        Scope::Everywhere => false,
-        Scope::On(on) => on as u8 != screen as u8,
+/// A line of G-code that is written; Up and Down go through those that were sent.
+fn console(state: &mut State, key: KeyEvent, mut text: String, mut back: usize) -> Vec<Effect> {
+    match key.code {
+        KeyCode::Esc => return Vec::new(),
+        KeyCode::Enter if text.trim().is_empty() => return Vec::new(),
+        KeyCode::Enter => {
+            // It stays open for the next line.
+            state.overlay = Some(Overlay::Console(String::new(), 0));
+            return does::command_lines(state, vec![text.trim().to_owned()]);
+        }
+        KeyCode::Up | KeyCode::Down => {
+            let earlier: Vec<_> =
+                state.by_hand.sent.iter().flat_map(|sent| sent.lines.iter().rev()).collect();
+            let by = if key.code == KeyCode::Up { 1 } else { -1 };
+            back = back.saturating_add_signed(by).min(earlier.len());
+            text = back.checked_sub(1).and_then(|n| earlier.get(n)).map(|s| (*s).clone()).unwrap_or_default();
+        }
+        KeyCode::Backspace => drop(text.pop()),
+        KeyCode::Char(c) if c.is_ascii_graphic() || c == ' ' => text.push(c),
+        _ => {}
     }
+    state.overlay = Some(Overlay::Console(text, back));
+    Vec::new()
 }
 
 #[cfg(test)]
@@ -148,7 +170,8 @@ mod tests {
     fn the_palette_finds_names_first_and_words_then() {
         assert_eq!(matching("").len(), command::TABLE.len());
         assert_eq!(matching("bed is")[0].command, Command::ClearBed);
-        assert_eq!(matching("heaters off").len(), 2);
+        assert_eq!(matching("heaters off")[0].command, Command::HeatersOff);
+        assert_eq!(matching("heaters off").len(), 3);
         assert!(matching("pay rise").is_empty());
     }
 }

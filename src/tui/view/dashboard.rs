@@ -19,7 +19,7 @@ const THREE_COLUMNS: u16 = 150;
 /// From this height on what happened lately stands below the queue.
 const TALL: u16 = 24;
 /// Rows of the printer's panel, with its border.
-const PRINTER_ROWS: u16 = 11;
+pub(super) const PRINTER_ROWS: u16 = 11;
 
 pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
     let columns = if body.width >= THREE_COLUMNS {
@@ -46,7 +46,7 @@ pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
     }
 }
 
-fn printer(canvas: &mut Canvas<'_, '_>, area: Rect) {
+pub(super) fn printer(canvas: &mut Canvas<'_, '_>, area: Rect) {
     let state = canvas.state;
     let Some(printer) = state.printer() else {
         let inner = canvas.panel(area, "printer");
@@ -135,9 +135,7 @@ fn heat(
     is_heard: bool,
 ) {
     let (measured, target) = match heat {
-        Some(Heat { actual_c, .. }) if !is_heard => {
-            (format!("{actual_c:6.1} °C"), "  when it was heard last".to_owned())
-        }
+        Some(Heat { actual_c, .. }) if !is_heard => (format!("{actual_c:6.1} °C"), "  heard last".to_owned()),
         Some(Heat { actual_c, target_c }) if target_c > 0.0 => {
             (format!("{actual_c:6.1} °C"), format!(" → {target_c:.0} °C"))
         }
@@ -193,7 +191,7 @@ fn fitted(canvas: &mut Canvas<'_, '_>, area: Rect, printer: &PrinterView) {
 }
 
 /// A chart of the last ten minutes, both heaters.
-fn temperatures(canvas: &mut Canvas<'_, '_>, area: Rect) {
+pub(super) fn temperatures(canvas: &mut Canvas<'_, '_>, area: Rect) {
     let state = canvas.state;
     let title = format!("temperature, last {:.0} min", SPAN_S / 60.0);
     let inner = canvas.panel(area, &title);

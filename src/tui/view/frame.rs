@@ -4,7 +4,7 @@ use super::LEAST;
 use super::canvas::{Canvas, behind, row};
 use crate::http::wire::{API, Live};
 use crate::tui::awaits::{Awaited, awaited};
-use crate::tui::command::{self, Command, Scope, entry_of};
+use crate::tui::command::{self, ANY, Command, Scope, entry_of};
 use crate::tui::message::Target;
 use crate::tui::state::{Link, Screen, State};
 use crate::tui::theme::Role;
@@ -112,7 +112,7 @@ fn await_line(canvas: &mut Canvas<'_, '_>, area: Rect, one: &Awaited, more: Opti
     let style = canvas.style(role);
     canvas.frame.buffer_mut().set_style(area, style);
     let key = one.command.and_then(|command| entry_of(command).keys.first().copied());
-    let key = key.map_or_else(|| " ! ".to_owned(), |key| format!(" {key} "));
+    let key = key.map_or_else(|| " ▲ ".to_owned(), |key| format!(" {key} "));
     let more = more.map(|more| format!(" and {more} more ")).unwrap_or_default();
     let room = usize::from(area.width).saturating_sub(key.chars().count() + 1 + more.chars().count());
     let key = canvas.span(key, if one.command.is_some() { Role::Chosen } else { role });
@@ -178,7 +178,7 @@ pub(super) fn foot(canvas: &mut Canvas<'_, '_>, places: &Places) {
 
 /// Commands that can be given now, those of this screen first; moving about needs no words.
 fn of_use(state: &State) -> impl Iterator<Item = Command> {
-    const UNSAID: [Command; 15] = [
+    const UNSAID: &[Command] = &[
         Command::Up,
         Command::Down,
         Command::PageUp,
@@ -187,19 +187,32 @@ fn of_use(state: &State) -> impl Iterator<Item = Command> {
         Command::Last,
         Command::Dashboard,
         Command::Queue,
+        Command::Printer,
         Command::NextScreen,
         Command::PreviousScreen,
         Command::PreviousPrinter,
         Command::PreviousMatch,
         Command::DoubtBed,
         Command::Theme,
+        // These stand above, where they are of use.
+        Command::Seen,
         Command::SignOff,
+        Command::Home,
+        Command::Left,
+        Command::Right,
+        Command::Back,
+        Command::Forth,
+        Command::Raise,
+        Command::Lower,
+        Command::Heat,
+        Command::HeatersOff,
+        Command::Extrude,
+        Command::Connect,
+        Command::Disconnect,
     ];
     const ALWAYS: [Command; 3] = [Command::Help, Command::Palette, Command::Quit];
-    let is_here = |scope| match scope {
-        Scope::Everywhere => true,
-        Scope::On(screen) => screen == state.screen && matches!(state.link, Link::Up | Link::Lost { .. }),
-    };
+    let has_screen = matches!(state.link, Link::Up | Link::Lost { .. });
+    let is_here = move |scope: Scope| scope == ANY || (has_screen && scope.contains(&state.screen));
     let can = move |entry: &&command::Entry| {
         is_here(entry.scope)
             && !UNSAID.contains(&entry.command)

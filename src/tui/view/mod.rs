@@ -4,6 +4,7 @@ mod canvas;
 mod dashboard;
 mod frame;
 mod overlay;
+mod printer;
 mod queue;
 
 use super::message::Target;
@@ -48,6 +49,7 @@ pub(super) fn draw(state: &State, frame: &mut Frame<'_>) -> Hits {
     match (&state.link, state.screen) {
         (Link::Up | Link::Lost { .. }, Screen::Dashboard) => dashboard::draw(&mut canvas, places.body),
         (Link::Up | Link::Lost { .. }, Screen::Queue) => queue::draw(&mut canvas, places.body),
+        (Link::Up | Link::Lost { .. }, Screen::Printer) => printer::draw(&mut canvas, places.body),
         _ => frame::no_server(&mut canvas, places.body),
     }
     frame::foot(&mut canvas, &places);

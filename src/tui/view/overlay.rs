@@ -1,15 +1,17 @@
 //! What lies over a screen. What awaits the operator stays seen above it, so that a fault shows while a question is open.
 
 use super::canvas::{Canvas, below, row};
-use crate::tui::command::{Scope, TABLE, entry_of};
+use crate::tui::command::{ANY, TABLE, entry_of};
 use crate::tui::form::Form;
 use crate::tui::message::Target;
-use crate::tui::state::{Overlay, Screen};
+use crate::tui::state::Overlay;
 use crate::tui::theme::Role;
 use crate::tui::update::{matching, why_not};
 use crate::tui::words;
 use ratatui::layout::{Constraint, Position, Rect};
 use ratatui::text::Line;
+use std::cmp::Reverse;
+use std::collections::BTreeSet;
 
 /// Widths of windows.
 const HELP: u16 = 100;
@@ -20,7 +22,10 @@ pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
         None => {}
         Some(Overlay::Help(from)) => help(canvas, body, *from),
         Some(Overlay::Palette(text, at)) => palette(canvas, body, text, *at),
-        Some(Overlay::Search(text)) => search(canvas, body, text),
+        Some(Overlay::Search(text)) => line(canvas, body, "look for (Enter finds, Esc leaves)", ("/", text)),
+        Some(Overlay::Console(text, _)) => {
+            line(canvas, body, "G-code (Enter sends, Up earlier ones, Esc leaves)", (">", text));
+        }
         Some(Overlay::Form(form)) => self::form(canvas, body, form),
     }
 }
@@ -30,9 +35,11 @@ fn help(canvas: &mut Canvas<'_, '_>, body: Rect, from: u16) {
     let area = body.centered_horizontally(Constraint::Max(HELP));
     let inner = canvas.window(area, "keys (j and k scroll, any other key leaves)");
     let mut lines = Vec::new();
-    let scopes = [("everywhere", Scope::Everywhere)];
-    let screens = Screen::ALL.map(|screen| (entry_of(screen.command()).name, Scope::On(screen)));
-    for (title, scope) in scopes.into_iter().chain(screens) {
+    // What is of use everywhere comes first.
+    let scopes: BTreeSet<_> = TABLE.iter().map(|entry| (Reverse(entry.scope.len()), entry.scope)).collect();
+    for (_, scope) in scopes {
+        let names: Vec<_> = scope.iter().map(|screen| entry_of(screen.command()).name).collect();
+        let title = if scope == ANY { "everywhere".to_owned() } else { names.join(" and ") };
         lines.push(Line::from(canvas.span(title, Role::Strong)));
         for entry in TABLE.iter().filter(|entry| entry.scope == scope) {
             let keys: Vec<_> = entry.keys.iter().map(ToString::to_string).collect();
@@ -79,11 +86,11 @@ fn palette(canvas: &mut Canvas<'_, '_>, body: Rect, text: &str, at: usize) {
     }
 }
 
-fn search(canvas: &mut Canvas<'_, '_>, body: Rect, text: &str) {
+fn line(canvas: &mut Canvas<'_, '_>, body: Rect, title: &str, (mark, text): (&str, &str)) {
     canvas.cover();
     let area = Rect { height: 3, ..body.centered_horizontally(Constraint::Max(WINDOW)) };
-    let inner = canvas.window(area, "look for (Enter finds, Esc leaves)");
-    input(canvas, inner, "/", text);
+    let inner = canvas.window(area, title);
+    input(canvas, inner, mark, text);
 }
 
 /// A line that is written, with the cursor at its end.
