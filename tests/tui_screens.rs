@@ -303,37 +303,76 @@ fn until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
+/// A simulated printer of its own at a port of the bench.
+struct Printer(std::process::Child);
+
+impl Printer {
+    fn start(bench: &Bench, speed: &str) -> Self {
+        let child = Command::new(PROGRAM)
+            .args([
+                "hil-sim",
+                "--profile",
+                "reference",
+                "--speed",
+                speed,
+                "--link",
+                "port",
+                "--record",
+                "record",
+            ])
+            .current_dir(bench.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        let printer = Self(child.unwrap());
+        until("the printer's port", || bench.path().join("port").exists());
+        printer
+    }
+}
+
+impl Drop for Printer {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
+fn at_port(dir: &Path) -> String {
+    format!("port = {:?}", dir.join("port"))
+}
+
 #[test]
 fn one_key_stops_a_print_at_once_and_the_printer_has_the_last_word() {
-    let mut bench = Bench::new("60");
+    let mut bench = Bench::with(at_port);
+    let _printer = Printer::start(&bench, "60");
     bench.gcode(400);
     bench.serve();
     bench.add(&[]);
     let mut screen = Screen::open(bench.path(), (80, 24), &[]);
+    screen.sees("look whether its bed is clear");
+    screen.press("bclear\r\r");
     screen.sees("Printing");
-    screen.press("2");
     until("the first beads", || recorded(bench.path()).contains("G1 X"));
     // Even while something else is being written.
-    screen.press("x!");
-    screen.sees("does not work any more (emergency stop");
-    assert!(recorded(bench.path()).contains("M112"));
-    screen.press("\u{1b}\u{1b}");
-    screen.sees("broke off: take it off the bed");
+    screen.press("2x!");
+    screen.sees("left has stopped (emergency stop");
+    // The printer's own words: that it was asked is not enough.
+    screen.press("\u{1b}");
+    screen.sees_no("Call job");
+    screen.press("1");
+    screen.sees("emergency stop by the operator");
+    screen.sees("stopped switches its heaters off");
+    until("the printer's own record of it", || recorded(bench.path()).contains("order"));
+    screen.press("\u{1b}");
+    screen.sees_no("has stopped (emergency stop");
     screen.press("q");
     assert_eq!(screen.ended(), 0);
 }
 
 #[test]
 fn a_printer_is_moved_by_hand() {
-    let mut bench = Bench::with(|dir| format!("port = {:?}", dir.join("port")));
-    let mut printer = Command::new(PROGRAM)
-        .args(["hil-sim", "--profile", "reference", "--speed", "max", "--link", "port", "--record", "record"])
-        .current_dir(bench.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    until("the printer's port", || bench.path().join("port").exists());
+    let mut bench = Bench::with(at_port);
+    let _printer = Printer::start(&bench, "max");
     bench.serve();
     let mut screen = Screen::open(bench.path(), (100, 30), &[]);
     screen.sees("Idle");
@@ -348,8 +387,6 @@ fn a_printer_is_moved_by_hand() {
     screen.sees("was NOT done");
     screen.press("q");
     assert_eq!(screen.ended(), 0);
-    printer.kill().unwrap();
-    printer.wait().unwrap();
 }
 
 /// Time that a process has had, s.

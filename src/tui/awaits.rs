@@ -52,9 +52,12 @@ fn stop(state: &State) -> Option<Awaited> {
             ),
             None,
         ),
-        Came::Stopped(says) => (
+        Came::Stopped(Some(says)) => {
+            (format!("{printer} has stopped (emergency stop, {asked}): {says}"), Some(Command::Seen))
+        }
+        Came::Stopped(None) => (
             format!(
-                "{printer} does not work any more (emergency stop, {asked}): {says}: look at it, reset it"
+                "{printer} does not print any more (emergency stop, {asked}), but says nothing: look at it"
             ),
             Some(Command::Seen),
         ),

@@ -5,7 +5,6 @@ use super::form::Form;
 use super::heats::Heats;
 use super::message::{Answer, Request};
 use super::theme::Theme;
-use super::words;
 use crate::http::wire::{Activity, BedView, HistoryView, JobView, Live, PrinterView, Schedule, Turn, Whoami};
 use crate::queue::{JobId, Name, State as JobState};
 use jiff::Timestamp;
@@ -142,8 +141,8 @@ pub(super) enum Came {
     Nothing,
     /// The server sends it; the printer has not said anything yet.
     Sent,
-    /// The printer does not work any more; what it says.
-    Stopped(String),
+    /// The printer does not work any more; what it says, where it says something.
+    Stopped(Option<String>),
     /// It was not done: why.
     Refused(String),
 }
@@ -332,8 +331,7 @@ impl State {
         let printer = self.printers.iter().find(|printer| printer.name == stop.printer);
         let Some(live) = printer.and_then(|printer| printer.live.as_ref()) else { return };
         if !matches!(live.activity, Activity::Printing | Activity::Pausing | Activity::Cancelling) {
-            let says = live.says.clone().unwrap_or_else(|| words::activity(live.activity).to_owned());
-            stop.came = Came::Stopped(says);
+            stop.came = Came::Stopped(live.says.clone());
         }
     }
 

@@ -268,7 +268,10 @@ impl<'a, S: Store> Attended<'a, S> {
                 Ok(())
             }
             Wish::EmergencyStop => {
-                self.stop(Cause::Asked { by, why });
+                // Not given up first: what the journal knows of it may be gone on with once the printer is reset.
+                self.cause.get_or_insert(Cause::Asked { by, why });
+                self.lay = None;
+                self.station.board.set(Activity::Cancelling, None);
                 self.press.controls.ask(Control::EmergencyStop);
                 Ok(())
             }

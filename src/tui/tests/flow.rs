@@ -370,10 +370,21 @@ fn an_emergency_stop_is_done_once_the_printer_says_so() {
     desk.hear(Message::News(News::Lives(live(Activity::Cancelling, None))));
     assert!(desk.text().contains("no word from the printer yet"), "{}", desk.text());
     desk.hear(Message::News(News::Lives(live(Activity::Paused, Some("the printer has halted")))));
-    assert!(desk.text().contains("does not work any more"), "{}", desk.text());
-    assert!(desk.text().contains("the printer has halted"));
+    let stopped = "left has stopped (emergency stop, 14:30): the printer has halted";
+    assert!(desk.text().contains(stopped), "{}", desk.text());
     desk.press("\u{1b}");
-    assert!(!desk.text().contains("does not work any more"));
+    assert!(!desk.text().contains(stopped));
+}
+
+#[test]
+fn a_print_that_ends_without_a_word_of_the_printer_is_no_confirmation() {
+    let mut desk = desk();
+    desk.press("!");
+    let asked = request(&mut desk);
+    let live = Live { activity: Activity::Idle, done: None, ..printing() };
+    desk.hear(Message::News(News::Lives(vec![live])));
+    desk.hear(Message::Answered(asked, Ok(Answer::Done)));
+    assert!(desk.text().contains("but says nothing: look at it"), "{}", desk.text());
 }
 
 #[test]
