@@ -68,6 +68,15 @@ fn stop(state: &State) -> Option<Awaited> {
     Some(Awaited { text, command, is_bad: true })
 }
 
+/// Jobs that have failed: nothing more happens to them unless somebody decides.
+fn failed(state: &State) -> impl Iterator<Item = Awaited> {
+    state.failed.iter().map(|(id, why)| Awaited {
+        text: format!("job {} has failed: {why} (in the queue, v, R prints it again)", words::short(*id)),
+        command: Some(Command::Seen),
+        is_bad: true,
+    })
+}
+
 /// The printer that an emergency stop means: the one that is shown, where it works or no other does.
 pub(super) fn to_stop(state: &State) -> Option<&PrinterView> {
     let works = |printer: &&PrinterView| printer.live.as_ref().is_some_and(is_heard);

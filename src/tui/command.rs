@@ -164,7 +164,13 @@ pub(super) const TABLE: &[Entry] = &[
         "EMERGENCY STOP",
         "Stops the printer at once (M112); it has to be reset then",
     ),
-    entry(ANY, C::Seen, &[Code(KeyCode::Esc)], "seen", "Takes the word on an emergency stop off the screen"),
+    entry(
+        ANY,
+        C::Seen,
+        &[Code(KeyCode::Esc)],
+        "seen",
+        "Takes a failed job, or the word on a stop, off the screen",
+    ),
     entry(ANY, C::Start, &[Char('S')], "start the server", "Starts a server here, where none runs"),
     entry(
         ANY,

@@ -6,7 +6,7 @@ use super::heats::Heats;
 use super::message::{Answer, Request};
 use super::theme::Theme;
 use crate::http::wire::{Activity, BedView, HistoryView, JobView, Live, PrinterView, Schedule, Turn, Whoami};
-use crate::queue::{JobId, Name, State as JobState};
+use crate::queue::{JobId, Name, State as JobState, What};
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use ratatui::layout::Size;
@@ -194,6 +194,8 @@ pub(super) struct State {
     pub(super) notice: Option<Notice>,
     pub(super) undo: Option<Undo>,
     pub(super) stop: Option<Stop>,
+    /// Jobs that have failed by themselves, and why, until somebody has seen it; the oldest first.
+    pub(super) failed: Vec<(JobId, String)>,
     pub(super) by_hand: ByHand,
 }
 
@@ -238,6 +240,7 @@ impl State {
             notice: None,
             undo: None,
             stop: None,
+            failed: Vec::new(),
             by_hand: ByHand { step: 1, ..ByHand::default() },
         }
     }
@@ -343,8 +346,28 @@ impl State {
         {
             records.push(record.clone());
         }
+        self.note_failure(&record);
         self.news.push_front(record);
         self.news.truncate(MOST_NEWS);
+    }
+
+    /// A job that fails by itself is told; one that is taken up again is not any more.
+    fn note_failure(&mut self, record: &HistoryView) {
+        /// Older ones are history.
+        const RECENT: jiff::SignedDuration = jiff::SignedDuration::from_hours(24);
+        let What::Job { id, to, .. } = &record.what else { return };
+        self.failed.retain(|(failed, _)| failed != id);
+        let is_by_itself = record.who.starts_with("appliance ") || record.who.starts_with("policy ");
+        if *to == JobState::Failed && is_by_itself && self.now.duration_since(record.at) < RECENT {
+            self.failed.push((*id, record.why.to_string()));
+        }
+    }
+
+    /// Takes off what somebody has seen.
+    pub(super) fn see(&mut self) {
+        if self.stop.take().is_none() && !self.failed.is_empty() {
+            self.failed.remove(0);
+        }
     }
 
     /// Takes over what was asked for.

@@ -388,6 +388,28 @@ fn a_print_that_ends_without_a_word_of_the_printer_is_no_confirmation() {
 }
 
 #[test]
+fn a_job_that_fails_by_itself_is_told_until_somebody_has_seen_it() {
+    let fail = |seq, n, who: &str| {
+        let change = Change::Fail { used_mm3: None };
+        let record = record(seq, id(n), JobState::Printing, JobState::Failed, change);
+        let why = Reason::try_new("it was made for another printer").unwrap();
+        Message::News(News::Record(Box::new(HistoryView { who: who.to_owned(), why, ..record })))
+    };
+    let mut desk = desk();
+    desk.hear(fail(10, 2, "appliance left"));
+    desk.hear(fail(11, 3, "Ada"));
+    desk.hear(fail(12, 4, "policy lost"));
+    let text = desk.text();
+    assert!(text.contains("job 02020202 has failed: it was made for another printer"), "{text}");
+    assert!(text.contains("job 04040404 has failed") && !text.contains("job 03030303 has failed"), "{text}");
+    desk.press("\u{1b}");
+    assert!(!desk.text().contains("job 02020202 has failed"));
+    let again = record(13, id(4), JobState::Failed, JobState::Queued, Change::Retry);
+    desk.hear(Message::News(News::Record(Box::new(again))));
+    assert!(desk.text().contains("Nothing awaits you"), "{}", desk.text());
+}
+
+#[test]
 fn an_emergency_stop_that_is_not_done_says_so() {
     let mut desk = desk();
     desk.press("!");

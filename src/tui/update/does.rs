@@ -23,7 +23,7 @@ pub(super) fn it(state: &mut State, command: Command) -> Vec<Effect> {
         Command::Printer => show(state, Screen::Printer),
         Command::EmergencyStop => hand::emergency_stop(state),
         Command::Seen => {
-            state.stop = None;
+            state.see();
             Vec::new()
         }
         Command::Home
@@ -141,7 +141,9 @@ pub(in crate::tui) fn why_not(state: &State, command: Command) -> Option<String>
         Command::Undo => connected(state)
             .and_then(|()| state.undo.as_ref().map(drop).ok_or_else(|| "nothing to take back".to_owned())),
         Command::EmergencyStop => Ok(()),
-        Command::Seen if state.stop.is_none() => Err("there was no emergency stop".to_owned()),
+        Command::Seen if state.stop.is_none() && state.failed.is_empty() => {
+            Err("there is nothing".to_owned())
+        }
         Command::Home
         | Command::Left
         | Command::Right
