@@ -39,6 +39,7 @@ pub(super) fn awaited(state: &State) -> Vec<Awaited> {
         .chain(paused)
         .chain(beds)
         .chain(reports)
+        .chain(failed(state))
         .collect()
 }
 

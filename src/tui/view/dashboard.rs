@@ -1,11 +1,12 @@
 //! The dashboard: is it well, what is next.
 
-use super::canvas::{Canvas, below, row};
+use super::canvas::{Canvas, behind, below, row};
 use crate::http::wire::{Activity, BedView, Heat, JobView, Live, PrinterView, Schedule};
-use crate::queue::{JobId, Name};
+use crate::queue::{JobId, Name, State as JobState};
+use crate::tui::command::Command;
 use crate::tui::heats::{Heater, SPAN_S, is_heard};
 use crate::tui::message::Target;
-use crate::tui::state::{Listing, State};
+use crate::tui::state::State;
 use crate::tui::theme::Role;
 use crate::tui::words;
 use jiff::Timestamp;
@@ -28,9 +29,9 @@ pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
         vec![Constraint::Fill(5), Constraint::Fill(4)]
     };
     let columns = Layout::horizontal(columns).split(body);
-    let [printer, chart] =
+    let [top, chart] =
         Layout::vertical([Constraint::Length(PRINTER_ROWS), Constraint::Fill(1)]).areas(columns[0]);
-    self::printer(canvas, printer);
+    printer(canvas, top);
     temperatures(canvas, chart);
     match columns.get(2) {
         Some(news) => {
@@ -238,12 +239,11 @@ fn queue(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.lines(inner, text);
         return;
     }
-    let is_live = state.browsing.listing == Listing::Live;
     for (n, job) in (0u16..).zip(jobs) {
         let place = row(inner, n);
         let role = match job.state {
-            crate::queue::State::Printing => Role::Good,
-            crate::queue::State::Held | crate::queue::State::Draft => Role::Dim,
+            JobState::Printing => Role::Good,
+            JobState::Held | JobState::Draft => Role::Dim,
             _ => Role::Text,
         };
         let line = vec![
@@ -253,10 +253,8 @@ fn queue(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.line(place, Line::from(line));
         let when = ends(state, job.id).map(|ends| words::short_clock(ends, state.now, &state.zone));
         let when = canvas.span(when.unwrap_or_default(), Role::Dim);
-        canvas.line_right(super::canvas::behind(place, 29), Line::from(when));
-        if is_live {
-            canvas.clickable(place, Target::Command(crate::tui::command::Command::Queue));
-        }
+        canvas.line_right(behind(place, 29), Line::from(when));
+        canvas.clickable(place, Target::Command(Command::Queue));
     }
 }
 

@@ -138,9 +138,9 @@ fn tabs(canvas: &mut Canvas<'_, '_>, area: Rect) {
         canvas.clickable(Rect { width, ..place }, Target::Command(screen.command()));
         at += width + 1;
     }
-    let summary = summary(canvas.state);
-    let summary = canvas.span(format!("{summary} "), Role::Dim);
-    canvas.line_right(behind(area, at), Line::from(summary));
+    let text = summary(canvas.state);
+    let text = canvas.span(format!("{text} "), Role::Dim);
+    canvas.line_right(behind(area, at), Line::from(text));
 }
 
 /// The queue in a few words.

@@ -26,7 +26,7 @@ pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
         Some(Overlay::Console(text, _)) => {
             line(canvas, body, "G-code (Enter sends, Up earlier ones, Esc leaves)", (">", text));
         }
-        Some(Overlay::Form(form)) => self::form(canvas, body, form),
+        Some(Overlay::Form(asked)) => form(canvas, body, asked),
     }
 }
 

@@ -19,9 +19,9 @@ pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
         Layout::vertical([Constraint::Length(dashboard::PRINTER_ROWS), Constraint::Fill(1)]).areas(left);
     dashboard::printer(canvas, printer);
     dashboard::temperatures(canvas, chart);
-    let [keys, sent] = Layout::vertical([Constraint::Length(9), Constraint::Fill(1)]).areas(right);
+    let [keys, log] = Layout::vertical([Constraint::Length(9), Constraint::Fill(1)]).areas(right);
     by_hand(canvas, keys);
-    self::sent(canvas, sent);
+    sent(canvas, log);
 }
 
 fn by_hand(canvas: &mut Canvas<'_, '_>, area: Rect) {

@@ -41,10 +41,10 @@ pub(super) fn rows(state: &State, body: Rect) -> usize {
 }
 
 pub(super) fn draw(canvas: &mut Canvas<'_, '_>, body: Rect) {
-    let (list, details) = places(canvas.state, body);
-    self::list(canvas, list);
-    if let Some(area) = details {
-        self::details(canvas, area);
+    let (above, beside) = places(canvas.state, body);
+    list(canvas, above);
+    if let Some(area) = beside {
+        details(canvas, area);
     }
 }
 
@@ -145,11 +145,11 @@ fn details(canvas: &mut Canvas<'_, '_>, area: Rect) {
         return;
     };
     let inner = canvas.panel(area, &job.id.to_string());
-    let facts = facts(state, job);
+    let all = facts(state, job);
     let n_columns = if inner.width >= TWO_COLUMNS { 2 } else { 1 };
     let width = inner.width / n_columns;
     let mut n_rows = 0;
-    for (n, (what, text)) in (0u16..).zip(facts) {
+    for (n, (what, text)) in (0u16..).zip(all) {
         let place = behind(row(inner, n / n_columns), n % n_columns * width);
         let line = vec![
             canvas.span(format!("{what:<9}"), Role::Dim),
