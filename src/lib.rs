@@ -45,6 +45,7 @@
 //! | [`report`] | slice-against-CT distances, pictures, pages |
 //! | [`app`] | the use cases: cases, stages, the whole run |
 //! | [`appliance`] | the server: printing, preparing, supervision, state directory, configuration |
+//! | [`tui`] | the terminal UI, a face of `client` |
 //! | [`cli`] | the command line, a face of `app` |
 //!
 //! # Invariants
@@ -52,7 +53,7 @@
 //! - A stage knows the types of earlier stages, [`geom`] and [`units`]; nothing later.
 //! - The pure modules read no clock, file, environment or random source. IO lives in `ct::reader`, `ready`,
 //!   `phantom::series`, `profile::load`, `printer::{ask, device, driver, job, journal::writer, paper, serial, sim}`,
-//!   `report::write`, `store`, `http::{files, keys, metrics, serve, upload}`, `client`, `appliance`, `app` and `cli`.
+//!   `report::write`, `store`, `http::{files, keys, metrics, serve, upload}`, `client`, `tui::{edge, link}`, `appliance`, `app` and `cli`.
 //! - Lengths are millimetres in `f64` unless the name says otherwise; frames are named in transforms as
 //!   `stack_from_patient`, `bed_from_stack`.
 //! - Outer contours run counter-clockwise seen from +z, holes clockwise.
@@ -90,5 +91,6 @@ pub mod step;
 pub mod store;
 pub mod toolpath;
 pub mod topology;
+pub mod tui;
 pub mod units;
 pub mod view;

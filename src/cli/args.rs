@@ -15,7 +15,7 @@ use crate::sections::Boundary;
 use crate::segment::{OnLeak, Polarity};
 use crate::view::Direction;
 use clap::{ArgGroup, Args, Parser, Subcommand};
-use queue::{BackupArgs, QueueArgs, ServeArgs};
+use queue::{BackupArgs, QueueArgs, ServeArgs, TuiArgs};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use values::{
@@ -124,6 +124,11 @@ pub(crate) enum Command {
     /// explains every key), without it there is one simulated printer. SIGTERM ends it as the configuration says, each further signal
     /// more strictly; a print is never dropped cold. Clients: `lumenfab queue`, slicers, browsers.
     Serve(ServeArgs),
+    /// The screen of the lab: printer, queue, and what awaits you
+    ///
+    /// A client of the server: leaving it changes nothing. Without a server it offers to start one. `?` shows all keys, `:` finds every
+    /// command by its name.
+    Tui(TuiArgs),
     /// The print queue of a running server
     Queue(QueueArgs),
     /// Write all that a server keeps into one file, while it goes on: queue, configuration, keys, files of jobs

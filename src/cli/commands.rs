@@ -6,7 +6,7 @@ use super::args::{
 };
 use super::face::{Face, error_document};
 use super::keys::{self, Keys};
-use super::{Answer, Failure, queue, serve, signals};
+use super::{Answer, Failure, queue, serve, signals, tui};
 use crate::app::errand::{Errand, Told};
 use crate::app::settings::{CaseFile, SourceName};
 use crate::app::source::Sources;
@@ -36,6 +36,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         // A server has signals of its own.
         Command::Serve(args) => return answered(&face, serve::run(&args)),
         Command::Queue(args) => return answered(&face, queue::run(&args)),
+        Command::Tui(args) => return answered(&face, tui::run(&args, cli.json)),
         Command::Backup(args) => return answered(&face, serve::backup(&args)),
         Command::Restore(args) => return answered(&face, serve::restore(&args)),
         Command::SafeOff(SafeOffArgs { state: Some(dir), watch, .. }) => {
@@ -71,6 +72,7 @@ pub(super) fn run(cli: Cli) -> u8 {
         Command::Errand => return errand(&face, &context),
         Command::Serve(_)
         | Command::Queue(_)
+        | Command::Tui(_)
         | Command::Backup(_)
         | Command::Restore(_)
         | Command::Doctor(_) => {

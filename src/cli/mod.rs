@@ -10,6 +10,7 @@ mod keys;
 mod queue;
 mod serve;
 mod signals;
+mod tui;
 
 use args::{Cli, usage_line};
 use clap::Parser;
@@ -88,8 +89,14 @@ const NEVER_LOGGED: [&str; 7] = [
 /// Diagnostics of the rooms, for whoever looks for a fault: `LUMENFAB_LOG=debug`; warnings and worse otherwise. What
 /// reads patients' files logs nothing, whatever is asked for.
 fn start_log(args: &[OsString]) {
-    // A server's log is all that tells afterwards what it did, and so is that of whoever watches its heaters.
-    let usual = if args.iter().any(|arg| arg == "serve" || arg == "safe-off") { "info" } else { "warn" };
+    let is = |command: &str| args.get(1).is_some_and(|arg| arg == command);
+    let usual = match () {
+        // A server's log is all that tells afterwards what it did, and so is that of whoever watches its heaters.
+        () if args.iter().any(|arg| arg == "serve" || arg == "safe-off") => "info",
+        // It would be written over the screen.
+        () if is("tui") => "off",
+        () => "warn",
+    };
     let filter = tracing_subscriber::EnvFilter::try_from_env("LUMENFAB_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(usual));
     let filter = NEVER_LOGGED.iter().fold(filter, |filter, name| match format!("{name}=off").parse() {

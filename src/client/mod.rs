@@ -28,7 +28,7 @@ pub use events::{Events, Told};
 
 use crate::http::wire::{
     API, Added, Anew, BedClear, Health, HistoryPage, JobList, JobView, KeyBody, KeyList, LoadedBody, NewKey,
-    PrinterList, PrinterView, Said, Schedule, Status, Whoami, WishesBody,
+    Ordered, PrinterList, PrinterView, Said, Schedule, Status, Whoami, WishesBody,
 };
 use crate::queue::{JobId, Name, Reason};
 use crate::store::Which;
@@ -265,6 +265,14 @@ impl Client {
     /// [`Error`].
     pub async fn doubt_bed(&self, name: &Name, said: &Said) -> Result<PrinterView, Error> {
         self.send(Method::POST, &format!("/api/v1/printers/{}/bed-in-doubt", quoted(name)), said).await
+    }
+
+    /// Asks a printer itself for something.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn order(&self, name: &Name, ordered: &Ordered) -> Result<PrinterView, Error> {
+        self.send(Method::POST, &format!("/api/v1/printers/{}/orders", quoted(name)), ordered).await
     }
 
     /// What is next, why nothing is, when each job ends.

@@ -43,7 +43,8 @@ impl Caller {
         }
     }
 
-    fn check(&self, needed: Access) -> Result<(), Problem> {
+    /// Whether they may do so.
+    pub(super) fn check(&self, needed: Access) -> Result<(), Problem> {
         if self.access >= needed {
             return Ok(());
         }

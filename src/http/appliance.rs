@@ -30,6 +30,8 @@ pub enum Wish {
     GoOn,
     /// Give up what it prints.
     Cancel,
+    /// Stop everything at once; the printer has to be reset afterwards.
+    EmergencyStop,
     /// Lines of G-code, each one command.
     Commands(Vec<String>),
     /// Open the port.

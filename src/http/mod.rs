@@ -78,6 +78,7 @@ fn routes<S: Store>() -> Vec<(&'static str, MethodRouter<Appliance<S>>)> {
         ("/api/v1/printers/{name}/loaded", put(printers::load::<S>)),
         ("/api/v1/printers/{name}/bed-clear", post(printers::clear_bed::<S>)),
         ("/api/v1/printers/{name}/bed-in-doubt", post(printers::doubt_bed::<S>)),
+        ("/api/v1/printers/{name}/orders", post(printers::order::<S>)),
         ("/api/v1/schedule", get(printers::plan::<S>)),
         ("/api/v1/status", get(status::status::<S>)),
         ("/api/v1/health", get(status::health::<S>)),

@@ -16,7 +16,7 @@ use utoipa::{Modify, openapi};
     paths(
         jobs::list, jobs::add, jobs::upload, jobs::show, jobs::change, jobs::history_of, jobs::history,
         printers::list, printers::show, printers::history, printers::load, printers::clear_bed, printers::doubt_bed,
-        printers::plan,
+        printers::order, printers::plan,
         status::status, status::health, status::whoami, status::events, status::keys, status::add_key, status::remove_key,
         routes::folders, routes::find_folder, routes::folder, routes::inspect, routes::read_volume, routes::volume, pixels::plane,
         routes::tasks, routes::task, routes::cancel_task, routes::list, routes::begin, routes::show, routes::remove, routes::stages, routes::file,

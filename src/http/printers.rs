@@ -1,13 +1,13 @@
 //! `/api/v1/printers`, and the plan: `/api/v1/schedule`.
 
 use super::access::{Operator, Viewer};
-use super::appliance::Appliance;
+use super::appliance::{Appliance, Wish, WishOf};
 use super::error::Problem;
 use super::extract::{Asked, Body, Named};
 use super::jobs::{HistoryQuery, page};
 use super::wire::{
-    BedClear, ErrorBody, HistoryPage, LoadedBody, NextView, PrinterList, PrinterView, Said, Schedule,
-    SlotView, UnplannedView,
+    Access, BedClear, ErrorBody, HistoryPage, LoadedBody, NextView, Order, Ordered, PrinterList, PrinterView,
+    Said, Schedule, SlotView, UnplannedView,
 };
 use crate::queue::schedule::{self, Lane, Plan};
 use crate::queue::{
@@ -16,6 +16,7 @@ use crate::queue::{
 use crate::store::{Store, Which};
 use axum::Json;
 use axum::extract::State;
+use axum::http::StatusCode;
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 
@@ -136,6 +137,49 @@ pub(super) async fn doubt_bed<S: Store>(
     one(&app, &name).await?;
     let who = caller.named(said.name.as_ref())?;
     say(&app, name, Word::BedInDoubt, who, said.why).await
+}
+
+/// Most lines of G-code in one request.
+const MOST_COMMANDS: usize = 64;
+/// Longest line, bytes: what firmware takes.
+const MAX_COMMAND: usize = 96;
+
+/// Asks the printer itself for something; answered once it is understood, not once it is done.
+#[utoipa::path(post, path = "/api/v1/printers/{name}/orders", tag = "printers", request_body = Ordered,
+    params(("name" = String, Path, description = "Name of the printer")),
+    responses((status = 202, description = "The printer was asked", body = PrinterView), (status = "4XX", body = ErrorBody)))]
+pub(super) async fn order<S: Store>(
+    State(app): State<Appliance<S>>,
+    Operator(caller): Operator,
+    Named(name): Named,
+    Body(ordered): Body<Ordered>,
+) -> Result<(StatusCode, Json<PrinterView>), Problem> {
+    let view = one(&app, &name).await?;
+    let wish = match ordered.order {
+        Order::EmergencyStop => Wish::EmergencyStop,
+        Order::Connect => Wish::Connect,
+        Order::Disconnect => Wish::Disconnect,
+        Order::Commands(lines) => {
+            caller.check(Access::Admin)?;
+            commands(lines)?
+        }
+    };
+    let by = caller.named(ordered.name.as_ref())?;
+    app.printers.ask(WishOf { printer: name, job: None, wish, by, why: ordered.why }).await?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Lines that can be sent to a printer.
+pub(super) fn commands(lines: Vec<String>) -> Result<Wish, Problem> {
+    let is_good =
+        |line: &String| line.len() <= MAX_COMMAND && line.bytes().all(|b| (b' '..=b'~').contains(&b));
+    if lines.is_empty() || lines.len() > MOST_COMMANDS || !lines.iter().all(is_good) {
+        let message = format!(
+            "expected 1 to {MOST_COMMANDS} lines of G-code of at most {MAX_COMMAND} ASCII characters"
+        );
+        return Err(Problem::bad("http.bad_command", message));
+    }
+    Ok(Wish::Commands(lines))
 }
 
 async fn say<S: Store>(

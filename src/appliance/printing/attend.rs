@@ -252,7 +252,7 @@ impl<'a, S: Store> Attended<'a, S> {
 
     fn obey(&mut self, wish: Wish, by: Name, why: Reason) -> Result<(), Unheard> {
         let not_now = |text: &str| Err(Unheard::NotNow(text.to_owned()));
-        if self.cause.is_some() {
+        if self.cause.is_some() && wish != Wish::EmergencyStop {
             return not_now("the print is being given up");
         }
         match wish {
@@ -269,6 +269,14 @@ impl<'a, S: Store> Attended<'a, S> {
             }
             Wish::Cancel => {
                 self.stop(Cause::Asked { by, why });
+                Ok(())
+            }
+            Wish::EmergencyStop => {
+                // Not given up first: what the journal knows of it may be gone on with once the printer is reset.
+                self.cause.get_or_insert(Cause::Asked { by, why });
+                self.lay = None;
+                self.station.board.set(Activity::Cancelling, None);
+                self.press.controls.ask(Control::EmergencyStop);
                 Ok(())
             }
             Wish::Connect => Ok(()),

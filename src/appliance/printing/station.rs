@@ -39,6 +39,10 @@ const AGAIN: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
 /// After a port that could not be opened, at first and at most.
 const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
 
+/// Where no print is under way.
+pub(super) const NOTHING_SENT: &str =
+    "it is not printing, nothing is sent to it: where it moves or heats all the same, use its own switch";
+
 /// A printer of the configuration, as it is spoken to.
 ///
 /// # Errors
@@ -510,6 +514,7 @@ impl<S: Store> Station<S> {
         let answer = match wished.wish {
             _ if wished.job.is_some() => Err(not_now("the printer does not have this job")),
             Wish::Pause | Wish::GoOn | Wish::Cancel => Err(not_now("it is not printing")),
+            Wish::EmergencyStop => Err(not_now(NOTHING_SENT)),
             Wish::Connect => {
                 (self.halted, self.rests, self.is_taken_off) = (None, None, false);
                 if self.machine.is_there() { Ok(()) } else { Err(not_now("there is nothing at its port")) }

@@ -1,6 +1,6 @@
 //! A print that broke off, until somebody says what becomes of it.
 
-use super::station::{LOOK, Station, next_wish};
+use super::station::{LOOK, NOTHING_SENT, Station, next_wish};
 use super::{Held, Shown};
 use crate::appliance::config::OnStop;
 use crate::appliance::heat::Hot;
@@ -128,6 +128,7 @@ fn heed(held: &mut Held, wished: Wished) -> Option<Word> {
         Wish::GoOn => (Ok(()), Some(Word::GoOn { after_reset: held.needs_consent })),
         Wish::Cancel => (Ok(()), Some(Word::GiveUp { by, why })),
         Wish::Pause => (not_now("it is paused"), None),
+        Wish::EmergencyStop => (not_now(NOTHING_SENT), None),
         Wish::Connect => (Ok(()), None),
         Wish::Disconnect => (not_now("a print waits on it: let it go on, or cancel it"), None),
         Wish::Commands(_) => (not_now("a print waits on it: let it go on, or cancel it"), None),

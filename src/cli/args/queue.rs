@@ -1,6 +1,7 @@
 //! Arguments of the appliance and of its clients.
 
 use crate::queue::{JobId, Material, Name, Reason};
+use crate::tui::Theme;
 use clap::{ArgGroup, Args, Subcommand};
 use jiff::Timestamp;
 use std::path::PathBuf;
@@ -18,6 +19,20 @@ pub(crate) struct StateArgs {
 pub(crate) struct ServeArgs {
     #[command(flatten)]
     pub(crate) state: StateArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TuiArgs {
+    #[command(flatten)]
+    pub(crate) state: StateArgs,
+    /// How it looks: dark, light, no-colour or high-contrast [default: dark; no-colour where NO_COLOR is set]
+    #[arg(long, value_name = "NAME", value_parser = theme)]
+    pub(crate) theme: Option<Theme>,
+}
+
+fn theme(name: &str) -> Result<Theme, String> {
+    let names = || Theme::ALL.map(Theme::name).join(", ");
+    Theme::named(name).ok_or_else(|| format!("expected one of {}", names()))
 }
 
 #[derive(Debug, Args)]

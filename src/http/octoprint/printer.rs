@@ -5,6 +5,7 @@ use crate::http::access::{Admin, Operator, Viewer};
 use crate::http::appliance::{Appliance, Wish, WishOf};
 use crate::http::error::Problem;
 use crate::http::extract::Body;
+use crate::http::printers::commands;
 use crate::http::wire::{Activity, Heat, Live};
 use crate::queue::{Name, Reason};
 use crate::store::Store;
@@ -13,11 +14,6 @@ use axum::extract::State as App;
 use axum::http::StatusCode;
 use serde::Deserialize;
 use serde_json::{Value, json};
-
-/// Most lines of G-code in one request.
-const MOST_COMMANDS: usize = 64;
-/// Longest line, bytes: what firmware takes.
-const MAX_COMMAND: usize = 96;
 
 pub(super) async fn show<S: Store>(
     App(app): App<Appliance<S>>,
@@ -66,23 +62,16 @@ pub(super) struct Commands {
 pub(super) async fn command<S: Store>(
     App(app): App<Appliance<S>>,
     Admin(caller): Admin,
-    Body(Commands { command, commands }): Body<Commands>,
+    Body(Commands { command, commands: several }): Body<Commands>,
 ) -> Result<StatusCode, Problem> {
-    let lines: Vec<_> = command.into_iter().chain(commands).collect();
-    let is_good =
-        |line: &String| line.len() <= MAX_COMMAND && line.bytes().all(|b| (b' '..=b'~').contains(&b));
-    if lines.is_empty() || lines.len() > MOST_COMMANDS || !lines.iter().all(is_good) {
-        let message = format!(
-            "expected 1 to {MOST_COMMANDS} lines of G-code of at most {MAX_COMMAND} ASCII characters"
-        );
-        return Err(Problem::bad("http.bad_command", message));
-    }
+    let lines: Vec<_> = command.into_iter().chain(several).collect();
+    let wish = commands(lines)?;
     let live = operational(&app)?;
     if live.activity != Activity::Idle {
         let message = "the printer is printing: commands have to wait until it is idle";
         return Err(Problem::conflict("http.in_print", message));
     }
-    ask(&app, live.name, Wish::Commands(lines), caller.name).await
+    ask(&app, live.name, wish, caller.name).await
 }
 
 async fn ask<S: Store>(

@@ -296,3 +296,27 @@ async fn a_closed_queue_is_told_without_its_path() {
     assert!(!refused.body.contains("queue.db"));
     site.end().await;
 }
+
+#[tokio::test]
+async fn orders_reach_the_printer_that_is_named() {
+    let site = Site::open().await;
+    let orders = "/api/v1/printers/left/orders";
+    let given = [
+        (json!({ "order": "emergency-stop", "name": "Ada" }), "EmergencyStop by Ada (by"),
+        (json!({ "order": { "commands": ["G28 X", "M106"] } }), "Commands([\"G28 X\", \"M106\"]) by"),
+        (json!({ "order": "connect" }), "Connect by"),
+        (json!({ "order": "disconnect" }), "Disconnect by"),
+    ];
+    for (body, asked) in given {
+        assert_eq!(site.post(orders, body).await.status, 202);
+        let last = site.asked.lock().unwrap().last().cloned().unwrap();
+        assert!(last.starts_with(asked), "{last}");
+    }
+    for bad in [json!([]), json!(["G28\nM104 S250"]), json!(["x".repeat(97)])] {
+        let answer = site.post(orders, json!({ "order": { "commands": bad } })).await;
+        assert_eq!(answer.refusal(), no(400, "http.bad_command"));
+    }
+    let other = site.post("/api/v1/printers/right/orders", json!({ "order": "connect" })).await;
+    assert_eq!(other.refusal(), no(404, "queue.no_printer"));
+    site.end().await;
+}

@@ -11,7 +11,9 @@ mod schedule;
 pub use job::{
     Added, Anew, EstimateView, HistoryPage, HistoryView, JobList, JobView, Move, NeedsView, Turn, WishesBody,
 };
-pub use printer::{Activity, BedClear, BedView, Heat, Live, LoadedBody, PrinterList, PrinterView, Said};
+pub use printer::{
+    Activity, BedClear, BedView, Heat, Live, LoadedBody, Order, Ordered, PrinterList, PrinterView, Said,
+};
 pub use schedule::{NextView, Schedule, SlotView, UnplannedView};
 
 use crate::queue::{JobId, Name};

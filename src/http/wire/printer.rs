@@ -206,3 +206,33 @@ pub struct Said {
     #[schema(value_type = String)]
     pub why: Reason,
 }
+
+/// What is asked of a printer itself.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// Stop everything at once, in the middle of a print; the printer has to be reset afterwards.
+    EmergencyStop,
+    /// Open its port, and take jobs.
+    Connect,
+    /// Close its port, and take none.
+    Disconnect,
+    /// Lines of G-code, each one command, as they are: not while it prints; for those who know what they do (role `admin`).
+    Commands(Vec<String>),
+}
+
+/// An order, who gives it, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Ordered {
+    /// What.
+    pub order: Order,
+    /// The person, where that is not whoever has the key.
+    #[serde(default)]
+    #[schema(value_type = Option<String>)]
+    pub name: Option<Name>,
+    /// Why.
+    #[serde(default)]
+    #[schema(value_type = String)]
+    pub why: Reason,
+}
