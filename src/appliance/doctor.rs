@@ -188,7 +188,7 @@ fn parts_of(config: &Config, layout: &Layout) -> Vec<Finding> {
         findings.push(folder(&watch.folder));
     }
     for printer in &config.printers {
-        findings.push(profile(printer));
+        findings.push(profile(printer, layout));
         findings.push(port(printer));
         findings.extend(printer.bed_clear.as_ref().map(|hook| program(printer, hook)));
     }
@@ -229,9 +229,9 @@ fn folder(path: &Path) -> Finding {
     Finding::good(PART, shown.to_string())
 }
 
-fn profile(printer: &PrinterConfig) -> Finding {
+fn profile(printer: &PrinterConfig, layout: &Layout) -> Finding {
     let part = format!("profile of {}", printer.name);
-    match printing::machine(printer, Path::new("lumenfab")) {
+    match printing::machine(printer, Path::new("lumenfab"), layout) {
         Ok(_) => Finding::good(&part, printer.profile.clone()),
         Err(error) => {
             Finding::wrong(&part, error.to_string(), "`lumenfab profiles list` names those that are built in")

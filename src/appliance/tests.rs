@@ -560,7 +560,8 @@ async fn what_belongs_to_a_job_goes_some_time_after_its_end_and_nothing_else_doe
     let (stop, stopping) = watch::channel(None);
     let config = Config::parse(config, "config.toml").unwrap();
     let program = "/nonexistent/lumenfab".into();
-    let served = tokio::spawn(serve(Setup { place, config, program, clock: later }, stopping));
+    let setup = Setup { place, config, program, clock: later, boot_clock: BootClock::of_system() };
+    let served = tokio::spawn(serve(setup, stopping));
     until("what is over to go", async || kept(over) == [false; 2]).await;
     assert_eq!(kept(live), [true; 2]);
     assert_eq!(client.job(over).await.unwrap().state, State::Cancelled);

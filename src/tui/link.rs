@@ -111,7 +111,8 @@ impl Follower {
                 }
             };
             match told {
-                Ok(Told::Connected) => {}
+                // It starts no tasks and shows none.
+                Ok(Told::Connected | Told::Task(_)) => {}
                 Ok(Told::Reset) => due = Due::everything(Instant::now()),
                 Ok(Told::Printers(lives)) => self.tell(News::Lives(lives)).await?,
                 Ok(Told::Record(record)) => {

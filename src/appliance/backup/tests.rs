@@ -11,7 +11,7 @@ async fn state(dir: &Path) -> Sqlite {
     std::fs::write(dir.join("jobs/a/job.gcode"), "G28\n".repeat(50_000)).unwrap();
     std::fs::write(dir.join("files/b.gcode"), "").unwrap();
     std::fs::write(dir.join("owner.lock"), "").unwrap();
-    std::os::unix::fs::symlink("/etc/hostname", dir.join("files/link")).unwrap();
+    symlink("/etc/hostname", dir.join("files/link")).unwrap();
     let store = Sqlite::open(&dir.join("queue.db")).unwrap();
     for number in 1..=3 {
         store.add(ticket(number), number != 3, operator(0)).await.unwrap();
@@ -169,7 +169,7 @@ async fn cases_are_found_again_where_they_lie() {
     let root = tempfile::tempdir().unwrap();
     let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
     state(&dir).await.close().await;
-    std::os::unix::fs::symlink("/srv/cases/one", dir.join("files/one.case")).unwrap();
+    symlink("/srv/cases/one", dir.join("files/one.case")).unwrap();
     backup(&dir, &file, at(10)).unwrap();
     restore(&file, &new, at(20)).await.unwrap();
     assert_eq!(std::fs::read_link(new.join("files/one.case")).unwrap(), Path::new("/srv/cases/one"));

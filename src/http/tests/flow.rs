@@ -176,7 +176,7 @@ async fn a_printer_of_this_server_is_asked_whatever_the_clock_says_of_its_claim(
     let db = rusqlite::Connection::open(site.dir.path().join("queue.db")).unwrap();
     assert_eq!(db.execute("UPDATE claims SET until_ms = 0", []).unwrap(), 1);
     assert_eq!(turn(&site, id, json!({ "turn": "pause" })).await.refusal(), no(409, "http.not_printing"));
-    site.lives.send_replace(vec![wire::Live { job: Some(id), ..idle() }]);
+    site.lives.send_replace(vec![Live { job: Some(id), ..idle() }]);
     for asked in ["pause", "cancel"] {
         let done = turn(&site, id, json!({ "turn": asked })).await;
         assert_eq!((done.status, &done.json()["state"]), (202, &json!("printing")));

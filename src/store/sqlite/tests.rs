@@ -198,7 +198,7 @@ fn a_damaged_file_is_refused() {
 #[test]
 fn what_another_program_keeps_to_itself_can_be_opened_and_read() {
     let folder = Folder::with_jobs(3);
-    let other = rusqlite::Connection::open(folder.db()).unwrap();
+    let other = Connection::open(folder.db()).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     let store = Folder::open(folder.dir());
     assert_eq!(run(store.list(Which::Live, None, 10)).unwrap().len(), 3);

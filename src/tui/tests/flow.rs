@@ -241,7 +241,7 @@ fn of_ten_thousand_jobs_what_is_seen_is_drawn_and_all_are_reached() {
     let text = desk.text();
     assert_eq!(
         text.matches("queued").count(),
-        10_000 % super::view::rows_of_list(&desk.state) + 1,
+        10_000 % view::rows_of_list(&desk.state) + 1,
         "and the details"
     );
     desk.press("gjjj/0000270f\r");
