@@ -183,8 +183,10 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+    type Asked = Arc<std::sync::Mutex<Option<OnStop>>>;
+
     /// A watchman of a server with one print, which ends when it is asked to; how it was asked, once it has.
-    fn watched() -> (Watchman, watch::Sender<Option<OnStop>>, Arc<std::sync::Mutex<Option<OnStop>>>) {
+    fn watched() -> (Watchman, watch::Sender<Option<OnStop>>, Asked) {
         let (ask, asked) = watch::channel(None);
         let (end, mut ending) = watch::channel(None);
         let printed = Arc::new(std::sync::Mutex::new(None));

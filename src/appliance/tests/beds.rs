@@ -146,7 +146,8 @@ async fn the_bed_of_a_machine_is_not_believed_to_be_another_one_s() {
     let site = Site::with(dir, &config(&right), "/nonexistent/lumenfab".into()).await;
     assert_eq!(site.bed().await, BedView::Unknown, "it was the one's at the other port");
     let _dir = site.end(OnStop::Finish).await;
-    (printer.end(), second.end());
+    printer.end();
+    second.end();
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -137,12 +137,15 @@ fn bodies_of(
 }
 
 /// Runs row by row, and for every row where its runs begin.
+type Rows = (Vec<Run>, Vec<usize>);
+
+/// `None`: they are more than `most_runs`.
 fn runs_above(
     volume: &Volume,
     level: f64,
     most_runs: usize,
     task: &Task<'_>,
-) -> Result<Option<(Vec<Run>, Vec<usize>)>, Cancelled> {
+) -> Result<Option<Rows>, Cancelled> {
     let [n_cols, n_rows, n_planes] = volume.dims;
     let (mut runs, mut rows) = (Vec::new(), Vec::with_capacity(n_rows * n_planes + 1));
     for plane in 0..n_planes {
