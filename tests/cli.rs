@@ -941,3 +941,20 @@ fn gaps_that_were_allowed_can_be_refused_again() {
     let error = place.refused(1, &["segment", "case", "--allow-gaps=false"]);
     assert!(error.starts_with("1 plane(s) missing between"), "{error}");
 }
+
+#[test]
+fn an_installation_is_examined_and_its_faults_are_told_with_the_fix() {
+    let place = Place::new();
+    let missing = place.json(1, &["doctor", "--state", "none"]);
+    assert_eq!(missing["is_well"], false);
+    assert_eq!(missing["findings"][0]["is"], "wrong", "{missing}");
+    assert!(missing["findings"][0]["fix"].as_str().unwrap().contains("lumenfab serve"), "{missing}");
+    fs::create_dir(place.path("lab")).unwrap();
+    let well = place.json(0, &["doctor", "--state", "lab"]);
+    assert_eq!(well["is_well"], true);
+    fs::write(place.path("lab/config.toml"), "on_stop = \"drop\"\n").unwrap();
+    let output = place.run(&["doctor", "--state", "lab"]);
+    assert_eq!(output.status.code(), Some(1));
+    let shown = text(&output.stdout);
+    assert!(shown.contains("config.toml:1: on_stop: found \"drop\""), "{shown}");
+}

@@ -85,7 +85,7 @@ pub async fn examine(layout: &Layout, env: impl Fn(&str) -> Option<OsString>) ->
     findings.extend([room(layout.dir()), clock(&BootClock::of_system()), queue(layout).await]);
     match layout.read_config(env) {
         Ok(config) => {
-            findings.push(Finding::good("configuration", format!("{} printers", config.printers.len())));
+            findings.push(Finding::good("configuration", names_of(&config)));
             findings.extend(parts_of(&config, layout));
         }
         Err(error) => findings.push(Finding::wrong(
@@ -95,6 +95,11 @@ pub async fn examine(layout: &Layout, env: impl Fn(&str) -> Option<OsString>) ->
         )),
     }
     findings
+}
+
+fn names_of(config: &Config) -> String {
+    let names: Vec<_> = config.printers.iter().map(|printer| printer.name.as_str()).collect();
+    format!("printers: {}", names.join(", "))
 }
 
 /// Whether a server has the directory.

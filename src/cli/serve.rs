@@ -108,7 +108,7 @@ pub(super) fn doctor(args: &ServeArgs) -> Result<(Answer, bool), Failure> {
         findings.push(server(&layout).await);
         findings
     });
-    let text = findings.iter().map(line).collect::<Vec<_>>().join("\n");
+    let text = findings.iter().map(line).collect();
     let is_well = !findings.iter().any(Finding::is_wrong);
     Ok((Answer { document: json!({ "is_well": is_well, "findings": findings }), text }, is_well))
 }
@@ -136,8 +136,8 @@ fn line(finding: &Finding) -> String {
         Condition::Doubtful { fix } => ("look ", Some(fix)),
         Condition::Wrong { fix } => ("WRONG", Some(fix)),
     };
-    let fix = fix.map_or_else(String::new, |fix| format!("\n       {fix}"));
-    format!("{word}  {part}: {found}{fix}")
+    let fix = fix.map_or_else(String::new, |fix| format!("       {fix}\n"));
+    format!("{word}  {part}: {found}\n{fix}")
 }
 
 /// The first signal ends the server as configured, each further one more strictly. A terminal that is gone ends nothing.
