@@ -4,6 +4,8 @@
 //! How fast planes follow one another is judged by a command of its own, on a machine that does nothing else:
 //! `tests/tools/report_browser.py CASE/report --planes-per-s 30`. `--golden tests/golden/report --keep` keeps new pictures.
 
+#![expect(clippy::unwrap_used, reason = "what fails in a test's own preparations fails the test")]
+
 mod shared;
 
 use std::path::{Path, PathBuf};

@@ -6,7 +6,7 @@
 //!
 //! [`verify`] only reads: a case on a read-only medium can be verified too.
 //!
-//! No stage goes on from a case whose record is not the sealed one ([`standing`]): what was forged would be sealed with the next result.
+//! No stage goes on from a case whose record is not the sealed one (`standing`): what was forged would be sealed with the next result.
 //! A record and its seal are two files: the seal is written first, with the hash of the record that is there and of the one to
 //! come, so that the record is a sealed one whenever the power goes. `case.toml` is the operator's to correct and is not looked at here: every stage
 //! compares its parameters by itself.

@@ -220,7 +220,8 @@ fn plan(plan: &Schedule) -> Answer {
     }
     for slot in &plan.slots {
         let (job, copy, printer) = (slot.job, slot.copy, &slot.printer);
-        writeln!(text, "{:.0}  {:.0}  {job}  copy {copy} on {printer}", slot.starts, slot.ends).expect(WRITES);
+        writeln!(text, "{:.0}  {:.0}  {job}  copy {copy} on {printer}", slot.starts, slot.ends)
+            .expect(WRITES);
     }
     for job in &plan.unplanned {
         writeln!(text, "{}  has no place: {}", job.job, job.why).expect(WRITES);

@@ -150,8 +150,7 @@ async fn folders_and_pixels_are_for_operators_and_paths_for_the_socket_alone() {
         .unwrap()
         .key;
     let address = site.tcp.unwrap();
-    let (viewer, operator) =
-        (Client::over_tcp(address, key), Client::over_tcp(address, access::OPERATE));
+    let (viewer, operator) = (Client::over_tcp(address, key), Client::over_tcp(address, access::OPERATE));
     assert_eq!(viewer.folders(None).await.unwrap_err().code(), "http.not_allowed");
     assert!(viewer.tasks().await.is_ok() && viewer.cases().await.is_ok());
     assert!(operator.folders(None).await.is_ok());
