@@ -94,8 +94,11 @@ fn defects(book: &mut Book, view: &View) {
         let columns =
             [(78.0, false), (66.0, false), (120.0, false), (78.0, false), (169.0, false)].map(column);
         let row = |d: &page::defects::DefectRow| {
-            let what =
-                if d.fails { d.what.to_owned() } else { format!("{} (noted, within the limits)", d.what) };
+            let what = if d.standing == page::defects::FAILS {
+                d.what.to_owned()
+            } else {
+                format!("{} ({})", d.what, d.standing)
+            };
             vec![what, d.step.to_owned(), d.place.clone(), d.size.clone(), d.text.clone()]
         };
         let rows: Vec<Vec<String>> = view.defects.iter().map(row).collect();

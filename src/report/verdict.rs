@@ -320,6 +320,12 @@ fn scanned(gate: Gate, judged: &Judged<'_>, scan: &Scan, limits: &[Limit]) -> Ve
         judged,
         Lumina { tested: "scanned", meant: "solid", words: "scanned", told_mm },
     ));
+    // Of a scan that cannot be judged no figure is.
+    if scan.not_judged.is_some() {
+        for one in &mut missed {
+            one.is_judged = false;
+        }
+    }
     missed
 }
 

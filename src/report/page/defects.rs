@@ -14,13 +14,18 @@ pub(in super::super) struct DefectRow {
     pub(in super::super) size: String,
     /// The whole in one sentence.
     pub(in super::super) text: String,
-    /// Whether the replica fails for it.
+    /// Whether the replica does not pass for it.
     pub(in super::super) fails: bool,
+    /// What it means for the verdict, in words.
+    pub(in super::super) standing: &'static str,
     /// The plane that shows it.
     plane: Option<usize>,
 }
 
-/// All defects, those that the replica fails for first.
+/// Of a defect that the gate does not let pass.
+pub(in super::super) const FAILS: &str = "fails";
+
+/// All defects, those that the replica does not pass for first.
 pub(super) fn rows(report: &Report) -> Vec<DefectRow> {
     let mut rows: Vec<DefectRow> = report.findings.iter().map(|f| row(f, &report.plane_z_mm)).collect();
     rows.sort_by_key(|row| !row.fails);
@@ -36,6 +41,11 @@ fn row(finding: &Finding, plane_z_mm: &[f64]) -> DefectRow {
         size: finding.size.map_or_else(|| "\u{2013}".into(), size),
         text: finding.text.clone(),
         fails: finding.beyond_gate,
+        standing: match (finding.beyond_gate, finding.judged) {
+            (true, true) => FAILS,
+            (true, false) => "not judged: it is finer than can be told",
+            (false, _) => "noted, within the limits",
+        },
         plane: plane(&finding.place, plane_z_mm),
     }
 }
@@ -152,6 +162,11 @@ mod tests {
         };
         let row = row(&finding, &[0.0, 3.0, 6.0, 9.0]);
         assert_eq!((row.what, row.step, row.fails), ("Layers shifted", "Deposition", true));
+        let standing = |beyond_gate, judged| {
+            super::row(&Finding { beyond_gate, judged, ..finding.clone() }, &[0.0]).standing
+        };
+        assert_eq!([standing(true, true), standing(false, true)], [FAILS, "noted, within the limits"]);
+        assert!(standing(true, false).starts_with("not judged"));
         let of = |stage| super::row(&Finding { stage, ..finding.clone() }, &[0.0]).step;
         assert_eq!([of("scan"), of("image")], ["Scan", "Image"]);
         assert_eq!(row.place, "branch 2, layers 40 to 43, z 6.50 to 7.30 mm");

@@ -435,6 +435,11 @@ fn a_scan_with_voxels_larger_than_half_the_wall_is_not_judged() {
         coarse.verdict
     );
     assert_eq!(crate::report::schema::tests::broken(&coarse), [""; 0]);
+    // Nor are its figures failures, however far off they are.
+    let large = Replica { voxel_mm: [0.4, 0.4, 0.8], noise_hu: 10.0, scale: 1.04, ..Replica::right() };
+    let large = report(&large).verdict;
+    assert!(large.failures.iter().all(|text| !text.starts_with("scan: ")), "{large:?}");
+    assert!(!large.passed && large.not_judged.len() > 1, "{large:?}");
     // Voxels that are not cubes are no reason, as long as they are small.
     let fine = report(&Replica { voxel_mm: [0.25, 0.3, 0.5], ..Replica::right() });
     assert!(fine.verdict.passed && of_scan(&fine).is_empty(), "{}", told(&fine));
