@@ -521,13 +521,13 @@ fn found_part(planes: &[PlaneWork]) -> Option<f64> {
     (points > 0).then(|| found as f64 / points as f64)
 }
 
-/// Planes whose total was not measured, or rests on less than half of the outline's places.
+/// Planes with contours whose total was not measured, or rests on less than half of the outline's places.
 fn unseen(planes: &[PlaneWork]) -> Vec<usize> {
     let is_seen = |p: &PlaneWork| {
         let is_clear = p.image.as_ref().is_some_and(|i| 2 * i.n_found >= i.n_points);
         is_clear && p.comparisons[Stage::Total as usize].is_ok()
     };
-    (0..planes.len()).filter(|&k| !is_seen(&planes[k])).collect()
+    (0..planes.len()).filter(|&k| !planes[k].contours.region.is_empty() && !is_seen(&planes[k])).collect()
 }
 
 fn plane_figures(

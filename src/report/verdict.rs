@@ -4,6 +4,7 @@
 //! beyond the limit, but within a pixel or voxel), the figure is not judged; and what is not judged is not passed.
 
 use super::faults::{plane_runs, told};
+use super::scan::NO_MODEL;
 use super::{Amounts, Anatomy, Block, Finding, Gate, Kind, Origin, Scan, Stage, WallStage, apart};
 use serde::Serialize;
 
@@ -308,8 +309,7 @@ fn scanned(gate: Gate, judged: &Judged<'_>, scan: &Scan, limits: &[Limit]) -> Ve
             "scan: the scanned lumen overlaps that of the model by Dice {dice} only, at least {asked} is asked"
         ))
     }));
-    let planes: Vec<usize> =
-        scan.block.planes.iter().filter(|p| p.figures.mean_mm.is_none()).map(|p| p.plane).collect();
+    let planes = without_lumen(&scan.block);
     if !planes.is_empty() {
         let runs: Vec<String> = plane_runs(&planes).into_iter().map(|run| told("plane", run)).collect();
         missed.push(Missed::judged(format!("scan: the lumen was not found in {}", runs.join(", "))));
@@ -327,6 +327,12 @@ fn scanned(gate: Gate, judged: &Judged<'_>, scan: &Scan, limits: &[Limit]) -> Ve
         }
     }
     missed
+}
+
+/// Planes in which the replica has no lumen, though the model has one.
+fn without_lumen(scanned: &Block) -> Vec<usize> {
+    let is_missing = |reason: &String| reason != NO_MODEL;
+    scanned.planes.iter().filter(|p| p.reason.as_ref().is_some_and(is_missing)).map(|p| p.plane).collect()
 }
 
 /// By how much a figure is off another one, percent of that.
@@ -537,6 +543,18 @@ mod tests {
             "{}",
             verdict.sentence()
         );
+    }
+
+    #[test]
+    fn planes_that_the_model_does_not_reach_are_not_missing_in_its_scan() {
+        let plane = |plane, reason: Option<&str>| super::super::PlaneFigures {
+            plane,
+            reason: reason.map(str::to_owned),
+            ..super::super::PlaneFigures::default()
+        };
+        let mut block = blocks(Some(0.1), Some(0.98))[Stage::Total as usize].clone();
+        block.planes = vec![plane(0, Some(NO_MODEL)), plane(1, None), plane(2, Some("no lumen in the scan"))];
+        assert_eq!(without_lumen(&block), [2]);
     }
 
     #[test]

@@ -17,6 +17,8 @@ use crate::sections::march::Grid;
 use crate::solid::CrossSection;
 use rayon::prelude::*;
 
+/// Why a plane is not compared that the model does not reach: no fault of the replica.
+pub(in crate::report) const NO_MODEL: &str = "no lumen of the solid here";
 /// The replica is looked for so far around its section, mm.
 const AROUND_MM: f64 = 3.0;
 /// Sides of the pixels that the scan is read in, mm.
@@ -92,7 +94,7 @@ impl Planes<'_> {
             lumen = Region::union_all(&enclosed(&lumen, &material));
         }
         let comparison = if model.is_empty() {
-            Err("no lumen of the solid here".into())
+            Err(NO_MODEL.into())
         } else if lumen.is_empty() {
             Err("no lumen in the scan of the replica here".into())
         } else {

@@ -29,7 +29,7 @@ mod tests;
 
 pub use registration::Refusal;
 
-pub(super) use compare::ScannedPlane;
+pub(super) use compare::{NO_MODEL, ScannedPlane};
 
 use super::deviation::rounded;
 use super::uncertainty::Sides;
