@@ -48,6 +48,8 @@ pub(super) struct View {
     pub(super) verdict: String,
     /// Limits that are not kept, and defects beyond them.
     pub(super) failures: Vec<String>,
+    /// Those that cannot be judged.
+    pub(super) not_judged: Vec<String>,
     pub(super) defects: Vec<defects::DefectRow>,
     pub(super) not_seen: [&'static str; NOT_SEEN.len()],
     pub(super) cards: Vec<Card>,
@@ -265,7 +267,8 @@ pub(super) fn view(report: &Report) -> Result<View, Error> {
         } else {
             report.verdict.refusal().into()
         },
-        failures: report.verdict.failures.iter().chain(&report.verdict.not_judged).cloned().collect(),
+        failures: report.verdict.failures.clone(),
+        not_judged: report.verdict.not_judged.clone(),
         defects: defects::rows(report),
         not_seen: NOT_SEEN,
         cards: cards(report),

@@ -71,6 +71,12 @@ fn summary(book: &mut Book, view: &View) {
     for failure in &view.failures {
         book.paragraph(&format!("\u{2022} {failure}"), Style { colour, ..Style::plain(9.5) });
     }
+    if !(view.failures.is_empty() || view.not_judged.is_empty()) {
+        book.paragraph("Not judged, for it is finer than can be told:", Style::plain(9.5));
+    }
+    for open in &view.not_judged {
+        book.paragraph(&format!("\u{2022} {open}"), Style::plain(9.5));
+    }
     book.skip(6.0);
     let columns = [(180.0, false), (90.0, true), (240.0, false)].map(column);
     let rows: Vec<Vec<String>> =
