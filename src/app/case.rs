@@ -510,12 +510,53 @@ impl Case {
 
     /// The journal as it is when a stage is done that rests on it; an earlier stage may have seen less of it.
     fn keep_journal(&mut self, stage: Stage, base: &Path, record: &mut Record) -> Result<(), CaseError> {
+        if !matches!(stage, Stage::Print | Stage::Report) {
+            return Ok(());
+        }
+        self.manifest.values_mut().for_each(|earlier| earlier.beside.clear());
         let path = base.join(JOURNAL_FILE);
-        if matches!(stage, Stage::Print | Stage::Report) && path.exists() {
-            self.manifest.values_mut().for_each(|earlier| earlier.beside.clear());
+        if path.exists() {
             record.beside.insert(JOURNAL_FILE.into(), atomic::hash_of_path(&path)?);
         }
         Ok(())
+    }
+
+    /// What is wrong with the journal against the one that the record keeps; a case without either has nothing that could be.
+    pub(super) fn journal_problem(&self) -> Result<Option<seal::Problem>, CaseError> {
+        let kept = self.manifest.values().find_map(|record| record.beside.get(JOURNAL_FILE));
+        let Some(kept) = kept.filter(|_| self.key.is_some()) else { return Ok(None) };
+        let path = self.dir.join(JOURNAL_FILE);
+        if !path.exists() {
+            return Ok(Some(seal::Problem::Missing));
+        }
+        Ok((atomic::hash_of_path(&path)? != *kept).then_some(seal::Problem::Changed))
+    }
+
+    /// Refuses a journal that is not the one that the record keeps.
+    ///
+    /// # Errors
+    /// [`CaseError::SealBroken`].
+    pub(super) fn check_journal(&self) -> Result<(), CaseError> {
+        let broken =
+            |problem| CaseError::SealBroken { dir: self.dir.clone(), file: JOURNAL_FILE.into(), problem };
+        self.journal_problem()?.map_or(Ok(()), |problem| Err(broken(problem)))
+    }
+
+    /// Seals the journal of a print that broke off in the place of the one that the record keeps: the program itself has changed it.
+    ///
+    /// # Errors
+    /// [`CaseError`] where the record is not the sealed one, or cannot be written.
+    pub(super) fn keep_broken_print(&mut self) -> Result<(), CaseError> {
+        if !matches!(self.journal_problem()?, Some(seal::Problem::Changed)) {
+            return Ok(());
+        }
+        self.standing()?;
+        let hash = atomic::hash_of_path(&self.dir.join(JOURNAL_FILE))?;
+        let kept = self.manifest.values_mut().filter_map(|record| record.beside.get_mut(JOURNAL_FILE));
+        kept.for_each(|own| own.clone_from(&hash));
+        let dir = self.dir.clone();
+        self.write_manifest(&dir)?;
+        self.seal(&dir)
     }
 
     fn seal(&self, base: &Path) -> Result<(), CaseError> {

@@ -11,7 +11,8 @@
 //! come, so that the record is a sealed one whenever the power goes. `case.toml` is the operator's to correct and is not looked at here: every stage
 //! compares its parameters by itself.
 //!
-//! A print leaves its journal beside the job; `stages.toml` keeps the hash that it had when print or report were done.
+//! A print leaves its journal beside the job; `stages.toml` keeps the hash that it had when print or report were done, or when a print
+//! broke off that had begun with the sealed one. No report is made from another journal.
 
 use super::atomic::{self, FileError, failed, hash_of_bytes};
 use super::case::{self, CASE_FILE, CaseError, JOURNAL_FILE, MANIFEST_FILE};
@@ -350,8 +351,12 @@ fn bytes_of_hex<const N: usize>(text: &str) -> Option<[u8; N]> {
 mod tests {
     use super::*;
     use crate::app::case::Case;
-    use crate::app::event::Stage;
+    use crate::app::event::{Event, Stage};
     use crate::app::settings::{CaseFile, Settings};
+    use crate::app::source::Sources;
+    use crate::app::{Context, Session};
+    use crate::printer::control::Controls;
+    use crate::progress::{CancelToken, Cancelled, Task};
 
     struct Place(tempfile::TempDir);
 
@@ -496,6 +501,37 @@ mod tests {
         assert_eq!(place.findings(), changed(Problem::Changed));
         fs::remove_file(place.file("job.gcode.journal")).unwrap();
         assert_eq!(place.findings(), changed(Problem::Missing));
+    }
+
+    #[test]
+    fn a_forged_journal_is_refused_and_that_of_a_broken_print_is_sealed() {
+        let place = Place::with_case();
+        fs::write(place.file("job.gcode.journal"), "acknowledged 100\n").unwrap();
+        go_on(&place).unwrap();
+        let context = Context {
+            events: &|_: Event| {},
+            cancel: CancelToken::default(),
+            controls: Controls::default(),
+            sources: Sources::in_dir(place.0.path().join("state/sources")),
+        };
+        let redo = |stage, write: &dyn Fn()| {
+            let mut session = Session::open(&place.case(), CaseFile::default(), context.clone()).unwrap();
+            let work = |_: &mut Session<'_>, _: &Task<'_>| {
+                write();
+                Err(Cancelled.into())
+            };
+            session.redo(stage, &case::MadeFrom::new(), Vec::new(), work).unwrap_err()
+        };
+        let changed = || vec![("job.gcode.journal".to_owned(), Problem::Changed)];
+        let journal = |text: &str| fs::write(place.file("job.gcode.journal"), text).unwrap();
+        redo(Stage::Print, &|| journal("acknowledged 50\n"));
+        assert_eq!(place.findings(), [], "the program itself has changed it");
+        journal("acknowledged 200\n");
+        let refused = redo(Stage::Report, &|| panic!("no report is made from it")).to_string();
+        assert!(refused.contains("job.gcode.journal") && refused.contains("lumenfab verify"), "{refused}");
+        assert_eq!(place.findings(), changed());
+        redo(Stage::Print, &|| {});
+        assert_eq!(place.findings(), changed(), "a print that was refused vouches for nothing");
     }
 
     #[test]

@@ -296,7 +296,15 @@ impl<'a> Session<'a> {
         let clock = Stopwatch::start();
         let sink = move |done, total| events(Event::Progress { stage, done, total });
         let task = Task::new(&sink, self.context.cancel.clone());
-        let made = work(self, &task).map_err(Error::or_interrupted)?;
+        if stage == Stage::Report {
+            self.case.check_journal()?;
+        }
+        let goes_on_from_sealed = self.case.journal_problem()?.is_none();
+        let made = work(self, &task).map_err(Error::or_interrupted);
+        if made.is_err() && stage == Stage::Print && goes_on_from_sealed {
+            self.keep_broken_print();
+        }
+        let made = made?;
         // What a printer has laid down cannot be taken back: that it did so is kept, however late the request came.
         if stage != Stage::Print {
             task.check()?;
@@ -308,6 +316,14 @@ impl<'a> Session<'a> {
         let Told { summary, warnings } = told;
         self.ended(StageOutcome { stage, done: true, because_of, elapsed_s, summary, warnings });
         Ok(())
+    }
+
+    /// Why the print broke off matters more than that its journal could not be sealed.
+    fn keep_broken_print(&mut self) {
+        if let Err(e) = self.case.keep_broken_print() {
+            let warning = Warning::new("app.journal_not_sealed", e.to_string());
+            (self.context.events)(Event::Warned { stage: Stage::Print, warning });
+        }
     }
 
     fn ended(&mut self, outcome: StageOutcome) {

@@ -154,7 +154,7 @@ fn local(
     let z_mm = inputs.sections.plane_z_mm();
     let compared: Vec<_> = planes.iter().map(|p| p.comparisons[pair.stage as usize].as_ref().ok()).collect();
     let mut found = stretches(pair, &compared, &z_mm, allowed, known);
-    found.extend(calibres(pair, names, &z_mm, allowed, known));
+    found.extend(calibres(pair, names, &compared, &z_mm, allowed, known));
     found
 }
 

@@ -6,8 +6,9 @@
 
 use super::outlines::{StagePair, plane_runs};
 use super::{Finding, Kind, Place, Size, told};
-use crate::geom::Region;
+use crate::geom::{Point2, Region};
 use crate::report::deviation::{Comparison, STEP_MM};
+use std::ops::Range;
 
 /// Shortest stretch of an outline that counts, mm, or pixels.
 const STRETCH_MM: f64 = 1.0;
@@ -37,7 +38,7 @@ pub(in crate::report) fn stretches(
     let least_mm = allowed.outline_mm.max(allowed.pixel_mm);
     let length_mm = STRETCH_MM.max(STRETCH_PIXELS * allowed.pixel_mm);
     let farthest = |k: usize| {
-        let off_mm = worst_stretch(&planes[k]?.distances_mm, pair.meant_mm, least_mm, length_mm)?;
+        let off_mm = worst_stretch(planes[k]?, pair.meant_mm, least_mm, length_mm)?;
         (!is_told(known, k, off_mm)).then_some(off_mm)
     };
     let off: Vec<Option<f64>> = (0..planes.len()).map(farthest).collect();
@@ -59,10 +60,38 @@ pub(in crate::report) fn stretches(
 }
 
 /// The signed distance farthest off among stretches of samples that all lie off by more than `least_mm`, the same way.
-fn worst_stretch(distances_mm: &[f64], meant_mm: f64, least_mm: f64, length_mm: f64) -> Option<f64> {
+fn worst_stretch(comparison: &Comparison, meant_mm: f64, least_mm: f64, length_mm: f64) -> Option<f64> {
+    let of_chain = |chain: Range<usize>| {
+        let mut off_mm: Vec<f64> =
+            comparison.distances_mm[chain.clone()].iter().map(|d| d - meant_mm).collect();
+        if follows(&comparison.places, chain.end - 1, chain.start) {
+            // It has no start: a stretch that goes on beyond it is one.
+            let first = off_mm.iter().position(|d| d.abs() <= least_mm).unwrap_or(0);
+            off_mm.rotate_left(first);
+        }
+        worst_of_line(&off_mm, least_mm, length_mm)
+    };
+    let worst = chains(&comparison.places).into_iter().filter_map(of_chain);
+    worst.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+}
+
+/// Samples that follow one another along one outline: contours, and the two ways, have nothing to do with each other.
+fn chains(places: &[Point2]) -> Vec<Range<usize>> {
+    let breaks = (1..places.len()).filter(|&i| !follows(places, i - 1, i));
+    let starts: Vec<usize> = std::iter::once(0).chain(breaks).collect();
+    let ends = starts.iter().skip(1).copied().chain([places.len()]);
+    starts.iter().copied().zip(ends).map(|(a, b)| a..b).filter(|c| !c.is_empty()).collect()
+}
+
+/// Whether two samples are neighbours; where an outline closes they are up to one and a half steps apart.
+fn follows(places: &[Point2], before: usize, after: usize) -> bool {
+    (places[after] - places[before]).norm() < 1.6 * STEP_MM
+}
+
+fn worst_of_line(off_mm: &[f64], least_mm: f64, length_mm: f64) -> Option<f64> {
     let mut worst: Option<f64> = None;
     let (mut n, mut most): (usize, f64) = (0, 0.0);
-    for distance in distances_mm.iter().map(|d| d - meant_mm).chain([0.0]) {
+    for distance in off_mm.iter().copied().chain([0.0]) {
         let goes_on = distance.abs() > least_mm && (n == 0 || distance * most > 0.0);
         if !goes_on {
             if n as f64 * STEP_MM >= length_mm && most.abs() > worst.map_or(0.0, f64::abs) {
@@ -92,10 +121,11 @@ fn is_told(known: &[Finding], plane: usize, off_mm: f64) -> bool {
         || known.iter().filter(here).any(|f| !matches!(f.kind, Kind::BoundaryMoved | Kind::OutlineShifted))
 }
 
-/// Lumina wider or narrower than those of the stage before, by the diameter of the circle of the same area.
+/// Lumina wider or narrower than those of the stage before, by the diameter of the circle of the same area, where that is known.
 pub(in crate::report) fn calibres(
     pair: &StagePair<'_>,
     names: &[String],
+    planes: &[Option<&Comparison>],
     z_mm: &[f64],
     allowed: Allowed,
     known: &[Finding],
@@ -104,6 +134,8 @@ pub(in crate::report) fn calibres(
     let mut findings = Vec::new();
     for (branch, name) in names.iter().enumerate() {
         let off = |k: usize| {
+            // Where too little of a boundary was seen, what it encloses is not known.
+            planes[k]?.areas?;
             let (reference, tested) = (pair.reference[k][branch].as_ref()?, pair.tested[k][branch].as_ref()?);
             let (meant, own) = (diameter_mm(reference), diameter_mm(tested));
             let (by_mm, percent) = (own - meant, 100.0 * (own / meant - 1.0));
@@ -131,4 +163,72 @@ pub(in crate::report) fn calibres(
         findings.extend(plane_runs(&found).into_iter().filter_map(finding));
     }
     findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Contour;
+    use crate::report::Stage;
+    use crate::report::deviation::compare;
+
+    fn circle(radius_mm: f64) -> Region {
+        Region::new(vec![Contour::circle(Point2::origin(), radius_mm, 400)])
+    }
+
+    /// A circle of 3 mm with a dent about 2 mm long, its contour begun at another of its points.
+    fn dented(start: usize) -> Region {
+        let mut points = circle(3.0).contours[0].points.clone();
+        for p in &mut points {
+            let along = p.y.atan2(p.x) * 3.0;
+            let depth_mm = 0.5 * (1.0 - along * along).max(0.0);
+            *p -= p.coords * (depth_mm / p.coords.norm());
+        }
+        points.rotate_left(start);
+        Region::new(vec![Contour::new(points)])
+    }
+
+    #[test]
+    fn a_dent_is_found_wherever_the_contour_begins() {
+        for start in (0..8).map(|i| 50 * i) {
+            let comparison = compare(&circle(3.0).into(), &dented(start).into()).unwrap();
+            let worst = worst_stretch(&comparison, 0.0, 0.15, 1.0).unwrap_or_else(|| panic!("{start}"));
+            assert!((worst + 0.5).abs() < 0.02, "{start}: {worst}");
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_contour_and_the_start_of_another_are_no_stretch() {
+        let line = |x: f64| (0..12).map(move |i| Point2::new(x + STEP_MM * f64::from(i), 0.0));
+        let pooled = Comparison {
+            distances_mm: vec![0.4; 24],
+            places: line(0.0).chain(line(9.0)).collect(),
+            ..Comparison::default()
+        };
+        let length_mm = 18.0 * STEP_MM;
+        assert_eq!(worst_stretch(&pooled, 0.0, 0.15, length_mm), None);
+        assert!(worst_stretch(&pooled, 0.0, 0.15, 0.5 * length_mm).is_some());
+    }
+
+    #[test]
+    fn of_a_boundary_that_was_hardly_seen_no_calibre_is_told() {
+        let [image, contours] = [3.0, 3.6].map(|r| vec![vec![Some(circle(r))]]);
+        let pair = StagePair {
+            stage: Stage::Segmentation,
+            reference: &image,
+            tested: &contours,
+            meant_mm: 0.0,
+            least_mm: 0.05,
+            gate_mm: 0.2,
+            gate_percent: None,
+            told_mm: 0.0,
+            ends_mm: None,
+        };
+        let allowed = Allowed { outline_mm: 0.2, diameter_percent: 5.0, pixel_mm: 0.3 };
+        let seen = compare(&circle(3.0).into(), &circle(3.6).into()).unwrap();
+        let unseen = Comparison { areas: None, ..seen.clone() };
+        let told =
+            |c: &Comparison| calibres(&pair, &["branch 1".into()], &[Some(c)], &[0.0], allowed, &[]).len();
+        assert_eq!([told(&seen), told(&unseen)], [1, 0]);
+    }
 }

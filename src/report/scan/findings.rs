@@ -2,8 +2,9 @@
 
 use super::compare::shared_out;
 use super::ends::ends;
-use super::material::{Difference, Named, What, differences};
+use super::material::{Difference, Named, Slack, What, differences};
 use super::{ScanGate, Scanned};
+use crate::geom::Vector2;
 use crate::progress::{Cancelled, Task};
 use crate::report::anatomy::{Branches, StageLumina};
 use crate::report::faults::{Ends, Made, Place, Size, StagePair, moved, plugged};
@@ -33,7 +34,7 @@ impl Scanned<'_> {
         }
         let mut findings = self.of_outlines(solid, branches);
         let named = Named { branches, solid };
-        let slack = |z_mm: f64| self.slack_mm(&findings, z_mm);
+        let slack = |z_mm: f64| self.slack(&findings, z_mm);
         let pose = self.pose();
         let of_material = differences(&self.reader, pose, named, &slack, task)?;
         let told: Vec<Finding> = of_material
@@ -150,9 +151,9 @@ impl Scanned<'_> {
         area > 0.0 && self.planes[k].material.intersection(lumen).area_mm2() > FILLED * area
     }
 
-    /// How far outlines may lie off at a height without being a difference of material: what the gate allows, what voxels and pose
+    /// How outlines may lie off at a height without being a difference of material: what the gate allows, what voxels and pose
     /// do not tell; and what was found of the outlines there. `None` at an end that lies off.
-    fn slack_mm(&self, findings: &[Finding], z_mm: f64) -> Option<[f64; 2]> {
+    fn slack(&self, findings: &[Finding], z_mm: f64) -> Option<Slack> {
         let allowed_mm =
             self.gate().outline_mm.max(0.5 * self.largest_mm()) + POSE_SD * self.registered.pose_mm;
         let [low, high] = self.reader.inputs.solid.z_range_mm();
@@ -169,9 +170,16 @@ impl Scanned<'_> {
         let covers = |f: &&Finding| {
             f.place.z_mm.is_some_and(|[low, high]| (low - half_mm..=high + half_mm).contains(&z_mm))
         };
-        let known = findings.iter().filter(|f| matches!(f.kind, Kind::OutlineShifted | Kind::BoundaryMoved));
-        let found_mm: f64 = known.filter(covers).filter_map(|f| f.size).map(|s| s.size.abs()).sum();
-        Some([allowed_mm, 1.1 * found_mm])
+        let here = || findings.iter().filter(covers);
+        let offsets = here().filter(|f| f.kind == Kind::BoundaryMoved).filter_map(|f| f.size);
+        let offset_mm = offsets.map(|s| s.size.abs()).fold(0.0, f64::max);
+        let shifts = || here().filter_map(|f| Some((f.vector_mm?, &f.place.branch)));
+        let mut shifts_mm: Vec<Vector2> = shifts().map(|([x, y], _)| Vector2::new(x, y)).collect();
+        // What holds for one branch leaves the others where they are.
+        if shifts().any(|(_, branch)| branch.is_some()) {
+            shifts_mm.push(Vector2::zeros());
+        }
+        Some(Slack { allowed_mm, offset_mm, shifts_mm })
     }
 
     fn of_material(&self, difference: &Difference, branches: &Branches) -> Finding {

@@ -7,7 +7,7 @@
 
 use super::compare::Planes;
 use super::registration::Pose;
-use crate::geom::{Point2, Region, SegmentIndex};
+use crate::geom::{Contour, Point2, Region, SegmentIndex, Vector2};
 use crate::progress::{Cancelled, Task};
 use crate::report::BodyKind;
 use crate::report::anatomy::{Branches, StageLumina};
@@ -23,6 +23,8 @@ const TOLERANCE_MM: f64 = 5e-3;
 const CORNER_MM: f64 = 0.01;
 /// Of the wall at most this part is given away to what its outlines may lie off, on each side.
 const MOST_OF_WALL: f64 = 0.35;
+/// What was found of outlines is given away this many times.
+const FOUND: f64 = 1.1;
 /// Smaller bodies are noise, mm³, or voxels.
 const LEAST_MM3: f64 = 0.5;
 const LEAST_VOXELS: f64 = 4.0;
@@ -58,9 +60,19 @@ pub(super) struct Difference {
     pub(super) is_whole: bool,
 }
 
-/// How far outlines lie off at a height without being a difference of material, mm: what is allowed and not told, and what was
-/// found of them; `None` where nothing is to be looked for.
-pub(super) type Slack<'a> = dyn Fn(f64) -> Option<[f64; 2]> + Sync + 'a;
+/// How outlines may lie off at a height without being a difference of material.
+#[derive(Debug, Clone)]
+pub(super) struct Slack {
+    /// What is allowed and not told, mm.
+    pub(super) allowed_mm: f64,
+    /// The most that was found of outlines moved inward or outward, mm.
+    pub(super) offset_mm: f64,
+    /// How far outlines were found beside their place, mm.
+    pub(super) shifts_mm: Vec<Vector2>,
+}
+
+/// The slack at a height; `None` where nothing is to be looked for.
+pub(super) type SlackAt<'a> = dyn Fn(f64) -> Option<Slack> + Sync + 'a;
 
 /// The solid's lumina, to name places by.
 #[derive(Clone, Copy)]
@@ -84,7 +96,7 @@ pub(super) fn differences(
     planes: &Planes<'_>,
     pose: &Pose,
     named: Named<'_>,
-    slack: &Slack<'_>,
+    slack: &SlackAt<'_>,
     task: &Task<'_>,
 ) -> Result<Vec<Difference>, Cancelled> {
     let [low, high] = planes.inputs.solid.z_range_mm();
@@ -101,7 +113,7 @@ pub(super) fn differences(
         .into_par_iter()
         .map(|i| {
             task.check()?;
-            Ok(slack(at(i)).map_or_else(Vec::new, |slack_mm| pieces(planes, pose, named, at(i), slack_mm)))
+            Ok(slack(at(i)).map_or_else(Vec::new, |slack| pieces(planes, pose, named, at(i), &slack)))
         })
         .collect::<Result<_, Cancelled>>()?;
     let least_mm3 = LEAST_MM3.max(LEAST_VOXELS * planes.sampler.volume_mm3());
@@ -111,23 +123,47 @@ pub(super) fn differences(
     Ok(found)
 }
 
+impl Slack {
+    /// Where the section is found among the places that outlines were found at, its own one among them: where most of it is filled.
+    fn shift(&self, model: &Region, scanned: &Region) -> Vector2 {
+        let filled_mm2 = |by: Vector2| moved(model, by).intersection(scanned).area_mm2();
+        let places = self.shifts_mm.iter().map(|by| (*by, filled_mm2(*by)));
+        let own = (Vector2::zeros(), filled_mm2(Vector2::zeros()));
+        places.fold(own, |best, place| if place.1 > best.1 { place } else { best }).0
+    }
+
+    /// What is left to be given away where the section was moved, mm: outlines of other branches may lie otherwise.
+    fn beside(&self, by: Vector2) -> f64 {
+        let others = self.shifts_mm.iter().map(|other| (other - by).norm());
+        self.allowed_mm + FOUND * others.fold(self.offset_mm, f64::max)
+    }
+}
+
+fn moved(region: &Region, by: Vector2) -> Region {
+    let contour = |c: &Contour| Contour::new(c.points.iter().map(|p| p + by).collect());
+    Region::new(region.contours.iter().map(contour).collect())
+}
+
+fn shifted(section: &CrossSection, by: Vector2) -> CrossSection {
+    CrossSection { outer: moved(&section.outer, by), lumen: moved(&section.lumen, by) }
+}
+
 /// The pieces at one height.
-fn pieces(
-    planes: &Planes<'_>,
-    pose: &Pose,
-    named: Named<'_>,
-    z_mm: f64,
-    [allowed_mm, found_mm]: [f64; 2],
-) -> Vec<Piece> {
-    let slack_mm = allowed_mm + found_mm;
+fn pieces(planes: &Planes<'_>, pose: &Pose, named: Named<'_>, z_mm: f64, slack: &Slack) -> Vec<Piece> {
     let solid = planes.inputs.solid;
     let section = solid.section(z_mm, TOLERANCE_MM);
     let scanned = planes.material(pose, z_mm, &section);
     let is_cast = planes.inputs.body == BodyKind::Cast;
     let filled = |s: &CrossSection| if is_cast { s.outer.clone() } else { s.material() };
+    // What lies beside its place is looked at where it lies: a wider slack would leave nothing of a thin wall.
+    let by = slack.shift(&filled(&section), &scanned);
+    let slack_mm = slack.beside(by);
+    let section = shifted(&section, by);
     let model = filled(&section);
     // Where a skin lies flat it is as uncertain in height as it is aside elsewhere.
-    let beside = [-slack_mm, slack_mm].map(|by| solid.section(z_mm + by, TOLERANCE_MM));
+    let sections =
+        |off_mm: f64| [-off_mm, off_mm].map(|up| shifted(&solid.section(z_mm + up, TOLERANCE_MM), by));
+    let beside = sections(slack_mm);
     let plane = nearest(named.branches.z_mm(), z_mm);
     let lumina: Vec<Option<SegmentIndex>> = named.solid.planes[plane]
         .iter()
@@ -137,12 +173,12 @@ fn pieces(
     let walls: Vec<f64> = named.solid.planes[plane]
         .iter()
         .map(|lumen| {
-            lumen
-                .as_ref()
-                .map_or(0.0, |l| l.offset(1.05 * wall_mm.min(1e3), CORNER_MM).intersection(&model).area_mm2())
+            lumen.as_ref().map_or(0.0, |l| {
+                moved(l, by).offset(1.05 * wall_mm.min(1e3), CORNER_MM).intersection(&model).area_mm2()
+            })
         })
         .collect();
-    let core = |get: &dyn Fn(&CrossSection) -> Region, by_mm: f64| {
+    let core = |get: &dyn Fn(&CrossSection) -> Region, beside: &[CrossSection], by_mm: f64| {
         let common = beside.iter().fold(get(&section), |common, s| common.intersection(&get(s)));
         common.offset(-by_mm, CORNER_MM)
     };
@@ -158,14 +194,13 @@ fn pieces(
         }
     };
     let missing = model.difference(&scanned);
-    take(
-        What::Missing,
-        &missing,
-        &missing.intersection(&core(&filled, allowed_mm.min(MOST_OF_WALL * wall_mm) + found_mm)),
-    );
+    // However far outlines are off, the middle of the wall is looked at.
+    let most_mm = slack_mm.min(MOST_OF_WALL * wall_mm);
+    let of_wall = if most_mm < slack_mm { sections(most_mm) } else { beside.clone() };
+    take(What::Missing, &missing, &missing.intersection(&core(&filled, &of_wall, most_mm)));
     if !is_cast {
         let inside = scanned.intersection(&section.lumen);
-        take(What::InLumen, &inside, &inside.intersection(&core(&|s| s.lumen.clone(), slack_mm)));
+        take(What::InLumen, &inside, &inside.intersection(&core(&|s| s.lumen.clone(), &beside, slack_mm)));
     }
     let outside = scanned.difference(&section.outer);
     let near =

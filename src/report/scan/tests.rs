@@ -358,6 +358,25 @@ fn a_hole_in_the_wall_between_the_planes_is_found_with_its_size() {
 }
 
 #[test]
+fn a_hole_is_found_where_the_outlines_lie_beside_their_place() {
+    let by = |p: Point3| if p.z > 16.5 { Vector3::new(0.28, -0.21, 0.0) } else { Vector3::zeros() };
+    for z_mm in [7.5, 22.5] {
+        let (centre, radius_mm) = fork(z_mm, N_PLANES)[0];
+        let at = Point3::new(centre.x - radius_mm - 0.5 * WALL_MM, centre.y, z_mm);
+        let hole = move |p: Point3| (p - at).norm() < 1.3;
+        let report = report(&Replica::new(move |p| is_printed(p - by(p)) && !hole(p - by(p))));
+        let found = of_scan(&report);
+        let holes: Vec<_> = found.iter().filter(|f| f.kind == Kind::MissingMaterial).collect();
+        assert!(holes.len() == 1 && found.len() > 1, "{}", told(&report));
+        let expected = volume_mm3(|p| is_printed(p) && hole(p));
+        let size = holes[0].size.unwrap().size;
+        assert!((size - expected).abs() < 0.15 * expected, "{expected}: {}", told(&report));
+        let [low, high] = holes[0].place.z_mm.unwrap();
+        assert!(low < z_mm && z_mm < high && high - low < 3.5, "{:?}", holes[0]);
+    }
+}
+
+#[test]
 fn a_strand_and_a_lump_in_the_lumen_are_found_with_their_size() {
     let (centre, radius_mm) = fork(7.0, N_PLANES)[0];
     let is_lumen = move |p: Point3| fork(p.z, N_PLANES).iter().any(|(c, r)| (p.xy() - c).norm() <= *r);
