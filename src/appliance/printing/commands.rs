@@ -4,6 +4,7 @@ use super::outcome::Heat;
 use super::press::{Ended, Press, Work};
 use super::station::{Station, next_wish, not_now};
 use crate::appliance::heat::Hot;
+use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish};
 use crate::http::wire::Activity;
 use crate::printer::Error;
@@ -20,6 +21,10 @@ impl<S: Store> Station<S> {
     pub(super) async fn check_commands(&self, lines: &[String]) -> Result<(), Unheard> {
         if self.machine.is_simulated() {
             return Err(not_now("the simulated printer lives as long as its print"));
+        }
+        let survey = Survey::of(lines.join("\n").as_bytes()).map_err(|e| not_now(&e.to_string()))?;
+        if let Some(why) = self.config.limits.refuse_heat(survey.hotend_c, survey.bed_c) {
+            return Err(not_now(&format!("{why} (max_hotend_c and max_bed_c in config.toml)")));
         }
         if lines.iter().any(|line| may_lay(line)) {
             self.say(Said::BedInDoubt, "commands that may lay material")

@@ -16,7 +16,7 @@ use crate::appliance::place::Layout;
 use crate::appliance::preparing;
 use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish, Wished};
-use crate::http::wire::Activity;
+use crate::http::wire::{Activity, Live};
 use crate::motion;
 use crate::printer::Error;
 use crate::profile;
@@ -120,7 +120,11 @@ impl<S: Store> Station<S> {
         lives: Lives,
         kept: Kept,
     ) -> Self {
-        let live = idle(config.name.clone(), machine.port_name(), config.clearing);
+        let live = Live {
+            max_hotend_c: Some(config.limits.hotend_c),
+            max_bed_c: Some(config.limits.bed_c),
+            ..idle(config.name.clone(), machine.port_name(), config.clearing)
+        };
         let board = Board::new(live, lives);
         let (wishes, memory) = (kept.wishes.lock_owned().await, kept.memory.lock_owned().await);
         Self {
@@ -359,11 +363,8 @@ impl<S: Store> Station<S> {
         if let Some(leaving) = leaving.filter(|leaving| leaving.is_lost) {
             return Err(format!("it was made for another printer: {leaving}"));
         }
-        if survey.hotend_c > limits.hotend_c || survey.bed_c > limits.bed_c {
-            return Err(format!(
-                "it sets the nozzle to {:.0} °C and the bed to {:.0} °C; {:.0} and {:.0} °C are allowed without anybody near",
-                survey.hotend_c, survey.bed_c, limits.hotend_c, limits.bed_c
-            ));
+        if let Some(why) = limits.refuse_heat(survey.hotend_c, survey.bed_c) {
+            return Err(format!("{why} without anybody near"));
         }
         if self.config.first_layer_hold && survey.n_layers == 0 {
             return Err(

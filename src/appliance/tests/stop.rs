@@ -1,4 +1,4 @@
-//! Emergency stop where no print is under way.
+//! Orders to a printer that is not printing: emergency stop, lines within the limits.
 
 use super::broken::{parked, unguarded};
 use super::*;
@@ -74,4 +74,21 @@ async fn where_nothing_is_at_the_port_it_is_refused() {
     let refused = order(&site, Order::EmergencyStop).await.unwrap_err().to_string();
     assert!(refused.contains("nothing at its port") && refused.contains("own switch"), "{refused}");
     let _dir = site.end(OnStop::Finish).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn lines_that_heat_beyond_the_limits_are_refused_and_the_limits_can_be_seen() {
+    let (printer, site) = cleared(Speed::Max, "max_hotend_c = 230\nmax_bed_c = 70").await;
+    let live = site.client.printer(&name("left")).await.unwrap().live.unwrap();
+    assert_eq!((live.max_hotend_c, live.max_bed_c), (Some(230.0), Some(70.0)));
+    for line in ["M104 S231", "M109 R231", "M140 S71", "M303 E0 S231"] {
+        let lines = Order::Commands(vec!["M105".to_owned(), line.to_owned()]);
+        let refused = order(&site, lines).await.unwrap_err().to_string();
+        assert!(refused.contains("230 and 70 °C are allowed"), "{line}: {refused}");
+    }
+    order(&site, Order::Commands(vec!["M104 S230".to_owned()])).await.unwrap();
+    until("the nozzle to be set", async || printer.has_done("M104 S230")).await;
+    assert!(!printer.has_done("231") && !printer.has_done("M140 S71"));
+    let _dir = site.end(OnStop::Finish).await;
+    printer.end();
 }
