@@ -1,8 +1,10 @@
 //! A state directory as one file, and back again (IO).
 //!
-//! A backup is a ZIP archive: a snapshot of the queue (taken by SQLite, while the server goes on), configuration, keys, uploaded files
-//! and what was made of jobs, and `manifest.json` with the hash of each. It is written whole or not at all, readable by its owner
-//! alone; it holds the hashes of keys, and nothing of a patient. Cases are not in it, only where they lie: paths that an operator has named.
+//! A backup is a ZIP archive: a snapshot of the queue (taken by SQLite, while the server goes on), configuration, keys, uploaded files,
+//! what was made of jobs, the cases that were begun over the API and where their CTs lie, and `manifest.json` with the hash of each. It is
+//! written whole or not at all, readable by its owner alone; it holds the hashes of keys, and paths of CTs, which may name a
+//! patient. Other cases are not in it, only where they lie: paths that an operator has named. Nor is the key that cases are sealed
+//! with. A case that a task works on meanwhile may be caught half done: its next stage is done again.
 //!
 //! Restored is into a directory that holds nothing, only when all of it is found to be as it was written, and again whole or not at all.
 //! What the queue did after the backup it cannot know: jobs that were queued then, or taken and not begun, may have been printed since. They
@@ -26,13 +28,13 @@ use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
 /// What a backup's manifest is called, and the newest kind of it.
 const MANIFEST: &str = "manifest.json";
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 /// A larger manifest is none, bytes.
 const MOST_MANIFEST: u64 = 1 << 28;
 /// The queue's file, and what else lies beside it; what is not named (socket, lock, sign of life) belongs to a living server.
 const QUEUE: &str = "queue.db";
 const FILES: [&str; 2] = ["config.toml", "keys.toml"];
-const FOLDERS: [&str; 2] = ["files", "jobs"];
+const FOLDERS: [&str; 4] = ["cases", "files", "jobs", "sources"];
 /// What links to cases are called.
 const CASE: &str = ".case";
 /// Jobs asked for at once.
@@ -54,10 +56,11 @@ struct Manifest {
     cases: Vec<CaseLink>,
 }
 
-/// A link to a case, which is not in the backup.
+/// A link to a case.
 #[derive(Debug, Serialize, Deserialize)]
 struct CaseLink {
     name: String,
+    /// Relative to the state directory for a case that lies in it, since format 3.
     leads_to: String,
 }
 
@@ -108,7 +111,7 @@ pub fn backup(dir: &Path, to: &Path, now: Timestamp) -> Result<Saved, Error> {
     let snapshot = scratch.path().join(QUEUE);
     Sqlite::snapshot(&layout.queue(), &snapshot)?;
     archive.add(QUEUE, &snapshot)?;
-    let Contents { files, cases } = contents(dir)?;
+    let Contents { files, cases } = contents(&home)?;
     for (name, path) in files {
         archive.add(&name, &path)?;
     }
@@ -143,7 +146,7 @@ fn contents(dir: &Path) -> Result<Contents, Error> {
             } else if kind.is_file() {
                 found.files.push((name, entry.path()));
             } else if kind.is_symlink() && is_case(&name) {
-                found.cases.extend(case_link(name, &entry.path())?);
+                found.cases.extend(case_link(dir, name, &entry.path())?);
             }
         }
     }
@@ -157,8 +160,9 @@ fn is_case(name: &str) -> bool {
     name.strip_prefix("files/").is_some_and(|rest| rest.ends_with(CASE) && !rest.contains('/'))
 }
 
-fn case_link(name: String, path: &Path) -> Result<Option<CaseLink>, Error> {
+fn case_link(dir: &Path, name: String, path: &Path) -> Result<Option<CaseLink>, Error> {
     let Some(case) = there(std::fs::read_link(path)).map_err(failed(path))? else { return Ok(None) };
+    let case = case.strip_prefix(dir).map(Path::to_owned).unwrap_or(case);
     let no_text =
         |_| refused(path, "leads to a case whose path is no text: give it another name, and add it again");
     let leads_to = case.into_os_string().into_string().map_err(no_text)?;
@@ -253,15 +257,15 @@ pub async fn restore(from: &Path, dir: &Path, now: Timestamp) -> Result<Restored
     let mut staging = tempfile::Builder::new();
     staging.prefix(".lumenfab-restore-").permissions(PermissionsExt::from_mode(0o700));
     let staging = staging.tempdir_in(folder).map_err(failed(folder))?;
-    let manifest = unpack(from, &staging)?;
+    let manifest = unpack(from, &staging, &home)?;
     let n_held = check_and_hold(&staging.path().join(QUEUE), &manifest, now).await?;
     // Renaming onto an empty directory replaces it.
     std::fs::rename(staging.path(), &home).map_err(failed(&home))?;
     Ok(Restored { made_at: manifest.made_at, n_files: manifest.entries.len(), n_held })
 }
 
-/// Unpacks what the manifest names, and nothing else.
-fn unpack(from: &Path, into: &TempDir) -> Result<Manifest, Error> {
+/// Unpacks what the manifest names, and nothing else; it will lie at `home`.
+fn unpack(from: &Path, into: &TempDir, home: &Path) -> Result<Manifest, Error> {
     let file = File::open(from).map_err(failed(from))?;
     let no_backup = || refused(from, "is no backup of lumenfab, or only a part of one");
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|_no_archive| no_backup())?;
@@ -295,7 +299,7 @@ fn unpack(from: &Path, into: &TempDir) -> Result<Manifest, Error> {
         }
         let path = into.path().join(name);
         path.parent().map_or(Ok(()), super::place::make)?;
-        symlink(leads_to, &path).map_err(failed(&path))?;
+        symlink(home.join(leads_to), &path).map_err(failed(&path))?;
     }
     Ok(manifest)
 }

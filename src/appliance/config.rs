@@ -147,6 +147,19 @@ pub struct PrintLimits {
     pub bed_c: f64,
 }
 
+impl PrintLimits {
+    /// Why heaters may not be set so hot, °C.
+    pub(super) fn refuse_heat(&self, hotend_c: f64, bed_c: f64) -> Option<String> {
+        let is_beyond = hotend_c > self.hotend_c || bed_c > self.bed_c;
+        is_beyond.then(|| {
+            format!(
+                "it sets the nozzle to {hotend_c:.0} °C and the bed to {bed_c:.0} °C; {:.0} and {:.0} °C are allowed",
+                self.hotend_c, self.bed_c
+            )
+        })
+    }
+}
+
 /// A program that is run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Hook {

@@ -109,8 +109,11 @@ impl Reading {
 
     fn heat(&mut self, command: &reader::Command) {
         let set_c = command.value('S').into_iter().chain(command.value('R')).fold(0.0, f64::max);
+        // Tuning heats, too: the bed as heater -1.
+        let is_bed_tuned = command.value('E').is_some_and(|heater| heater < 0.0);
         let heater = match (command.letter, command.code) {
-            ('M', 104 | 109) => &mut self.survey.hotend_c,
+            ('M', 303) if is_bed_tuned => &mut self.survey.bed_c,
+            ('M', 104 | 109 | 303 | 568) | ('G', 10) => &mut self.survey.hotend_c,
             ('M', 140 | 190) => &mut self.survey.bed_c,
             _ => return,
         };
@@ -238,6 +241,14 @@ mod tests {
         assert_eq!((prusa.print_s, prusa.filament_mm), (93_784.0, 1210.5));
         let cura = of(";TIME:361\n;Filament used: 1.5m\nG28\n");
         assert_eq!((cura.print_s, cura.filament_mm), (361.0, 1500.0));
+    }
+
+    #[test]
+    fn whatever_heats_counts() {
+        let hot = |text| (of(text).hotend_c, of(text).bed_c);
+        assert_eq!(hot("M104 S200\nM109 R210\nM190 S60\nM140 S0\n"), (210.0, 60.0));
+        assert_eq!(hot("M303 E0 S240 C8\nM303 E-1 S90\n"), (240.0, 90.0));
+        assert_eq!((hot("G10 P0 S215 R150\n"), hot("M568 P0 S220\n")), ((215.0, 0.0), (220.0, 0.0)));
     }
 
     #[test]

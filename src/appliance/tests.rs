@@ -5,6 +5,7 @@ mod broken;
 mod heat;
 mod heaters;
 mod limits;
+mod stop;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
 

@@ -1,6 +1,7 @@
-//! Asking a printer that is not printing, and switching its heaters off: for `profiles detect` and `safe-off`.
+//! Asking a printer that is not printing, switching its heaters off, and stopping it at once: for `profiles detect`, `safe-off` and the
+//! server.
 //!
-//! Both ask without touching the firmware's line numbers, so that a print that broke off can still be resumed: exactly after
+//! The first two ask without touching the firmware's line numbers, so that a print that broke off can still be resumed: exactly after
 //! `detect`; after `safe-off` too, once it is warm again, where it still is in its place.
 
 use super::Error;
@@ -83,7 +84,8 @@ pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Tempera
     let stream = link.open().await?;
     let mut desk = Desk::new(profile, port.clone());
     let mut heat = Heat::default();
-    desk.switch_off(stream, &mut heat).await?;
+    desk.command(Command::HeatersOff);
+    desk.until_secured(stream, &mut heat).await?;
     let fault = match heat {
         Heat::Off(told) => return Ok(told),
         Heat::On(_) => return Err(Error::StillHeating { port }),
@@ -91,6 +93,24 @@ pub async fn safe_off<L: Link>(mut link: L, profile: &Profile) -> Result<Tempera
         Heat::Obeyed | Heat::Unknown(_) => Fault::NoAnswer { is_garbled: false },
     };
     Err(Error::Fault { port, fault, heat })
+}
+
+/// Stops a printer at once (M112), until it says that it has stopped, or that its heaters are off; what is known of these.
+///
+/// # Errors
+/// [`Error::PortVanished`].
+pub async fn stop_at_once(
+    stream: impl AsyncRead + AsyncWrite + Unpin,
+    port: &str,
+    profile: &Profile,
+) -> Result<Heat, Error> {
+    let mut desk = Desk::new(profile, port.to_owned());
+    let mut heat = Heat::default();
+    // Goes before the rest.
+    desk.command(Command::HeatersOff);
+    desk.command(Command::EmergencyStop);
+    desk.until_secured(stream, &mut heat).await?;
+    Ok(heat)
 }
 
 struct Desk {
@@ -107,12 +127,11 @@ impl Desk {
         Self { core: Core::new(&profile), port, clock: Clock::start() }
     }
 
-    async fn switch_off(
+    async fn until_secured(
         &mut self,
         stream: impl AsyncRead + AsyncWrite + Unpin,
         heat: &mut Heat,
     ) -> Result<(), Error> {
-        self.command(Command::HeatersOff);
         let secured = |_: &mut Self, event: &Event| {
             let Event::Secured(known) = event else { return None };
             *heat = known.clone();
@@ -169,5 +188,40 @@ impl Desk {
     /// A command whose refusal means that it is too late for it.
     fn command(&mut self, command: Command<'_>) {
         self.core.handle_command(self.clock.now(), command).ok();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile;
+    use tokio::io::DuplexStream;
+
+    /// What comes of it at a printer that says this to the first that it hears, and goes away then; and what it has heard.
+    async fn stopped(says: &'static str) -> (Result<Heat, Error>, String) {
+        let (ours, printers) = tokio::io::duplex(1 << 16);
+        let printer = tokio::spawn(printer(printers, says));
+        let heat = stop_at_once(ours, "port", &profile::builtin("marlin").unwrap()).await;
+        (heat, printer.await.unwrap())
+    }
+
+    async fn printer(mut stream: DuplexStream, says: &'static str) -> String {
+        let mut bytes = [0; 4096];
+        let n = stream.read(&mut bytes).await.unwrap();
+        stream.write_all(says.as_bytes()).await.unwrap();
+        String::from_utf8_lossy(&bytes[..n]).into_owned()
+    }
+
+    #[tokio::test]
+    async fn an_emergency_stop_goes_before_all_else_and_is_done_when_the_printer_says_so() {
+        let (heat, heard) = stopped("Error:Printer halted. kill() called!\n").await;
+        assert_eq!(heat.unwrap(), Heat::Halted);
+        assert!(heard.starts_with("\nM112\n"), "{heard}");
+    }
+
+    #[tokio::test]
+    async fn a_printer_that_goes_away_has_not_said_that_it_has_stopped() {
+        let (heat, _heard) = stopped("ok T:200.0 /200.0\n").await;
+        assert!(matches!(heat, Err(Error::PortVanished { .. })), "{heat:?}");
     }
 }

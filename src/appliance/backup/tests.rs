@@ -176,6 +176,27 @@ async fn cases_are_found_again_where_they_lie() {
 }
 
 #[tokio::test]
+async fn cases_begun_over_the_api_come_back_with_where_their_ct_lies() {
+    let root = tempfile::tempdir().unwrap();
+    let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));
+    state(&dir).await.close().await;
+    let names = ["cases/one/case.toml", "cases/one/report/index.html", "sources/one.toml"];
+    for name in names {
+        std::fs::create_dir_all(dir.join(name).parent().unwrap()).unwrap();
+        std::fs::write(dir.join(name), name).unwrap();
+    }
+    symlink(dir.join("cases/one"), dir.join("files/one.case")).unwrap();
+    backup(&dir, &file, at(10)).unwrap();
+    restore(&file, &new, at(20)).await.unwrap();
+    std::fs::remove_dir_all(&dir).unwrap();
+    for name in names {
+        assert_eq!(std::fs::read_to_string(new.join(name)).unwrap(), name);
+    }
+    // A job of it finds it, wherever the directory lies now.
+    assert_eq!(std::fs::read_link(new.join("files/one.case")).unwrap(), new.join("cases/one"));
+}
+
+#[tokio::test]
 async fn a_backup_links_nothing_but_cases() {
     let root = tempfile::tempdir().unwrap();
     let (dir, file, new) = (root.path().join("state"), root.path().join("b.zip"), root.path().join("new"));

@@ -54,7 +54,8 @@ impl<S: Store> Station<S> {
         off.await.map(drop).map_err(|error| self.without_paths(&error, Path::new("job")))
     }
 
-    fn owe_off(&mut self, said: &str, took: Duration) {
+    /// They may be on, and nobody can say more: it is tried again after a while.
+    pub(super) fn owe_off(&mut self, said: &str, took: Duration) {
         let says = format!(
             "its heaters could not be switched off, and may be on ({said}): it is tried again; if nobody is to wait for that, switch the \
              printer off"

@@ -19,7 +19,7 @@
 //! - `outcome`: what becomes of the job then (pure);
 //! - `waiting`: a print that broke off, until somebody says what becomes of it;
 //! - `port`: the port while nobody speaks to the printer, and whether its bed is watched; `identity`: which machine it is;
-//! - `heaters`: heaters that nobody owns;
+//! - `heaters`: heaters that nobody owns; `stop`: emergency stop where no print is under way;
 //! - `station`: all of it, for one printer.
 
 mod attend;
@@ -31,6 +31,7 @@ mod outcome;
 mod port;
 mod press;
 mod station;
+mod stop;
 mod waiting;
 
 pub(super) use identity::Identities;

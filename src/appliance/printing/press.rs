@@ -3,10 +3,11 @@
 use crate::appliance::config::Port;
 use crate::appliance::heat::{HeatFile, Hot};
 use crate::printer::control::Controls;
-use crate::printer::driver::{PrintEvent, Printed};
+use crate::printer::driver::{Order, PrintEvent, Printed};
 use crate::printer::link::Link;
 use crate::printer::paper::Paper;
 use crate::printer::serial::{self, SerialLink};
+use crate::printer::session::Start;
 use crate::printer::sim::{self, Options};
 use crate::printer::{Error, driver, job::Job, paper};
 use crate::profile::Profile;
@@ -96,7 +97,7 @@ impl Machine {
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
         match (work, &self.port) {
-            (Work::Commands(lines), _) => self.commands(lines, events, cancel).await,
+            (Work::Commands(lines), _) => self.commands(lines, controls, events, cancel).await,
             (Work::Print(job) | Work::Resume { job, .. }, Port::Simulated { speed }) => {
                 let options = self.options(job, speed);
                 sim::print(job, &options, &self.profile, controls.clone(), events, cancel).await
@@ -130,12 +131,14 @@ impl Machine {
     async fn commands(
         &self,
         lines: &str,
+        controls: &Controls,
         events: &mpsc::Sender<PrintEvent>,
         cancel: &CancelToken,
     ) -> Result<Printed, Error> {
         let link = self.open().await?;
         let job = Job::from_text(lines, "commands", &self.profile.firmware)?;
-        driver::print(job, link, &self.profile, events, cancel).await
+        let order = Order { job, start: Start::Fresh, journal: None, controls: controls.clone() };
+        driver::run(order, link, &self.profile, events, cancel).await
     }
 
     /// The port; a board is not reset by it.

@@ -16,13 +16,14 @@ use crate::appliance::place::Layout;
 use crate::appliance::preparing;
 use crate::appliance::survey::Survey;
 use crate::http::appliance::{Unheard, Wish, Wished};
-use crate::http::wire::Activity;
+use crate::http::wire::{Activity, Live};
 use crate::motion;
 use crate::printer::Error;
 use crate::profile;
 use crate::queue::state::Kind;
 use crate::queue::{Bed, By, Change, Claimant, Job, JobId, Name, Refusal, Said, Who};
 use crate::store::{self, Claimed, Store};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -38,10 +39,6 @@ pub(super) const LOOK: Duration = Duration::from_millis(500);
 const AGAIN: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
 /// After a port that could not be opened, at first and at most.
 const REST: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
-
-/// Where no print is under way.
-pub(super) const NOTHING_SENT: &str =
-    "it is not printing, nothing is sent to it: where it moves or heats all the same, use its own switch";
 
 /// A printer of the configuration, as it is spoken to.
 ///
@@ -72,8 +69,10 @@ pub(in crate::appliance) struct Station<S> {
     pub(super) kit: Kit<S>,
     pub(super) board: Board,
     pub(super) wishes: OwnedMutexGuard<mpsc::Receiver<Wished>>,
+    /// Wishes that came while somebody's lines were under way.
+    pub(super) later: VecDeque<Wished>,
     /// Why it takes no job until somebody says so.
-    halted: Option<String>,
+    pub(super) halted: Option<String>,
     /// When it may look again, and how long it rests then.
     rests: Option<(Instant, Duration)>,
     /// The port, while nobody speaks to the printer: no other program gets it behind the queue's back.
@@ -121,7 +120,11 @@ impl<S: Store> Station<S> {
         lives: Lives,
         kept: Kept,
     ) -> Self {
-        let live = idle(config.name.clone(), machine.port_name(), config.clearing);
+        let live = Live {
+            max_hotend_c: Some(config.limits.hotend_c),
+            max_bed_c: Some(config.limits.bed_c),
+            ..idle(config.name.clone(), machine.port_name(), config.clearing)
+        };
         let board = Board::new(live, lives);
         let (wishes, memory) = (kept.wishes.lock_owned().await, kept.memory.lock_owned().await);
         Self {
@@ -130,6 +133,7 @@ impl<S: Store> Station<S> {
             kit,
             board,
             wishes,
+            later: VecDeque::new(),
             halted: None,
             rests: None,
             port: None,
@@ -188,7 +192,15 @@ impl<S: Store> Station<S> {
         while self.kit.stopping().is_none() {
             let hot_until = self.hot_until.unwrap_or_else(Instant::now);
             tokio::select! {
-                Some(wished) = next_wish(&mut self.wishes) => self.heed_idle(wished).await,
+                Some(wished) = next_wish(&mut self.wishes) => {
+                    self.heed_idle(wished).await;
+                    while let Some(wished) = self.later.pop_front() {
+                        // Whoever has left believes that nothing is done, and may ask again.
+                        if !wished.answer.is_closed() {
+                            self.heed_idle(wished).await;
+                        }
+                    }
+                }
                 () = sleep_until(hot_until), if self.hot_until.is_some() => self.switch_off().await,
                 () = sleep(LOOK) => {
                     if let Some(claimed) = self.draw().await? {
@@ -351,11 +363,8 @@ impl<S: Store> Station<S> {
         if let Some(leaving) = leaving.filter(|leaving| leaving.is_lost) {
             return Err(format!("it was made for another printer: {leaving}"));
         }
-        if survey.hotend_c > limits.hotend_c || survey.bed_c > limits.bed_c {
-            return Err(format!(
-                "it sets the nozzle to {:.0} °C and the bed to {:.0} °C; {:.0} and {:.0} °C are allowed without anybody near",
-                survey.hotend_c, survey.bed_c, limits.hotend_c, limits.bed_c
-            ));
+        if let Some(why) = limits.refuse_heat(survey.hotend_c, survey.bed_c) {
+            return Err(format!("{why} without anybody near"));
         }
         if self.config.first_layer_hold && survey.n_layers == 0 {
             return Err(
@@ -514,7 +523,10 @@ impl<S: Store> Station<S> {
         let answer = match wished.wish {
             _ if wished.job.is_some() => Err(not_now("the printer does not have this job")),
             Wish::Pause | Wish::GoOn | Wish::Cancel => Err(not_now("it is not printing")),
-            Wish::EmergencyStop => Err(not_now(NOTHING_SENT)),
+            Wish::EmergencyStop => {
+                self.stop_at_once(wished.answer).await;
+                return;
+            }
             Wish::Connect => {
                 (self.halted, self.rests, self.is_taken_off) = (None, None, false);
                 if self.machine.is_there() { Ok(()) } else { Err(not_now("there is nothing at its port")) }

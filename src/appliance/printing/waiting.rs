@@ -1,6 +1,6 @@
 //! A print that broke off, until somebody says what becomes of it.
 
-use super::station::{LOOK, NOTHING_SENT, Station, next_wish};
+use super::station::{LOOK, Station, next_wish};
 use super::{Held, Shown};
 use crate::appliance::config::OnStop;
 use crate::appliance::heat::Hot;
@@ -38,7 +38,7 @@ pub(super) enum Word {
 impl<S: Store> Station<S> {
     /// Waits; the printer stays warm as long as its profile says, and is switched off then.
     pub(super) async fn wait_for_word(&mut self, held: &mut Held, why: &str) -> Word {
-        let says = if held.needs_consent {
+        let mut says = if held.needs_consent {
             format!("{why}; `go-on` once more does it, `cancel` gives it up")
         } else {
             format!(
@@ -73,7 +73,12 @@ impl<S: Store> Station<S> {
                     self.look_after().await.ok();
                     self.board.set(Activity::Paused, Some(self.with_heaters(&says)));
                 }
-                Some(wished) = next_wish(&mut self.wishes) => if let Some(word) = heed(held, wished) {
+                Some(wished) = next_wish(&mut self.wishes) => if wished.wish == Wish::EmergencyStop && !is_other(held, &wished) {
+                    if self.stop_at_once(wished.answer).await {
+                        cold_at = None;
+                        says = format!("{}; {says}", self.halted.take().unwrap_or_default());
+                    }
+                } else if let Some(word) = heed(held, wished) {
                     if let Word::GiveUp { .. } = word {
                         self.switch_off().await;
                     }
@@ -119,16 +124,22 @@ fn shown_after(recorded: Result<Job, store::Error>) -> Shown {
     }
 }
 
+/// Whether it is about another job than the one that waits.
+fn is_other(held: &Held, wished: &Wished) -> bool {
+    wished.job.is_some_and(|job| job != held.claim.job)
+}
+
 fn heed(held: &mut Held, wished: Wished) -> Option<Word> {
-    let Wished { job, wish, by, why, answer, .. } = wished;
+    let is_other = is_other(held, &wished);
+    let Wished { wish, by, why, answer, .. } = wished;
     let not_now = |text: &str| Err(Unheard::NotNow(text.to_owned()));
-    let is_other = job.is_some_and(|job| job != held.claim.job);
     let (said, word) = match wish {
         _ if is_other => (not_now("the printer has another job"), None),
         Wish::GoOn => (Ok(()), Some(Word::GoOn { after_reset: held.needs_consent })),
         Wish::Cancel => (Ok(()), Some(Word::GiveUp { by, why })),
         Wish::Pause => (not_now("it is paused"), None),
-        Wish::EmergencyStop => (not_now(NOTHING_SENT), None),
+        // Seen to before.
+        Wish::EmergencyStop => (Ok(()), None),
         Wish::Connect => (Ok(()), None),
         Wish::Disconnect => (not_now("a print waits on it: let it go on, or cancel it"), None),
         Wish::Commands(_) => (not_now("a print waits on it: let it go on, or cancel it"), None),

@@ -65,6 +65,12 @@ pub struct Live {
     pub says: Option<String>,
     /// How long it usually takes until somebody has cleared its bed, s.
     pub clearing_s: u32,
+    /// Hottest that its nozzle may be set to, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_hotend_c: Option<f64>,
+    /// Hottest that its bed may be set to, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_bed_c: Option<f64>,
 }
 
 impl Live {
@@ -84,6 +90,8 @@ impl Live {
             bed: None,
             says: None,
             clearing_s: 0,
+            max_hotend_c: None,
+            max_bed_c: None,
         }
     }
 }
