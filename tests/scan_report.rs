@@ -157,16 +157,17 @@ fn a_scan_is_judged_tells_nothing_and_vouches_for_its_own_print_alone() {
         }
     }
 
-    // A replica that lacks its upper 5 mm does not pass, and a report without a scan says that it has none.
-    let short = "scans/short.nrrd";
-    scan(|p| is_printed(p) && p[2] < 18.0, &bench.path(short));
-    bench.run(3, &["report", "case", "--scan", short]);
+    // A replica that lacks half of its wall over 4 mm does not pass, and says where.
+    let open = "scans/open.nrrd";
+    let is_open = |p: [f64; 3]| (10.0..14.0).contains(&p[2]) && p[0] > lumen(p[2]).0[0];
+    scan(|p| is_printed(p) && !is_open(p), &bench.path(open));
+    bench.run(3, &["report", "case", "--scan", open]);
     let report = bench.report();
     let found = report["findings"].as_array().unwrap().iter().find(|f| f["kind"] == "missing_material");
     let found = found.unwrap_or_else(|| panic!("{}", report["findings"]));
-    // The wall of the missing 5 mm.
-    let height_mm = found["z_mm"][1].as_f64().unwrap() - found["z_mm"][0].as_f64().unwrap();
-    assert!(found["stage"] == "scan" && (4.0..5.3).contains(&height_mm), "{found}");
+    let z_mm = [0, 1].map(|i| found["z_mm"][i].as_f64().unwrap());
+    assert!(found["stage"] == "scan" && (9.0..11.5).contains(&z_mm[0]), "{found}");
+    assert!((12.5..15.0).contains(&z_mm[1]), "{found}");
 
     // The same job once more is another replica: what was scanned is not it.
     bench.run(0, &["report", "case", "--scan", good]);

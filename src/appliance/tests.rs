@@ -5,9 +5,9 @@ mod broken;
 mod heat;
 mod heaters;
 mod limits;
-mod stop;
 #[path = "../../tests/shared/rings.rs"]
 mod rings;
+mod stop;
 
 use super::config::{Config, OnStop};
 use super::place::{BootClock, Place};

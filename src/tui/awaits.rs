@@ -44,7 +44,7 @@ pub(super) fn awaited(state: &State) -> Vec<Awaited> {
 }
 
 fn stop(state: &State) -> Option<Awaited> {
-    let Stop { printer, asked, came } = state.stop.as_ref()?;
+    let Stop { printer, asked, came, .. } = state.stop.as_ref()?;
     let asked = words::clock(*asked, state.now, &state.zone);
     let (text, command) = match came {
         Came::Nothing | Came::Sent => (

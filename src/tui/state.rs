@@ -132,6 +132,16 @@ pub(super) struct Stop {
     pub(super) printer: Name,
     pub(super) asked: Timestamp,
     pub(super) came: Came,
+    /// A printer that does nothing, as it was shown when it was asked for: as long as it is, nothing has come of it.
+    pub(super) before: Option<Shown>,
+}
+
+/// What a printer is shown to do, and what is said of it.
+pub(super) type Shown = (Activity, Option<String>);
+
+/// Whether a printer does something that can be stopped.
+pub(super) const fn works(activity: Activity) -> bool {
+    matches!(activity, Activity::Printing | Activity::Pausing | Activity::Cancelling)
 }
 
 /// What came of it.
@@ -330,10 +340,15 @@ impl State {
 
     /// An emergency stop that was sent is done once the printer does not work any more; what it says then is its word.
     pub(super) fn look_after_stop(&mut self) {
-        let Some(stop) = self.stop.as_mut().filter(|stop| stop.came == Came::Sent) else { return };
+        let Some(stop) = self.stop.as_mut() else { return };
         let printer = self.printers.iter().find(|printer| printer.name == stop.printer);
         let Some(live) = printer.and_then(|printer| printer.live.as_ref()) else { return };
-        if !matches!(live.activity, Activity::Printing | Activity::Pausing | Activity::Cancelling) {
+        let is_as_before = |(activity, says): &Shown| (*activity, says) == (live.activity, &live.says);
+        if stop.before.as_ref().is_some_and(is_as_before) {
+            return;
+        }
+        stop.before = None;
+        if stop.came == Came::Sent && !works(live.activity) {
             stop.came = Came::Stopped(live.says.clone());
         }
     }

@@ -42,14 +42,30 @@ pub(super) struct Attended<'a, S> {
     is_parked: bool,
     /// The job's last word leaves heaters on.
     is_left_hot: bool,
+    /// Somebody has stopped the printer at once.
+    is_stopped: bool,
 }
 
 impl<'a, S: Store> Attended<'a, S> {
     pub(super) fn new(station: &'a mut Station<S>, held: &'a mut Held, press: Press, begun: Begun) -> Self {
         let longest = Instant::now() + station.config.limits.longest;
         let look_at = held.n_first_layer.filter(|_| station.config.first_layer_hold && !held.is_laid);
-        let (cause, asked_by, lay, is_parked, is_left_hot) = (None, None, None, false, false);
-        Self { station, held, press, begun, cause, asked_by, lay, longest, look_at, is_parked, is_left_hot }
+        let (cause, asked_by, lay) = (None, None, None);
+        let [is_parked, is_left_hot, is_stopped] = [false; 3];
+        Self {
+            station,
+            held,
+            press,
+            begun,
+            cause,
+            asked_by,
+            lay,
+            longest,
+            look_at,
+            is_parked,
+            is_left_hot,
+            is_stopped,
+        }
     }
 
     /// Until it has ended; `None`: it is left as it is, paused, for the next server.
@@ -107,6 +123,9 @@ impl<'a, S: Store> Attended<'a, S> {
                 }
                 let said = self.station.without_paths(error, &self.held.gcode);
                 tracing::warn!(printer = %self.station.name(), job = %self.held.claim.job, code = error.code(), "print: {said}");
+                if self.is_stopped {
+                    self.station.stopped = Some(said.clone());
+                }
                 self.facts_of(Manner::of(error), said, Heat::of(error))
             }
         }
@@ -272,9 +291,9 @@ impl<'a, S: Store> Attended<'a, S> {
                 Ok(())
             }
             Wish::EmergencyStop => {
-                // Not given up first: what the journal knows of it may be gone on with once the printer is reset.
+                // Not given up first: that would wait for what is under way.
                 self.cause.get_or_insert(Cause::Asked { by, why });
-                self.lay = None;
+                (self.lay, self.is_stopped) = (None, true);
                 self.station.board.set(Activity::Cancelling, None);
                 self.press.controls.ask(Control::EmergencyStop);
                 Ok(())

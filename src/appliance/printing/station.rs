@@ -73,6 +73,8 @@ pub(in crate::appliance) struct Station<S> {
     pub(super) later: VecDeque<Wished>,
     /// Why it takes no job until somebody says so.
     pub(super) halted: Option<String>,
+    /// What a printer has said whose print was stopped at once.
+    pub(super) stopped: Option<String>,
     /// When it may look again, and how long it rests then.
     rests: Option<(Instant, Duration)>,
     /// The port, while nobody speaks to the printer: no other program gets it behind the queue's back.
@@ -135,6 +137,7 @@ impl<S: Store> Station<S> {
             wishes,
             later: VecDeque::new(),
             halted: None,
+            stopped: None,
             rests: None,
             port: None,
             port_trouble: None,
@@ -476,6 +479,11 @@ impl<S: Store> Station<S> {
             Kind::Fail => self.tell("failed", Some(job), told),
             Kind::Cancel => self.tell("cancelled", Some(job), told),
             _ => {}
+        }
+        if let Some(said) = self.stopped.take() {
+            self.board.end(Activity::Faulted, None);
+            self.halt(&format!("emergency stop: {said}"));
+            return Ok(());
         }
         if !is_given_back {
             self.board.end(Activity::Idle, None);

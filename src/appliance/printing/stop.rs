@@ -107,7 +107,7 @@ impl<S: Store> Station<S> {
     }
 
     /// It takes no job until somebody connects it.
-    fn halt(&mut self, why: &str) {
+    pub(super) fn halt(&mut self, why: &str) {
         self.tell("emergency-stop", None, why);
         self.board.set(Activity::Faulted, Some(self.with_heaters(why)));
         self.halted = Some(why.to_owned());

@@ -377,6 +377,23 @@ fn an_emergency_stop_is_done_once_the_printer_says_so() {
 }
 
 #[test]
+fn an_emergency_stop_of_an_idle_printer_is_not_done_before_it_says_something() {
+    let mut desk = at_hand();
+    desk.press("!");
+    let asked = request(&mut desk);
+    // The server's answer may be here before its news.
+    desk.hear(Message::Answered(asked, Ok(Answer::Done)));
+    assert!(desk.text().contains("no word from the printer yet"), "{}", desk.text());
+    let live =
+        |activity, says: &str| vec![Live { activity, says: Some(says.to_owned()), done: None, ..printing() }];
+    desk.hear(Message::News(News::Lives(live(Activity::Cancelling, "no word"))));
+    assert!(desk.text().contains("no word from the printer yet"), "{}", desk.text());
+    desk.hear(Message::News(News::Lives(live(Activity::Faulted, "the printer has halted"))));
+    let stopped = "left has stopped (emergency stop, 14:30): the printer has halted";
+    assert!(desk.text().contains(stopped), "{}", desk.text());
+}
+
+#[test]
 fn a_print_that_ends_without_a_word_of_the_printer_is_no_confirmation() {
     let mut desk = desk();
     desk.press("!");

@@ -7,7 +7,7 @@ use crate::tui::awaits::to_stop;
 use crate::tui::command::Command;
 use crate::tui::form::{About, BED, Field, Form, LENGTH, NOZZLE, Takes, order};
 use crate::tui::message::{Effect, Request};
-use crate::tui::state::{Came, Overlay, STEPS_MM, Sent, State, Stop};
+use crate::tui::state::{Came, Overlay, STEPS_MM, Sent, State, Stop, works};
 
 /// What may be set by hand, °C: what the server's own limits are where the configuration says nothing else.
 const MOST_HOTEND_C: i32 = 280;
@@ -23,12 +23,14 @@ const MOST_SENT: usize = 100;
 
 /// Sends it, or says that it cannot be sent: with or without a connection something is said.
 pub(super) fn emergency_stop(state: &mut State) -> Vec<Effect> {
-    let Some(printer) = to_stop(state).map(|printer| printer.name.clone()) else {
+    let found = to_stop(state).map(|printer| (printer.name.clone(), printer.live.clone()));
+    let Some((printer, live)) = found else {
         state.say("emergency stop: no printer is known: use the printer's own switch", true);
         return Vec::new();
     };
     let (asked, came) = (state.now, Came::Nothing);
-    state.stop = Some(Stop { printer: printer.clone(), asked, came });
+    let before = live.filter(|live| !works(live.activity)).map(|live| (live.activity, live.says));
+    state.stop = Some(Stop { printer: printer.clone(), asked, came, before });
     if let Err(why) = connected(state) {
         came_of_stop(state, Came::Refused(format!("{why}: use the printer's own switch")));
         return Vec::new();
