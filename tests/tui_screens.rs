@@ -72,6 +72,10 @@ impl Screen {
     fn press(&mut self, keys: &str) {
         self.keys.write_all(keys.as_bytes()).unwrap();
         self.keys.flush().unwrap();
+        if keys.ends_with('\u{1b}') {
+            // What follows at once would be one key with it.
+            thread::sleep(Duration::from_millis(300));
+        }
     }
 
     /// Waits until the screen holds a text.
